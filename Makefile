@@ -1,0 +1,86 @@
+# `make run` does everything: sets up .venv, drives the cycles, finds the gain, estimates the maps, writes build/report.html.
+# `make help` lists the rest. The files below depend on each other, so changing one log remakes only what follows from it.
+
+PYTHON ?= python3
+CONFIG ?= configs/diesel.toml
+SEED   ?= 1
+BUILD  ?= build
+
+VENV   := .venv
+LPVOBS := $(VENV)/bin/lpvobs
+LOGS   := $(BUILD)/logs
+CYCLES := etc ftp75 nedc
+JUDGED := etc_part1 ftp75_cold
+
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.SECONDARY:
+.PHONY: help setup run test lint bench check clean
+
+help:
+	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
+	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
+	@echo 'make test    the tests'
+	@echo 'make lint    ruff and mypy'
+	@echo 'make bench   the larger proof: errors of the default settings over five seeds'
+	@echo 'make clean   removes $(BUILD)'
+
+# --- set-up ---------------------------------------------------------------------------------------------------------------
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+# --- the chain ------------------------------------------------------------------------------------------------------------
+run: $(BUILD)/report.html
+	@echo 'Look at $(BUILD)/report.html; results: $(JUDGED:%=$(BUILD)/%.h5)'
+
+CORE       := lpvobs/errors.py lpvobs/records.py
+SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py data/cycles/*.csv)
+SYNTHESIS  := $(CORE) $(wildcard lpvobs/airpath/*.py lpvobs/synthesis/*.py)
+ESTIMATION := $(SYNTHESIS) $(wildcard lpvobs/maps/*.py lpvobs/observer/*.py)
+REPORTING  := $(wildcard lpvobs/report/*.py lpvobs/report/templates/*)
+
+$(LOGS)/%.parquet: $(CONFIG) $(SIMULATION) | $(VENV)/.ready
+	@mkdir -p $(@D)
+	$(LPVOBS) simulate --config $(CONFIG) --cycle $* --seed $(SEED) --out $@
+
+$(BUILD)/gain.h5: $(CONFIG) $(CYCLES:%=$(LOGS)/%.parquet) $(SYNTHESIS)
+	$(LPVOBS) synth-gain --config $(CONFIG) $(CYCLES:%=$(LOGS)/%.parquet) --out $@
+	$(LPVOBS) verify $@
+
+$(BUILD)/gain_published.h5: $(CONFIG) $(SYNTHESIS) | $(VENV)/.ready
+	@mkdir -p $(@D)
+	$(LPVOBS) synth-gain --config $(CONFIG) --published ETC --out $@
+	$(LPVOBS) verify $@
+
+$(BUILD)/%_published.h5: $(LOGS)/%.parquet $(BUILD)/gain_published.h5 $(ESTIMATION)
+	$(LPVOBS) estimate --config $(CONFIG) --gain $(BUILD)/gain_published.h5 --method published $< --out $@
+	$(LPVOBS) extrapolate $@
+
+$(BUILD)/%.h5: $(LOGS)/%.parquet $(BUILD)/gain.h5 $(ESTIMATION)
+	$(LPVOBS) estimate --config $(CONFIG) --gain $(BUILD)/gain.h5 $< --out $@
+	$(LPVOBS) extrapolate $@
+
+RESULTS := $(foreach cycle,$(JUDGED),$(BUILD)/$(cycle).h5 $(BUILD)/$(cycle)_published.h5)
+
+$(BUILD)/report.html: $(RESULTS) $(REPORTING)
+	$(LPVOBS) report $(RESULTS) $(JUDGED:%=$(LOGS)/%.parquet) --html $@
+
+# --- checks -----------------------------------------------------------------------------------------------------------------
+test: $(VENV)/.ready
+	$(VENV)/bin/python -m pytest
+
+lint: $(VENV)/.ready
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+
+bench: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/accuracy.py
+
+clean:
+	rm -rf $(BUILD)

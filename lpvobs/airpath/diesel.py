@@ -1,0 +1,205 @@
+"""The diesel with EGR and VGT as an LPV system (Sec. 2.1): states p_im, p_em, omega_t.
+
+Departure from the paper: the output p_em can be added to (p_im, omega_t, W_maf), and a_1, a_2 count as scheduling parameters,
+because the manifold temperatures move.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from lpvobs.airpath import diesel_relations as relation
+from lpvobs.airpath.base import Balances, Channel, MapAxis, Trajectory
+from lpvobs.airpath.diesel_engine import DieselConstants, DieselEngine, constants_of
+from lpvobs.records import Array, Log
+
+STATES = ("p_im", "p_em", "omega_t")
+PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
+BALANCES = ("compressor", "filling")
+OWNED_CONSTANTS = (
+    ("R_a", "c_pa", "gamma_a", "R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg"),
+    ("R_a", "R_e", "V_d", "V_im", "c_vol1", "c_vol2", "c_vol3", "A_egr_max", "c_egr1", "c_egr2", "pi_egr_opt", "k_reverse"),
+)
+"""The constants that each balance depends on."""
+RELATIVE_STEP = 1e-5
+"""Of the difference quotients: their error is about a step times the second derivative, 1e-4 at the steepest."""
+INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
+
+
+@dataclass(frozen=True)
+class Diesel:
+    """The air path of a diesel with EGR and VGT; see `lpvobs.airpath.base.AirPath` for what each member means."""
+
+    engine: DieselEngine
+
+    name: ClassVar[str] = "diesel"
+    sensor: ClassVar[str] = "W_maf"
+    state_names: ClassVar[tuple[str, ...]] = STATES
+    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
+    smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
+    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
+        MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
+        MapAxis("n_e", "rpm", "engine speed"),
+    )
+    channels: ClassVar[Mapping[str, Channel]] = {
+        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed"),
+        "u_delta": Channel("mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle"),
+        "u_egr": Channel("%", -20.0, 120.0, (-5.0, 105.0), "EGR valve opening"),
+        "u_vgt": Channel("%", -20.0, 120.0, (-5.0, 105.0), "VGT vane opening"),
+        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure"),
+        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure"),
+        "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed"),
+        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature"),
+        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature"),
+        "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
+        "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (-0.05, 0.5), "mass air flow sensor"),
+    }
+
+    @property
+    def constants(self) -> DieselConstants:
+        """The engine's constants, flat."""
+        return constants_of(self.engine)
+
+    def engine_constants(self) -> Mapping[str, float]:
+        """Return every constant of the engine by name."""
+        return self.constants._asdict()
+
+    def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
+        """Return the ranges of a_1 = R_a T_im / V_im and a_2 = R_e T_em / V_em of Eq. (5), [J/(kg m^3)]."""
+        c = self.constants
+        (im_low, im_high), (em_low, em_high) = temperatures["T_im"], temperatures["T_em"]
+        a_1, a_2 = c.R_a / c.V_im, c.R_e / c.V_em
+        return {"a_1": (a_1 * im_low, a_1 * im_high), "a_2": (a_2 * em_low, a_2 * em_high)}
+
+    def trajectory(self, log: Log, outputs: Sequence[str]) -> Trajectory:
+        """Return Eq. (24) along a log.
+
+        Parameters
+        ----------
+        log : Log
+            N samples.
+        outputs : sequence of str
+            Measured states among the outputs, in order, for example `("p_im", "omega_t")` as in Eq. (6).
+
+        Returns
+        -------
+        Trajectory
+            Of N samples, 3 states, `len(outputs) + 1` outputs.
+        """
+        parameters, E = along(self.constants, _columns(log))
+        A = np.zeros((len(log), 3, 3))
+        _fill_A(parameters, A)
+        C = np.zeros((len(log), len(outputs) + 1, 3))
+        for row, channel in enumerate(outputs):
+            C[:, row, STATES.index(channel)] = 1.0
+        C[:, -1, 2] = parameters[:, 0]  # C_2 of Eq. (26)
+        y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
+        return Trajectory(parameters, A, E, C, y)
+
+    @staticmethod
+    def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
+        """Return A of Eq. (5) and C of Eq. (25) as nested lists, exact when the parameters are."""
+        r1, r2, r3, r4, r5, a_1, a_2 = parameters
+        zero = 0 * r1
+        A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]
+        C = [[zero + int(state == output) for state in STATES] for output in outputs]
+        return A, [*C, [zero, zero, r1]]
+
+    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
+        """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
+
+        Parameters
+        ----------
+        log : Log
+            N samples, smoothed or not.
+        rates : mapping of str to ndarray, shape (N,)
+            Time derivatives of `p_im` [Pa/s] and `T_im` [K/s].
+        uncertain : sequence of str
+            q constants of the engine.
+
+        Notes
+        -----
+        Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt - p_im/T_im
+        dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
+        """
+        columns = (*(log[name] for name in INPUTS), np.asarray(rates["p_im"]), np.asarray(rates["T_im"]))
+        nominal = self.constants
+        flows: tuple[Callable[..., Array], ...] = (compressor_flow, filling_flow)
+        flow = np.stack([balance(nominal, *columns) for balance in flows])
+        slope = np.zeros((len(flows), len(uncertain), len(log)))
+        for i, name in enumerate(uncertain):
+            value = getattr(nominal, name)
+            shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
+            for b, balance in enumerate(flows):
+                if name in OWNED_CONSTANTS[b]:
+                    slope[b, i] = (balance(shifted, *columns) - flow[b]) / RELATIVE_STEP
+        return Balances(BALANCES, flow, slope)
+
+
+def _columns(log: Log) -> tuple[Array, ...]:
+    return tuple(log[name] for name in INPUTS)
+
+
+@njit(cache=True)
+def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Return rho_1..rho_5, a_1, a_2 (N, 7) and E (N, 3) of Eq. (3) and (5) along the columns named in `INPUTS`."""
+    n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb = columns
+    N = n_e.size
+    parameters = np.empty((N, 7))
+    E = np.zeros((N, 3))
+    for k in range(N):
+        r1 = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        r4, Pi_t = relation.turbine(c, p_em[k], u_vgt[k], T_em[k], p_amb[k])
+        a_2 = c.R_e * T_em[k] / c.V_em
+        parameters[k, 0] = r1
+        parameters[k, 1] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
+        parameters[k, 2] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
+        parameters[k, 3] = r4
+        parameters[k, 4] = relation.rho_5(c, r1, p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        parameters[k, 5] = c.R_a * T_im[k] / c.V_im
+        parameters[k, 6] = a_2
+        power = relation.turbine_power(c, r4 * p_em[k], Pi_t, omega_t[k], T_em[k])
+        E[k, 1] = a_2 * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
+        E[k, 2] = power / (c.J_t * omega_t[k])
+    return parameters, E
+
+
+@njit(cache=True)
+def _fill_A(parameters: Array, A: Array) -> None:
+    for k in range(parameters.shape[0]):
+        a_1, a_2 = parameters[k, 5], parameters[k, 6]
+        A[k, 0, 0] = -a_1 * parameters[k, 2]
+        A[k, 0, 1] = a_1 * parameters[k, 1]
+        A[k, 0, 2] = a_1 * parameters[k, 0]
+        A[k, 1, 0] = a_2 * parameters[k, 2]
+        A[k, 1, 1] = -a_2 * (parameters[k, 1] + parameters[k, 3])
+        A[k, 2, 2] = -parameters[k, 4]
+
+
+@njit(cache=True)
+def compressor_flow(  # type: ignore[no-untyped-def]
+    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
+):
+    """Return W_c = rho_1 omega_t, shape (N,) [kg/s], Eq. (2)."""
+    flow = np.empty(n_e.size)
+    for k in range(n_e.size):
+        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]
+    return flow
+
+
+@njit(cache=True)
+def filling_flow(  # type: ignore[no-untyped-def]
+    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
+):
+    """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
+    flow = np.empty(n_e.size)
+    for k in range(n_e.size):
+        W_ei = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]
+        W_egr = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]
+        stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
+        flow[k] = W_ei - W_egr + stored
+    return flow

@@ -1,0 +1,127 @@
+"""What every verb shares: errors as one line and an exit code, messages on stderr, one JSON object on stdout."""
+
+import functools
+import json
+import math
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
+
+import typer
+
+from lpvobs.errors import LpvobsError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
+
+SIGINT_CODE, SIGTERM_CODE = 130, 143
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived; unwinds the stack so that temporary files are removed."""
+
+
+def guarded(verb: Callable[P, R]) -> Callable[P, R]:
+    """Return the verb with failures turned into one line on stderr and the contract's exit code."""
+
+    @functools.wraps(verb)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return verb(*args, **kwargs)
+        except LpvobsError as error:
+            fail(str(error), error.exit_code)
+        except KeyboardInterrupt:
+            fail("interrupted; no file was changed by the unfinished step", SIGINT_CODE)
+        except Terminated:
+            fail("terminated; no file was changed by the unfinished step", SIGTERM_CODE)
+        except BrokenPipeError:
+            sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115 keeps the interpreter quiet at exit
+            raise typer.Exit(0) from None
+        except (Exception, MemoryError) as error:
+            if os.environ.get("LPVOBS_DEBUG"):
+                raise
+            kind = type(error).__name__
+            fail(f"a fault of the program ({kind}: {error}); set LPVOBS_DEBUG=1 to see where, and report it", 4)
+
+    return run
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """Print one line to stderr and leave with the exit code."""
+    print("lpvobs: " + " ".join(message.split()), file=sys.stderr)
+    raise typer.Exit(code)
+
+
+def catch_sigterm() -> None:
+    """Let SIGTERM unwind like an exception."""
+
+    def handler(signum: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, handler)
+
+
+def say(message: str) -> None:
+    """Print a message for a person to stderr."""
+    print(message, file=sys.stderr)
+
+
+def print_json(verb: str, content: Mapping[str, Any]) -> None:
+    """Print the verb's one JSON object; numbers that are not finite become null."""
+    print(json.dumps({"schema": f"lpvobs/{verb}/1"} | _plain(content), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return rows as text in columns; the first column is left-aligned, the others right-aligned.
+
+    Examples
+    --------
+    >>> print(table(["log", "samples"], [["a", "12"], ["bb", "3"]]))
+    log  samples
+    a         12
+    bb         3
+    """
+    lines = [list(header), *[list(row) for row in rows]]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if column == 0 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
+
+
+@contextmanager
+def progress(label: str) -> Iterator[Callable[[float], None]]:
+    """Yield a function that takes the fraction done; shows a bar on stderr if that is a terminal, else nothing."""
+    if not sys.stderr.isatty():
+        yield lambda fraction: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)

@@ -1,0 +1,29 @@
+"""`lpvobs extrapolate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+
+
+@guarded
+def extrapolate(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Fit the quadratic of Eq. (37) to the estimated nodes and fill the nodes that no log visited.
+
+    Example: lpvobs extrapolate nedc.h5
+    """
+    from lpvobs.report.tables import coefficient_rows, extrapolation_content
+    from lpvobs.steps.extrapolate import extrapolate_result
+
+    fitted = extrapolate_result(result)
+    if as_json:
+        print_json("extrapolate", {"result": str(result), **extrapolation_content(fitted)})
+        return
+    print(table(*coefficient_rows([("this map", fitted)])))
+    filled = int((fitted.support == 2).sum())
+    say(f"{result}: {filled} nodes filled; the surface scatters by {fitted.lack_of_fit * 1e3:.3g} g/s around the quadratic")

@@ -1,0 +1,59 @@
+"""`lpvobs inspect`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+
+
+@guarded
+def inspect(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
+    config: Annotated[
+        Path | None, typer.Option("--config", metavar="TOML", help="Engine and policies; by default those of the diesel.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show channels, units, rate, gaps, ranges, the defects of logs, and what each policy did about them.
+
+    Example: lpvobs inspect nedc.parquet
+    """
+    from lpvobs.airpath.diesel import Diesel
+    from lpvobs.errors import DataError
+    from lpvobs.io.config import load_config
+    from lpvobs.io.logs import LogPolicies
+    from lpvobs.steps.inspect import Inspection, inspect_log
+
+    channels, policies = Diesel.channels, LogPolicies()
+    if config is not None:
+        configuration, _ = load_config(config)
+        channels, policies = configuration.engine_path().channels, configuration.policies
+    found: list[Inspection] = []
+    refused: list[str] = []
+    for path in logs:
+        try:
+            found.append(inspect_log(path, channels, policies))
+        except DataError as error:
+            refused.append(str(error))
+    if as_json:
+        print_json("inspect", {"logs": [item.as_content() for item in found], "refused": refused})
+    else:
+        print("\n\n".join(_text(item.as_content()) for item in found))
+    for message in refused:
+        say(f"lpvobs: {message}")
+    if refused:
+        raise typer.Exit(DataError.exit_code)
+
+
+def _text(content: dict[str, Any]) -> str:
+    head = (
+        f"{content['log']}: {content['samples']} of {content['samples_read']} samples used, {content['duration']:.1f} s at "
+        f"{content['rate']:.4g} Hz, {content['gaps']} gaps, {content['repeated']} repeated or backward"
+    )
+    rows = [
+        [name, item["unit"], item["use"], *(f"{item[key]:.6g}" for key in ("min", "median", "max")), str(item["dropped"])]
+        for name, item in content["channels"].items()
+    ]
+    return head + "\n" + table(["channel", "unit", "use", "min", "median", "max", "dropped"], rows)

@@ -1,0 +1,47 @@
+"""`lpvobs simulate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, say
+
+
+@guarded
+def simulate(
+    config: ConfigOption,
+    cycle: Annotated[
+        str,
+        typer.Option(metavar="NAME|CSV", help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
+    effects: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="Another error surface of the sensor, see configs/surfaces.")
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")] = 100.0,
+    seed: Annotated[int, typer.Option(help="Of the sensor noise; same seed, same bytes.")] = 1,
+    as_json: JsonOption = False,
+) -> None:
+    """Drive the nonlinear engine over a cycle and record a log with its true error.
+
+    Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
+    """
+    from lpvobs.errors import UsageError
+    from lpvobs.io.config import load_config, load_effects
+    from lpvobs.io.logs import write_log
+    from lpvobs.simulation.simulate import simulate as drive
+
+    configuration, _ = load_config(config)
+    if configuration.simulation is None:
+        raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
+    surface = load_effects(effects)[0].surface if effects else None
+    with progress(f"simulating {cycle}") as report:
+        log = drive(configuration.engine, configuration.simulation, cycle, rate, seed, surface, report)
+    write_log(out, log.channels, log.units)
+    time = log.channels["time"]
+    content = {"log": str(out), "samples": time.size, "duration": float(time[-1] - time[0]), "channels": list(log.channels)}
+    if as_json:
+        print_json("simulate", content)
+    else:
+        say(f"{out}: {time.size} samples, {content['duration']:.0f} s")

@@ -1,0 +1,71 @@
+"""`lpvobs synth-gain`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, table
+
+
+@guarded
+def synth_gain(
+    config: ConfigOption,
+    out: Annotated[Path, typer.Option(metavar="GAIN.h5", help="The gain to write.")],
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs whose range the gain is to cover.")] = None,
+    published: Annotated[
+        str | None,
+        typer.Option(metavar="COLUMN", help="Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the observer gain L from the linear matrix inequalities of Theorem 1 and prove it exactly.
+
+    The ranges of rho come from the logs, or without logs from [gain.bounds]; those of the temperatures from the configuration.
+
+    Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
+    """
+    from lpvobs.errors import UsageError
+    from lpvobs.io.config import load_config
+    from lpvobs.io.gains import write_gain
+    from lpvobs.io.provenance import Provenance
+    from lpvobs.report.tables import bounds_table
+    from lpvobs.steps.gain import make_gain, make_published_gain
+
+    configuration, text = load_config(config)
+    if published is not None and logs:
+        raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
+    digests: dict[str, str] = {}
+    with progress("synthesising") as report:
+        if published is not None:
+            stored = make_published_gain(configuration, published)
+        else:
+            stored, digests = make_gain(configuration, logs or [])
+        report(1.0)
+    write_gain(out, stored, Provenance(digests, text))
+    gain = stored.gain
+    region = gain.region
+    if as_json:
+        print_json(
+            "synth-gain",
+            {
+                "gain": str(out),
+                "origin": stored.origin,
+                "outputs": stored.outputs,
+                "L": gain.L,
+                "eps_1": gain.eps_1,
+                "eps_2": gain.eps_2,
+                "proven": gain.certificate.proven,
+                "falling_gain": gain.certificate.falling_gain,
+                "vertices": gain.certificate.vertices,
+                "region": {n: [a, b] for n, a, b in zip(region.names, region.lower, region.upper, strict=True)},
+                "nonnegative_sums": region.nonnegative_sums,
+                "logs": {name: bounds for name, bounds in stored.log_bounds.items()},
+            },
+        )
+        return
+    print(f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {', '.join(stored.outputs)}, sensor")
+    rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
+    print(table(["", *stored.outputs, "sensor"], rows))
+    print()
+    print(table(*bounds_table(stored)))

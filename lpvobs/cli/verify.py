@@ -1,0 +1,45 @@
+"""`lpvobs verify`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json
+
+
+@guarded
+def verify(
+    gain: Annotated[Path, typer.Argument(metavar="GAIN.h5", help="A gain made by synth-gain.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Prove the certificate of a gain again, in exact arithmetic and without the solver.
+
+    Exit code 1 if the stored numbers do not prove Theorem 1 on the stored region.
+
+    Example: lpvobs verify gain.h5
+    """
+    from lpvobs.errors import NotProven
+    from lpvobs.io.gains import read_gain
+    from lpvobs.steps.gain import check_again
+
+    stored = read_gain(gain)
+    certificate = check_again(stored)
+    if as_json:
+        content = {
+            "gain": str(gain),
+            "proven": certificate.proven,
+            "falling_gain": certificate.falling_gain,
+            "vertices": certificate.vertices,
+            "smallest_pivot": certificate.smallest_pivot,
+            "failed_vertex": certificate.failed_vertex,
+            "reason": certificate.reason,
+            "region": str(stored.gain.region),
+        }
+        print_json("verify", content)
+    if not certificate.proven:
+        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+    if not as_json:
+        more = "; also for map gains that fall with information" if certificate.falling_gain else ""
+        print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region{more}")
+        print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")

@@ -1,0 +1,1 @@
+"""Files: logs, configuration, gains, results."""

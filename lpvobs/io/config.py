@@ -1,0 +1,169 @@
+"""The configuration: one TOML file, read strictly into frozen records.
+
+What the file does not know is refused with the nearest key that exists; what it lacks is named.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.errors import UsageError
+from lpvobs.io.logs import LogPolicies
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.settings import EstimateSettings, PublishedSettings
+from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.synthesis.settings import GainSettings
+
+Record = TypeVar("Record")
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Nodes start, start + step, ..., stop."""
+
+    start: float
+    stop: float
+    step: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.start, self.stop, self.step]).all() and self.step > 0 and self.stop > self.start):
+            raise ValueError("an axis needs finite start < stop and step > 0")
+        if (self.stop - self.start) / self.step > 1000:
+            raise ValueError("an axis has at most 1000 intervals")
+
+    def nodes(self) -> Any:
+        """Return the nodes, shape (intervals + 1,)."""
+        intervals = max(1, round((self.stop - self.start) / self.step))
+        return self.start + (self.stop - self.start) * np.arange(intervals + 1) / intervals
+
+
+@dataclass(frozen=True)
+class Config:
+    """A complete configuration; see `configs/diesel.toml` for what every key means."""
+
+    schema: int
+    air_path: str
+    map: Mapping[str, Axis]
+    engine: DieselEngine
+    gain: GainSettings
+    estimate: EstimateSettings
+    published: PublishedSettings
+    policies: LogPolicies = field(default_factory=LogPolicies)
+    simulation: SimulationParameters | None = None
+
+    def engine_path(self) -> AirPath:
+        """Return the air path of the configured engine."""
+        return Diesel(self.engine)
+
+    def grid(self) -> Grid:
+        """Return the grid of the map, fuel axis first."""
+        fuel, speed = (self.map[axis.channel].nodes() for axis in self.engine_path().axes)
+        return Grid(fuel, speed)
+
+
+def load_config(path: Path) -> tuple[Config, str]:
+    """Return the configuration in a TOML file, and the file's text.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, has a key that nothing knows, lacks one, or holds an impossible value.
+    """
+    text, document = _parse(path)
+    config = _convert(path, document, Config)
+    if config.schema != SCHEMA:
+        raise UsageError(f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs")
+    if config.air_path != Diesel.name:
+        raise UsageError(f"{path}: air_path = '{config.air_path}', expected '{Diesel.name}'")
+    wanted = {axis.channel for axis in config.engine_path().axes}
+    if set(config.map) != wanted:
+        raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
+    return config, text
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What `simulate --effects` reads: a surface of the sensor's error."""
+
+    surface: Surface
+
+
+def load_effects(path: Path) -> tuple[Effects, str]:
+    """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
+    text, document = _parse(path)
+    return _convert(path, document, Effects), text
+
+
+def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror}); name a TOML file") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"{path}: is not UTF-8 text; name a TOML file") from None
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
+
+
+def _convert(path: Path, document: Mapping[str, Any], record: type[Record]) -> Record:
+    _refuse_unknown(path, document, record, "")
+    try:
+        return msgspec.convert(document, record)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"{path}: {error}; mend that key") from None
+
+
+def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str) -> None:
+    """Raise for the first key that the record does not have, at any depth."""
+    known = {item.name: item for item in fields(record)}
+    hints = get_type_hints(record)
+    for key, value in document.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
+            hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+            raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
+        inner = _record_in(hints[key])
+        if inner is None:
+            continue
+        for place, item in _tables(value, f"{where}{key}", _is_mapping(hints[key])):
+            _refuse_unknown(path, item, inner, f"{place}.")
+    for key, item in known.items():
+        if key not in document and item.default is MISSING and item.default_factory is MISSING:
+            raise UsageError(f"{path}: key '{where}{key}' is missing; see the commented configs/diesel.toml")
+
+
+def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the tables in a value with their places: the value itself, its entries by name, or those of a list."""
+    if isinstance(value, list):
+        entries = [(f"{where}[{number}]", item) for number, item in enumerate(value)]
+    elif by_name and isinstance(value, Mapping):
+        entries = [(f"{where}.{name}", item) for name, item in value.items()]
+    else:
+        entries = [(where, value)]
+    return [(place, item) for place, item in entries if isinstance(item, Mapping)]
+
+
+def _is_mapping(hint: Any) -> bool:
+    origin = get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping)
+
+
+def _record_in(hint: Any) -> type | None:
+    """Return the dataclass inside a type hint: itself, of an optional, a tuple, or a mapping's values."""
+    if is_dataclass(hint) and isinstance(hint, type):
+        return hint
+    if get_origin(hint) in (Union, UnionType, tuple) or _is_mapping(hint):
+        return next((found for found in map(_record_in, get_args(hint)) if found is not None), None)
+    return None

@@ -1,0 +1,79 @@
+"""HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from lpvobs.errors import DataError
+
+
+@dataclass(frozen=True)
+class Field:
+    """A dataset to write: values, unit, meaning, and the names of its axes in the same group."""
+
+    values: Any
+    units: str
+    long_name: str
+    axes: tuple[str, ...] = ()
+    attributes: Mapping[str, Any] | None = None
+
+
+def write_group(parent: h5py.Group, name: str, fields: Mapping[str, Field]) -> h5py.Group:
+    """Write fields into a new group; a field that others name as an axis becomes their dimension scale.
+
+    Axes have to come before the fields that they belong to.
+    """
+    group = parent.create_group(name)
+    scales = {axis for field in fields.values() for axis in field.axes}
+    for key, field in fields.items():
+        dataset = group.create_dataset(key, data=field.values)
+        dataset.attrs["units"] = field.units
+        dataset.attrs["long_name"] = field.long_name
+        for attribute, value in (field.attributes or {}).items():
+            dataset.attrs[attribute] = value
+        if key in scales:
+            dataset.make_scale(key)
+        for dimension, axis in enumerate(field.axes):
+            dataset.dims[dimension].attach_scale(group[axis])
+    return group
+
+
+def flags(values: Sequence[int], meanings: Sequence[str]) -> dict[str, Any]:
+    """Return the CF attributes that say what small integers mean."""
+    return {"flag_values": np.array(values, dtype=np.int8), "flag_meanings": " ".join(meanings)}
+
+
+def text(values: Sequence[str]) -> Any:
+    """Return strings as an array that every reader understands: variable-length UTF-8."""
+    return np.array(list(values), dtype=h5py.string_dtype())
+
+
+@contextmanager
+def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
+    """Yield an open HDF5 file whose root attribute `schema` is `lpvobs/<kind>/1`.
+
+    Raises
+    ------
+    DataError
+        If it is absent, not HDF5, of another kind, or lacks or garbles a dataset that is read inside the block.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; {remedy}")
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
+    with file:
+        schema = file.attrs.get("schema", "")
+        if schema != f"lpvobs/{kind}/1":
+            found = f"schema '{schema}'" if schema else "no lpvobs schema"
+            raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")
+        try:
+            yield file
+        except (KeyError, OSError, ValueError, TypeError, RuntimeError) as error:
+            raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None

@@ -1,0 +1,278 @@
+"""Reading and writing logs: one drive, one Parquet file, units in the fields' metadata, SI inside."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.airpath.base import Channel
+from lpvobs.errors import DataError
+from lpvobs.io.atomic import replacing
+from lpvobs.io.units import convert
+from lpvobs.records import Array, Defects, Log
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
+
+
+@dataclass(frozen=True)
+class LogPolicies:
+    """What to do with defects; the configuration's `[policies]`.
+
+    Attributes
+    ----------
+    gap_limit : float
+        [s]; a longer step between samples splits the log into segments.
+    backward_time : str
+        `refuse` the log, or `drop` the samples whose time is not later than every earlier one.
+    """
+
+    gap_limit: float = 1.0
+    backward_time: str = "refuse"
+
+    def __post_init__(self) -> None:
+        if not self.gap_limit > 0:
+            raise ValueError("gap_limit must be positive")
+        if self.backward_time not in ("refuse", "drop"):
+            raise ValueError("backward_time must be 'refuse' or 'drop'")
+
+
+@dataclass(frozen=True)
+class References:
+    """The truth behind a simulated log, at the samples of the log it belongs to.
+
+    Attributes
+    ----------
+    W_c : ndarray, shape (N,)
+        [kg/s], true flow.
+    delta_W_c : ndarray, shape (N,)
+        [kg/s], the sensor's error surface at the true operating point.
+    """
+
+    W_c: Array
+    delta_W_c: Array
+
+
+def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
+    """Return the log in a Parquet file, in SI units, with defects treated as the policies say.
+
+    Parameters
+    ----------
+    path : Path
+    channels : mapping of str to Channel
+        What the engine's air path needs.
+    policies : LogPolicies
+    auxiliary : bool
+        Read the other numeric channels, too. References are never among them.
+
+    Raises
+    ------
+    DataError
+        If the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
+    """
+    wanted = {"time": "s"} | {name: channel.unit for name, channel in channels.items()}
+    schema = _schema(path)
+    for name, unit in wanted.items():
+        _expect(path, schema, name, unit)
+    extra = _numeric(schema, wanted) if auxiliary else []
+    table = _read(path, [*wanted, *extra])
+    values = {name: _column(path, table, name, unit) for name, unit in wanted.items()}
+    time = values.pop("time")
+    if time.size == 0:
+        raise DataError(f"{path}: the log has no rows; expected at least two samples; record or export it again")
+    keep, dropped = _usable(time, values, channels)
+    rows = np.flatnonzero(keep)
+    rows, repeated = _increasing(path, time, rows, policies)
+    if rows.size < 2:
+        worst = max(dropped, key=lambda name: dropped[name], default="time")
+        raise DataError(
+            f"{path}: {rows.size} of {time.size} samples are usable, expected at least two; "
+            f"channel '{worst}' spoils the most, see `lpvobs inspect`"
+        )
+    for name, channel in channels.items():
+        _plausible(path, name, values[name][rows], channel)
+    time = time[rows]
+    return Log(
+        name=path.stem,
+        sha256=file_digest(path),
+        time=time,
+        channels={name: column[rows] for name, column in values.items()},
+        auxiliary={name: _as_floats(table, name)[rows] for name in extra},
+        segments=_segments(time, policies.gap_limit),
+        rows=rows,
+        defects=Defects(
+            samples_read=keep.size,
+            dropped={name: count for name, count in dropped.items() if count},
+            dropped_rows=int(keep.size - np.count_nonzero(keep)),
+            gaps=int(np.count_nonzero(np.diff(time) > policies.gap_limit)),
+            repeated=repeated,
+        ),
+    )
+
+
+def read_references(path: Path, rows: NDArray[np.int64]) -> References | None:
+    """Return the truth beside a log's samples, or None where the file has none."""
+    schema = _schema(path)
+    if not set(schema.names) >= set(REFERENCES):
+        return None
+    for name, unit in REFERENCES.items():
+        _expect(path, schema, name, unit)
+    table = _read(path, list(REFERENCES))
+    columns = [_column(path, table, name, unit)[rows] for name, unit in REFERENCES.items()]
+    return References(*columns)
+
+
+def channel_units(path: Path) -> dict[str, str]:
+    """Return the unit of every channel in a file, empty where it has none."""
+    return {field.name: _unit(field) for field in _schema(path)}
+
+
+def write_log(path: Path, channels: Mapping[str, Array], units: Mapping[str, str]) -> None:
+    """Write channels of equal length to a Parquet log, the unit of each in its field's metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
+    table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields))
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd", row_group_size=1 << 16)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _schema(path: Path) -> "pa.Schema":
+    """Return the schema of a Parquet file, or say why it is not a log."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise DataError(f"{path}: no such log; name a Parquet file")
+    try:
+        return pq.read_schema(path)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _unreadable(path, error) from None
+
+
+def _read(path: Path, columns: list[str]) -> "pa.Table":
+    """Return the columns of a Parquet file whose schema could be read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_table(path, columns=columns)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> DataError:
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
+
+
+def _expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
+    """Raise unless a channel is there once and says its unit."""
+    found = schema.get_all_field_indices(name)
+    if len(found) != 1:
+        state = "missing" if not found else f"there {len(found)} times"
+        present = ", ".join(schema.names[:20]) or "none"
+        raise DataError(f"{path}: channel '{name}' is {state}; expected once, in {wanted}; present: {present}")
+    if not _unit(schema.field(found[0])):
+        raise DataError(
+            f"{path}: channel '{name}' has no unit; expected '{wanted}' or one that converts to it "
+            f"in the field's metadata under the key 'unit'"
+        )
+
+
+def _unit(field: "pa.Field") -> str:
+    return str((field.metadata or {}).get(b"unit", b"").decode(errors="replace")).strip()
+
+
+def _column(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
+    """Return one channel as floats in the wanted unit, NaN where the file has null."""
+    import pyarrow as pa
+
+    field = table.schema.field(name)
+    try:
+        values = table.column(name).cast(pa.float64()).to_numpy()
+    except pa.ArrowException:
+        raise DataError(f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}") from None
+    try:
+        return np.asarray(convert(values, _unit(field), wanted), dtype=float)
+    except ValueError as error:
+        raise DataError(f"{path}: channel '{name}' has the {error}; give it a unit of the same kind") from None
+
+
+def _usable(
+    time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Return which rows are finite and physically possible in every channel, and how often each channel is not."""
+    keep = np.isfinite(time)
+    dropped = {"time": int(np.count_nonzero(~keep))}
+    for name, column in values.items():
+        possible = (column >= channels[name].low) & (column <= channels[name].high)  # False for NaN
+        dropped[name] = int(np.count_nonzero(~possible))
+        keep &= possible
+    return keep, dropped
+
+
+def _increasing(
+    path: Path, time: Array, rows: NDArray[np.int64], policies: LogPolicies
+) -> tuple[NDArray[np.int64], int]:
+    """Return the rows whose time is later than every earlier one, and how many were removed for it."""
+    kept = time[rows]
+    if kept.size == 0:
+        return rows, 0
+    later = np.concatenate(([True], kept[1:] > np.maximum.accumulate(kept)[:-1]))
+    wrong = int(np.count_nonzero(~later))
+    if wrong and policies.backward_time == "refuse":
+        first = int(np.flatnonzero(~later)[0])
+        raise DataError(
+            f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
+            f"{kept[first - 1]:.6g} s (row {rows[first]}); expected strictly increasing; "
+            f"repair the log or set backward_time = \"drop\" in [policies]"
+        )
+    return rows[later], wrong
+
+
+def _plausible(path: Path, name: str, column: Array, channel: Channel) -> None:
+    """Refuse a channel whose median no working engine shows: a wrong unit or sign."""
+    middle = float(np.median(column))
+    low, high = channel.typical
+    if not low <= middle <= high:
+        raise DataError(
+            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected between {low:g} and {high:g}; "
+            f"its unit or sign is probably wrong"
+        )
+
+
+def _segments(time: Array, gap_limit: float) -> tuple[tuple[int, int], ...]:
+    """Return the half-open ranges of samples between gaps."""
+    cuts = (np.flatnonzero(np.diff(time) > gap_limit) + 1).tolist()
+    return tuple(zip([0, *cuts], [*cuts, time.size], strict=True))
+
+
+def _numeric(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str]:
+    """Return the numeric channels that the air path does not need; references stay out."""
+    import pyarrow as pa
+
+    def wanted(field: "pa.Field") -> bool:
+        numeric = pa.types.is_integer(field.type) or pa.types.is_floating(field.type) or pa.types.is_boolean(field.type)
+        return numeric and field.name not in needed and not field.name.startswith("ref_")
+
+    return [field.name for field in schema if wanted(field) and len(schema.get_all_field_indices(field.name)) == 1]
+
+
+def _as_floats(table: "pa.Table", name: str) -> Array:
+    import pyarrow as pa
+
+    return np.asarray(table.column(name).cast(pa.float64()).to_numpy(), dtype=float)

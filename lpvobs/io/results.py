@@ -1,0 +1,298 @@
+"""Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.io.atomic import replacing
+from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
+from lpvobs.io.hdf import Field, flags, reading, text, write_group
+from lpvobs.io.provenance import Provenance, read_provenance
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import Metrics
+from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
+from lpvobs.observer.estimate import MapEstimate
+from lpvobs.records import Array
+
+KIND = "result"
+REMEDY = "make it with `lpvobs estimate`"
+
+METRIC_UNITS = {
+    "samples": ("1", "samples compared with the reference"),
+    "mean_relative_error": ("1", "mean of |estimate - reference| / |reference|"),
+    "share_left_out": ("1", "share of samples left out of the mean relative error: |reference| under 1 % of its maximum"),
+    "rms_ratio": ("1", "rms of the error / rms of the reference"),
+    "rmse": ("kg/s", "rms of estimate - reference"),
+    "bias": ("kg/s", "mean of estimate - reference"),
+    "visited_cells": ("1", "cells of the grid with a compared sample"),
+    "floor_mean_relative_error": ("1", "mean relative error of the best bilinear fit to the reference"),
+    "floor_rms_ratio": ("1", "rms ratio of the best bilinear fit to the reference"),
+}
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """What a result keeps of each log that made it.
+
+    Attributes
+    ----------
+    name, sha256 : str
+    samples, samples_read, dropped_rows, gaps, repeated : int
+    duration : float
+        [s]
+    dropped : mapping of str to int
+    share_certified : float
+        Share of the samples inside the region that the gain's certificate covers.
+    lower, upper : ndarray, shape (m,)
+        Range of the scheduling parameters along the log.
+    metrics : Metrics or None
+        None where the log has no references.
+    """
+
+    name: str
+    sha256: str
+    samples: int
+    samples_read: int
+    dropped_rows: int
+    gaps: int
+    repeated: int
+    duration: float
+    dropped: Mapping[str, int]
+    share_certified: float
+    lower: Array
+    upper: Array
+    metrics: Metrics | None
+
+
+@dataclass(frozen=True)
+class StoredResult:
+    """A result as read back; the extrapolation is None until `extrapolate` has run."""
+
+    path: Path
+    air_path: str
+    method: str
+    grid: Grid
+    theta: Array
+    standard_error: Array
+    covariance: Array
+    supported: NDArray[np.bool_]
+    excitation: Array
+    constants: Mapping[str, tuple[float, float]]
+    parameter_names: tuple[str, ...]
+    logs: tuple[LogSummary, ...]
+    gain: StoredGain
+    extrapolation: QuadraticFit | None
+    provenance: Provenance
+
+
+def write_result(
+    path: Path,
+    air_path: str,
+    axes: tuple[str, str],
+    parameter_names: tuple[str, ...],
+    estimate: MapEstimate,
+    logs: tuple[LogSummary, ...],
+    gain: StoredGain,
+    provenance: Provenance,
+) -> None:
+    """Write a new result; at any instant the target is absent, the old file, or the complete new one."""
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["schema"] = f"lpvobs/{KIND}/1"
+        file.attrs["air_path"] = air_path
+        file.attrs["method"] = estimate.method
+        _write_map(file, estimate, axes)
+        _write_constants(file, estimate)
+        write_gain_group(file, gain)
+        groups = file.create_group("logs"), file.create_group("metrics")
+        for log in logs:
+            _write_log(*groups, log, parameter_names)
+        provenance.write(file)
+
+
+def add_extrapolation(path: Path, fitted: QuadraticFit) -> None:
+    """Write `/extrapolation` into a result, all or nothing; `/map` stays as it is."""
+
+    def change(file: h5py.File) -> None:
+        if "extrapolation" in file:
+            del file["extrapolation"]
+        axes = _axis_names(file)
+        nodes = {
+            name: Field(file["map"][name][()], file["map"][name].attrs["units"], file["map"][name].attrs["long_name"])
+            for name in axes
+        }
+        fuel, speed = (nodes[name].units for name in axes)
+        units = (f"kg/s/({fuel})^2", f"kg/s/({fuel})", f"kg/s/({speed})^2", f"kg/s/({speed})", f"kg/s/({fuel})/({speed})", "kg/s")
+        names = {"names": text(COEFFICIENTS), "coefficient_units": text(units)}
+        write_group(
+            file,
+            "extrapolation",
+            nodes
+            | {
+                "coefficients": Field(fitted.coefficients, "1", "a2, a1, b2, b1, c2, c1 of Eq. (37), units in coefficient_units", (), names),
+                "coefficients_standard_error": Field(fitted.standard_error, "1", "standard errors of the coefficients", (), names),
+                "delta_W_c": Field(fitted.delta_W_c, "kg/s", "sensor error, every node filled", axes[::-1]),
+                "standard_error": Field(fitted.map_standard_error, "kg/s", "standard error; of prediction where extrapolated", axes[::-1]),
+                "support": Field(fitted.support, "1", "where the value comes from", axes[::-1], flags([1, 2], ["estimated", "extrapolated"])),
+                "lack_of_fit": Field(fitted.lack_of_fit, "kg/s", "standard deviation of the surface around the quadratic"),
+                "nodes": Field(fitted.nodes, "1", "nodes that the quadratic was fitted to"),
+            },
+        )
+
+    update(path, change)
+
+
+def update(path: Path, change: Callable[[h5py.File], None]) -> None:
+    """Apply a change to a copy of a result that then takes its place."""
+    with reading(path, KIND, REMEDY):
+        pass
+    with replacing(path) as temporary:
+        shutil.copyfile(path, temporary)
+        with h5py.File(temporary, "r+") as file:
+            change(file)
+
+
+def read_result(path: Path) -> StoredResult:
+    """Return a stored result.
+
+    Raises
+    ------
+    DataError
+        If the file is not a complete result.
+    """
+    with reading(path, KIND, REMEDY) as file:
+        fuel, speed = _axis_names(file)
+        stored = file["map"]
+        grid = Grid(stored[fuel][()], stored[speed][()])
+        parameter_names = tuple(file["logs"].attrs["parameter_names"].split()) if file["logs"].keys() else ()
+        constants = file["constants"]
+        return StoredResult(
+            path=path,
+            air_path=str(file.attrs["air_path"]),
+            method=str(file.attrs["method"]),
+            grid=grid,
+            theta=stored["delta_W_c"][()],
+            standard_error=stored["standard_error"][()],
+            covariance=file["covariance/theta"][()],
+            supported=stored["support"][()] == 1,
+            excitation=file["excitation/delta_1"][()],
+            constants={
+                name: (float(value), float(error))
+                for name, value, error in zip(
+                    constants["name"].asstr()[()], constants["deviation"][()], constants["standard_error"][()], strict=True
+                )
+            },
+            parameter_names=parameter_names,
+            logs=tuple(_read_log(file, name) for name in file["logs"]),
+            gain=read_gain_group(file),
+            extrapolation=_read_extrapolation(file),
+            provenance=read_provenance(file),
+        )
+
+
+def _axis_names(file: h5py.File) -> tuple[str, str]:
+    """Return the names of the fuel and the speed axis."""
+    fuel, speed = str(file["map"].attrs["axes"]).split()
+    return fuel, speed
+
+
+def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) -> None:
+    fuel, speed = axes
+    grid = estimate.grid
+    units = {"u_delta": "mg/cycle", "m_f": "1"}
+    both = (speed, fuel)
+    nodes = {
+        speed: Field(grid.n_e, "rpm", "engine speed"),
+        fuel: Field(grid.u_delta, units[fuel], "injected fuel"),
+    }
+    support = np.where(estimate.supported, 1, 0).astype(np.int8)
+    group = write_group(
+        file,
+        "map",
+        nodes
+        | {
+            "delta_W_c": Field(estimate.theta, "kg/s", "error of the mass air flow sensor, reading minus truth", both),
+            "standard_error": Field(estimate.standard_error, "kg/s", "standard error of delta_W_c", both),
+            "support": Field(support, "1", "where the value comes from", both, flags([0, 1], ["none", "estimated"])),
+        },
+    )
+    group.attrs["axes"] = f"{fuel} {speed}"
+    middle = {name: 0.5 * (field.values[1:] + field.values[:-1]) for name, field in nodes.items()}
+    write_group(
+        file,
+        "excitation",
+        {name: Field(middle[name], field.units, f"{field.long_name}, middle of the cell") for name, field in nodes.items()}
+        | {"delta_1": Field(estimate.excitation, "s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both)},
+    )
+    write_group(file, "covariance", {"theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes, theta of Eq. (23)")})
+
+
+def _write_constants(file: h5py.File, estimate: MapEstimate) -> None:
+    write_group(
+        file,
+        "constants",
+        {
+            "name": Field(text(estimate.constants), "1", "engine constant"),
+            "deviation": Field(estimate.beta, "1", "estimated relative deviation from the configuration", ("name",)),
+            "standard_error": Field(estimate.beta_standard_error, "1", "standard error of the deviation", ("name",)),
+        },
+    )
+
+
+def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
+    logs.attrs["parameter_names"] = " ".join(parameter_names)
+    group = write_group(
+        logs,
+        log.name,
+        {
+            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log"),
+            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log"),
+            "share_certified": Field(log.share_certified, "1", "share of samples inside the region of the certificate"),
+        },
+    )
+    for name in ("sha256", "samples", "samples_read", "dropped_rows", "gaps", "repeated", "duration"):
+        group.attrs[name] = getattr(log, name)
+    for channel, count in log.dropped.items():
+        group.attrs[f"dropped_{channel}"] = count
+    if log.metrics is not None:
+        write_group(metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()})
+
+
+def _read_log(file: h5py.File, name: str) -> LogSummary:
+    group = file["logs"][name]
+    attributes = dict(group.attrs)
+    metrics = None
+    if name in file["metrics"]:
+        stored = file["metrics"][name]
+        whole = ("samples", "visited_cells")
+        metrics = Metrics(**{key: (int if key in whole else float)(stored[key][()]) for key in METRIC_UNITS})
+    return LogSummary(
+        name=name,
+        sha256=str(attributes["sha256"]),
+        **{key: int(attributes[key]) for key in ("samples", "samples_read", "dropped_rows", "gaps", "repeated")},
+        duration=float(attributes["duration"]),
+        dropped={key.removeprefix("dropped_"): int(value) for key, value in attributes.items() if key.startswith("dropped_") and key != "dropped_rows"},
+        share_certified=float(group["share_certified"][()]),
+        lower=group["lower"][()],
+        upper=group["upper"][()],
+        metrics=metrics,
+    )
+
+
+def _read_extrapolation(file: h5py.File) -> QuadraticFit | None:
+    if "extrapolation" not in file:
+        return None
+    group = file["extrapolation"]
+    return QuadraticFit(
+        coefficients=group["coefficients"][()],
+        standard_error=group["coefficients_standard_error"][()],
+        lack_of_fit=float(group["lack_of_fit"][()]),
+        nodes=int(group["nodes"][()]),
+        delta_W_c=group["delta_W_c"][()],
+        map_standard_error=group["standard_error"][()],
+        support=group["support"][()],
+    )

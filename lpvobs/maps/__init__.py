@@ -1,0 +1,1 @@
+"""The two-dimensional map (Sec. 2.2): grid, interpolation, visited cells, quadratic extrapolation."""

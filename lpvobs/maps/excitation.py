@@ -1,0 +1,90 @@
+"""Persistency of excitation (Eq. 29), cell by cell and node by node: which part of the map the data inform."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.maps.grid import Grid, local, locate
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How well a drive excites the map.
+
+    Attributes
+    ----------
+    gram : ndarray, shape (p, p)
+        [s], the integral of Psi^T Psi over the drive.
+    cell_gram : ndarray, shape (p_2 - 1, p_1 - 1, 4, 4)
+        [s], the same for the local regressor Psi_l of each cell, over the time spent in that cell.
+    """
+
+    gram: Array
+    cell_gram: Array
+
+    def __add__(self, other: "Excitation") -> "Excitation":
+        """Return the excitation of two drives together."""
+        return Excitation(self.gram + other.gram, self.cell_gram + other.cell_gram)
+
+    def cells(self) -> Array:
+        """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""
+        return np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0)
+
+    def nodes(self) -> Array:
+        """Return the time that informs each node when all others are unknown, shape (p,), [s].
+
+        The reciprocal of the diagonal of the inverse Gram matrix: zero for a node whose value cannot be told from its
+        neighbours', the time spent exactly on the node at best.
+        """
+        touched = np.flatnonzero(np.diag(self.gram) > 0)
+        time = np.zeros(self.gram.shape[0])
+        if touched.size:
+            gram = self.gram[np.ix_(touched, touched)]
+            ridge = 1e-9 * float(np.max(np.diag(gram)))  # keeps nodes that nothing tells apart at zero instead of failing
+            inverse = scipy.linalg.inv(gram + ridge * np.eye(touched.size), check_finite=False)
+            time[touched] = np.maximum(1.0 / np.diag(inverse) - ridge, 0.0)
+        return time
+
+
+def excitation(
+    grid: Grid, u_delta: Array, n_e: Array, time: Array, segments: tuple[tuple[int, int], ...]
+) -> Excitation:
+    """Return the excitation of the map along N operating points.
+
+    Parameters
+    ----------
+    grid : Grid
+    u_delta, n_e, time : ndarray, shape (N,)
+    segments : tuple of (start, stop)
+    """
+    p_2, p_1 = grid.shape
+    gram = np.zeros((grid.size, grid.size))
+    cell_gram = np.zeros((p_2 - 1, p_1 - 1, 4, 4))
+    for start, stop in segments:
+        part = slice(start, stop)
+        _accumulate(grid.u_delta, grid.n_e, u_delta[part], n_e[part], time[part], gram, cell_gram)
+    return Excitation(gram, cell_gram)
+
+
+def support(excited: Excitation, least: float) -> NDArray[np.bool_]:
+    """Return which nodes the data inform for at least `least` seconds, shape (p,)."""
+    return excited.nodes() >= least
+
+
+@njit(cache=True)
+def _accumulate(u_nodes, n_nodes, u_delta, n_e, time, gram, cell_gram):  # type: ignore[no-untyped-def]
+    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
+    for k in range(1, time.size):
+        h = time[k] - time[k - 1]
+        i, _ = locate(u_nodes, u_delta[k])
+        j, _ = locate(n_nodes, n_e[k])
+        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
+        for a in range(4):
+            for b in range(4):
+                product = h * weights[a] * weights[b]
+                gram[nodes[a], nodes[b]] += product
+                cell_gram[j, i, a, b] += product

@@ -1,0 +1,107 @@
+"""The grid of the map (Eq. 8) and bilinear interpolation on it (Eq. 10-23, 34-35).
+
+Numbering: theta stacks the n_e blocks 1..p_2, each of p_1 values along u_delta, so node (i, j) counted from zero is
+theta[j p_1 + i]. The printed Eq. (19) and (21) mix p_1 and p_2 and divide by zero in their last rows; the weights here are
+derived from Eq. (10)-(13). Outside the grid the map is held (Eq. 12): the same four weights with eta clipped to [0, 1],
+of which one or two remain (cases 1 to 3 of Remark 2).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes of a map over the operating point v = (u_delta, n_e).
+
+    Attributes
+    ----------
+    u_delta : ndarray, shape (p_1,)
+        Fuel axis, strictly increasing, [mg/cycle] for the diesel.
+    n_e : ndarray, shape (p_2,)
+        Speed axis, strictly increasing, [rpm].
+    """
+
+    u_delta: Array
+    n_e: Array
+
+    def __post_init__(self) -> None:
+        for name, nodes in (("u_delta", self.u_delta), ("n_e", self.n_e)):
+            if nodes.ndim != 1 or nodes.size < 2 or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
+                raise ValueError(f"axis {name} needs at least two finite, strictly increasing nodes")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(p_2, p_1): rows are speeds, as maps are stored."""
+        return self.n_e.size, self.u_delta.size
+
+    @property
+    def size(self) -> int:
+        """The number of nodes, p = p_1 p_2."""
+        return self.n_e.size * self.u_delta.size
+
+    def interpolate(self, theta: Array, u_delta: Array, n_e: Array) -> Array:
+        """Return Psi(v) theta of Eq. (22) along N operating points.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (p,) or (p_2, p_1)
+        u_delta, n_e : ndarray, shape (N,)
+
+        Returns
+        -------
+        ndarray, shape (N,)
+            In the unit of theta; NaN where a node that takes part is NaN.
+        """
+        return _interpolate(self.u_delta, self.n_e, np.ascontiguousarray(theta).reshape(-1), u_delta, n_e)
+
+    def regressors(self, u_delta: Array, n_e: Array) -> tuple["np.ndarray[tuple[int, int], np.dtype[np.int64]]", Array]:
+        """Return the four node numbers and weights Psi_l of Eq. (34), each of shape (N, 4)."""
+        return _regressors(self.u_delta, self.n_e, u_delta, n_e)
+
+
+@njit(cache=True)
+def locate(nodes: Array, value: float) -> tuple[int, float]:
+    """Return the interval i and eta of Eq. (35) with value in (node_i, node_i+1]; eta is clipped outside the grid."""
+    i = min(max(np.searchsorted(nodes, value) - 1, 0), nodes.size - 2)
+    eta = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
+    return i, min(max(eta, 0.0), 1.0)
+
+
+@njit(cache=True)
+def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: Array, weights: Array) -> None:
+    """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
+    i, eta_1 = locate(u_nodes, u_delta)
+    j, eta_2 = locate(n_nodes, n_e)
+    first = j * u_nodes.size + i
+    nodes[0], nodes[1] = first, first + 1
+    nodes[2], nodes[3] = first + u_nodes.size, first + u_nodes.size + 1
+    weights[0], weights[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
+    weights[2], weights[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2
+
+
+@njit(cache=True)
+def _regressors(u_nodes: Array, n_nodes: Array, u_delta: Array, n_e: Array):  # type: ignore[no-untyped-def]
+    nodes = np.empty((u_delta.size, 4), dtype=np.int64)
+    weights = np.empty((u_delta.size, 4))
+    for k in range(u_delta.size):
+        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes[k], weights[k])
+    return nodes, weights
+
+
+@njit(cache=True)
+def _interpolate(u_nodes: Array, n_nodes: Array, theta: Array, u_delta: Array, n_e: Array) -> Array:
+    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
+    values = np.empty(u_delta.size)
+    for k in range(u_delta.size):
+        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
+        total = 0.0
+        for m in range(4):
+            if weights[m] != 0.0:  # a node that takes no part may be unknown
+                total += weights[m] * theta[nodes[m]]
+        values[k] = total
+    return values

@@ -1,0 +1,217 @@
+"""From a log to its part of the map: the default method and the observer as published.
+
+Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with a gain whose last column is zero,
+so that the state does not depend on the map; the map in information form (see `information`). The
+guarantee is Theorem 1 with falling gains, for which the certificate states 1 - eps_1 - eps_2 > 0.
+
+Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.maps.excitation import Excitation, excitation
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.balance_errors import cell_numbers, mix
+from lpvobs.observer.information import Information, assemble, empty, solve
+from lpvobs.observer.recursion import observe
+from lpvobs.observer.settings import EstimateSettings, PublishedSettings
+from lpvobs.observer.smoothing import smooth
+from lpvobs.records import Array, Defects, Log
+
+
+@dataclass(frozen=True)
+class StateGain:
+    """The part of a synthesised gain that the recursion needs.
+
+    Attributes
+    ----------
+    outputs : tuple of str
+        Measured states among the outputs; the sensor comes after them.
+    L : ndarray, shape (3, r)
+    """
+
+    outputs: tuple[str, ...]
+    L: Array
+
+
+@dataclass(frozen=True)
+class LogRun:
+    """What one log contributes.
+
+    Attributes
+    ----------
+    name, sha256 : str
+    samples : int
+    duration : float
+        [s], without gaps.
+    defects : Defects
+    excitation : Excitation
+    lower, upper : ndarray, shape (m,)
+        Range of the scheduling parameters.
+    parameters : ndarray, shape (N, m)
+        The scheduling parameters, for the share inside a certificate.
+    """
+
+    name: str
+    sha256: str
+    samples: int
+    duration: float
+    defects: Defects
+    excitation: Excitation
+    parameters: Array
+
+
+@dataclass(frozen=True)
+class MapEstimate:
+    """The map and how good it is.
+
+    Attributes
+    ----------
+    method : str
+    grid : Grid
+    theta : ndarray, shape (p_2, p_1)
+        [kg/s], NaN where nothing supports it.
+    covariance : ndarray, shape (p, p)
+        [kg^2/s^2], of all nodes.
+    supported : ndarray of bool, shape (p_2, p_1)
+    excitation : ndarray, shape (p_2 - 1, p_1 - 1)
+        [s], delta_1 of Eq. (29) of every cell.
+    runs : tuple of LogRun
+    """
+
+    method: str
+    grid: Grid
+    theta: Array
+    covariance: Array
+    supported: NDArray[np.bool_]
+    excitation: Array
+    runs: tuple[LogRun, ...]
+
+    @property
+    def standard_error(self) -> Array:
+        """Standard error of every node, shape (p_2, p_1), [kg/s], NaN where nothing supports it."""
+        error = np.sqrt(np.diag(self.covariance)).reshape(self.grid.shape)
+        return np.where(self.supported, error, np.nan)
+
+
+def steps_of(log: Log) -> Array:
+    """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none."""
+    steps = np.diff(log.time, prepend=log.time[0])
+    for start, _ in log.segments:
+        steps[start] = 0.0
+    return steps
+
+
+def estimate_default(
+    air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], settings: EstimateSettings
+) -> MapEstimate:
+    """Return the map from one or more logs by the default method."""
+    total = empty(grid.size, len(settings.tolerance))
+    runs = []
+    for log in logs:
+        information, run = inform(air_path, grid, gain, log, settings)
+        total += information
+        runs.append(run)
+    theta, covariance = solve(total, settings.prior_map, settings.constants_variance)
+    return _mapped("observer", grid, theta, covariance, runs, settings)
+
+
+def inform(
+    air_path: AirPath, grid: Grid, gain: StateGain, log: Log, settings: EstimateSettings
+) -> tuple[Information, LogRun]:
+    """Return the information of one log about map and constants."""
+    columns = np.stack([log[name] for name in air_path.smoothed])
+    values, slopes = smooth(log.time, columns, log.segments, settings.smoothing)
+    calm = replace(log, channels={**log.channels, **dict(zip(air_path.smoothed, values, strict=True))})
+    trajectory = air_path.trajectory(calm, gain.outputs)
+    point = _operating_point(air_path, log)
+    first = np.stack([[calm[state][start] for state in air_path.state_names] for start, _ in log.segments])
+    run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first, np.zeros(grid.size))
+    seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
+    rates = dict(zip(air_path.smoothed, slopes, strict=True))
+    balances = air_path.balances(seen, rates, tuple(settings.tolerance))
+    z = log[air_path.sensor] - balances.flow
+    steps = steps_of(log)
+    nodes, weights = grid.regressors(*point)
+    cells = cell_numbers(grid, nodes)
+    excited = excitation(grid, *point, log.time, log.segments)
+    residual = _about_own_map(excited, z, steps, nodes, weights)
+    mixture = mix(grid, residual, balances.slope, settings.constants_variance, steps, cells, log.segments)
+    share = mixture.share[cells].T
+    g = -np.einsum("bk,bik->ik", share, balances.slope)
+    information = assemble(
+        grid.size, (nodes, weights), steps / mixture.density[cells], np.einsum("bk,bk->k", share, z), g
+    )
+    return information, _run_of(log, excited, trajectory.parameters, steps)
+
+
+def estimate_published(
+    air_path: AirPath,
+    grid: Grid,
+    gain: StateGain,
+    logs: Sequence[Log],
+    published: PublishedSettings,
+    settings: EstimateSettings,
+) -> MapEstimate:
+    """Return the map from the observer as published, logs one after another."""
+    theta = np.zeros(grid.size)
+    power, spent = 0.0, 0.0
+    runs = []
+    for log in logs:
+        trajectory = air_path.trajectory(log, gain.outputs)
+        point = _operating_point(air_path, log)
+        first = np.tile(published.x_0, (len(log.segments), 1))
+        run = observe(
+            trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta
+        )
+        theta = run.theta
+        steps = steps_of(log)
+        power += float(steps @ run.innovation**2)
+        spent += float(steps.sum())
+        runs.append(_run_of(log, excitation(grid, *point, log.time, log.segments), trajectory.parameters, steps))
+    return _mapped("published", grid, theta, np.full((grid.size, grid.size), np.nan), runs, settings)
+
+
+def _mapped(
+    method: str, grid: Grid, theta: Array, covariance: Array, runs: Sequence[LogRun], settings: EstimateSettings
+) -> MapEstimate:
+    excited = runs[0].excitation
+    for run in runs[1:]:
+        excited = excited + run.excitation
+    supported = (excited.nodes() >= settings.least_information).reshape(grid.shape)
+    return MapEstimate(
+        method=method,
+        grid=grid,
+        theta=np.where(supported, theta.reshape(grid.shape), np.nan),
+        covariance=covariance,
+        supported=supported,
+        excitation=excited.cells(),
+        runs=tuple(runs),
+    )
+
+
+def _operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
+    fuel, speed = air_path.axes
+    return log[fuel.channel], log[speed.channel]
+
+
+def _about_own_map(
+    excited: Excitation, z: Array, steps: Array, nodes: NDArray[np.int64], weights: Array
+) -> Array:
+    """Return the residual of each balance about the map that fits it best, shape (B, N)."""
+    p = excited.gram.shape[0]
+    right = np.stack(
+        [np.bincount(nodes.ravel(), (steps[:, None] * weights * row[:, None]).ravel(), minlength=p) for row in z], axis=1
+    )
+    ridge = 1e-9 * float(np.max(np.diag(excited.gram)))
+    own = np.linalg.solve(excited.gram + ridge * np.eye(p), right)
+    return np.stack([row - np.einsum("km,km->k", weights, theta[nodes]) for row, theta in zip(z, own.T, strict=True)])
+
+
+def _run_of(log: Log, excited: Excitation, parameters: Array, steps: Array) -> LogRun:
+    return LogRun(log.name, log.sha256, len(log), float(steps.sum()), log.defects, excited, parameters)

@@ -1,0 +1,62 @@
+"""How a map is estimated: the configuration's `[estimate]`, `[published]` tables."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """Settings of the default method.
+
+    Attributes
+    ----------
+    smoothing : float
+        [s], half width of the window that takes the noise out of the scheduling parameters.
+    least_information : float
+        [s], how long the drive must inform a node (Eq. 29) for its value to count as estimated.
+    prior_map : float
+        [kg/s], standard deviation of a node before any data; far beyond any sensor.
+    tolerance : mapping of str to float
+        How well the engine's constants are known: the true value lies within this fraction of the configured one.
+    """
+
+    smoothing: float
+    least_information: float
+    prior_map: float
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("smoothing", "least_information", "prior_map"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive")
+        if not all(0.0 <= value < 0.5 for value in self.tolerance.values()):
+            raise ValueError("a tolerance is a fraction of at least 0 and under 0.5")
+
+    @property
+    def constants_variance(self) -> Array:
+        """Variance of each relative constant, shape (q,): uniform within its tolerance."""
+        return np.array(list(self.tolerance.values())) ** 2 / 3.0
+
+
+@dataclass(frozen=True)
+class PublishedSettings:
+    """Settings of the observer as the paper used it (Sec. 4).
+
+    Attributes
+    ----------
+    gamma : float
+        [1/s], Gamma = gamma I.
+    x_0 : tuple of float
+        Initial state; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa.
+    """
+
+    gamma: float = 200.0
+    x_0: tuple[float, float, float] = (9.8e4, 9.8e4, 0.0)
+
+    def __post_init__(self) -> None:
+        if not self.gamma > 0:
+            raise ValueError("gamma must be positive")

@@ -1,0 +1,81 @@
+"""The frozen log record: what every other room reads. No files here."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Defects:
+    """What the reader found in a log and what the policies did about it.
+
+    Attributes
+    ----------
+    samples_read : int
+        Rows in the file.
+    dropped : Mapping[str, int]
+        Rows dropped because this channel was not finite there (a row may count for several channels).
+    dropped_rows : int
+        Rows dropped altogether.
+    gaps : int
+        Places where the time step exceeds the limit; each splits the log.
+    repeated : int
+        Rows removed because their time repeats or runs backward (only on request; otherwise the log is refused).
+    """
+
+    samples_read: int
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    dropped_rows: int = 0
+    gaps: int = 0
+    repeated: int = 0
+
+
+@dataclass(frozen=True)
+class Log:
+    """One recorded drive, in SI units (map axes in the paper's rpm and mg/cycle), without reference channels.
+
+    Attributes
+    ----------
+    name : str
+        Stem of the file, the name of the log in results.
+    sha256 : str
+        Of the file's bytes.
+    time : ndarray, shape (N,)
+        [s], strictly increasing.
+    channels : Mapping[str, ndarray of shape (N,)]
+        The channels that the engine's air path needs, finite everywhere.
+    auxiliary : Mapping[str, ndarray of shape (N,)]
+        All other numeric channels, as they are: NaN where the file has none. No estimator reads them.
+    segments : tuple of (start, stop)
+        Half-open ranges of samples without a gap; no state is carried from one to the next.
+    rows : ndarray of int, shape (N,)
+        Row of the file behind each sample, so that references can be laid beside it.
+    defects : Defects
+        What was found and done on reading.
+    """
+
+    name: str
+    sha256: str
+    time: Array
+    channels: Mapping[str, Array]
+    auxiliary: Mapping[str, Array]
+    segments: tuple[tuple[int, int], ...]
+    rows: NDArray[np.int64]
+    defects: Defects
+
+    def __getitem__(self, channel: str) -> Array:
+        """Return one needed channel, shape (N,)."""
+        return self.channels[channel]
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return self.time.size
+
+    def each_segment(self) -> Iterator[slice]:
+        """Yield the segments as slices."""
+        for start, stop in self.segments:
+            yield slice(start, stop)

@@ -1,0 +1,1 @@
+"""Results as plain content, figures and one HTML page."""

@@ -1,0 +1,122 @@
+"""Results as plain rows of text and as plain content for JSON; no drawing, no HTML."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lpvobs.io.gains import StoredGain
+from lpvobs.io.results import LogSummary, StoredResult
+from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
+from lpvobs.synthesis.published import TABLE_1
+
+Table = tuple[list[str], list[list[str]]]
+NONE = "-"
+
+
+def percent(value: float | None, digits: int = 2) -> str:
+    """Return a fraction as per cent; a dash where there is none."""
+    return NONE if value is None or not np.isfinite(value) else f"{100 * value:.{digits}f} %"
+
+
+def grams(value: float | None) -> str:
+    """Return kg/s as g/s; a dash where there is none."""
+    return NONE if value is None or not np.isfinite(value) else f"{1e3 * value:.3f}"
+
+
+def log_rows(logs: Sequence[LogSummary]) -> Table:
+    """Return one row per log: samples, metrics and the share that the certificate covers."""
+    header = ["log", "samples", "dropped", "gaps", "mean rel. error", "floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "certified"]
+    rows = []
+    for log in logs:
+        m = log.metrics
+        rows.append(
+            [
+                log.name,
+                str(log.samples),
+                str(log.dropped_rows),
+                str(log.gaps),
+                percent(m and m.mean_relative_error),
+                percent(m and m.floor_mean_relative_error),
+                percent(m and m.rms_ratio),
+                grams(m and m.rmse),
+                grams(m and m.bias),
+                str(m.visited_cells) if m else NONE,
+                percent(log.share_certified, 1),
+            ]
+        )
+    return header, rows
+
+
+def logs_content(logs: Sequence[LogSummary]) -> list[dict[str, Any]]:
+    """Return the logs as the contract's JSON has them; a metric that a log cannot have is null."""
+    content = []
+    for log in logs:
+        m = log.metrics
+        content.append(
+            {
+                "log": log.name,
+                "sha256": log.sha256,
+                "samples": log.samples,
+                "samples_read": log.samples_read,
+                "dropped_rows": log.dropped_rows,
+                "gaps": log.gaps,
+                "repeated": log.repeated,
+                "duration": log.duration,
+                "share_certified": log.share_certified,
+                "mean_relative_error": m and m.mean_relative_error,
+                "share_left_out": m and m.share_left_out,
+                "rms_ratio": m and m.rms_ratio,
+                "rmse": m and m.rmse,
+                "bias": m and m.bias,
+                "visited_cells": m and m.visited_cells,
+                "compared_samples": m and m.samples,
+                "floor_mean_relative_error": m and m.floor_mean_relative_error,
+                "floor_rms_ratio": m and m.floor_rms_ratio,
+            }
+        )
+    return content
+
+
+def map_content(result: StoredResult) -> dict[str, Any]:
+    """Return how many nodes the map has, by where their value comes from."""
+    estimated = int(result.supported.sum())
+    filled = 0 if result.extrapolation is None else int((result.extrapolation.support == 2).sum())
+    return {"cells": result.grid.size, "estimated": estimated, "extrapolated": filled}
+
+
+def extrapolation_content(fitted: QuadraticFit) -> dict[str, Any]:
+    """Return the quadratic as plain content."""
+    return {
+        "coefficients": dict(zip(COEFFICIENTS, fitted.coefficients.tolist(), strict=True)),
+        "coefficients_standard_error": dict(zip(COEFFICIENTS, fitted.standard_error.tolist(), strict=True)),
+        "lack_of_fit": fitted.lack_of_fit,
+        "nodes": fitted.nodes,
+    }
+
+
+def coefficient_rows(fits: Sequence[tuple[str, QuadraticFit]]) -> Table:
+    """Return the six coefficients of Eq. (37) of each fit with standard errors, beside Eq. (39) and (40)."""
+    header = ["kg/s, mg/cycle, rpm", *COEFFICIENTS]
+    rows = []
+    for name, fitted in fits:
+        rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
+        rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
+    rows += [[f"paper, {name}", *(f"{value:.4g}" for value in values)] for name, values in PAPER.items()]
+    return header, rows
+
+
+def bounds_table(gain: StoredGain) -> Table:
+    """Return Table 1: the paper's bounds of rho, those of the logs, and the region that the certificate covers."""
+    names = gain.gain.region.names
+    header = ["", *names]
+    rows = [
+        [f"paper, {column}", *(f"{low:.4g} .. {high:.4g}" for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
+        for column, bounds in TABLE_1.items()
+        if len(bounds) <= len(names)
+    ]
+    for log, (lower, upper) in gain.log_bounds.items():
+        rows.append([log, *(f"{low:.4g} .. {high:.4g}" for low, high in zip(lower, upper, strict=True))])
+    region = gain.gain.region
+    rows.append(["proven", *(f"{low:.4g} .. {high:.4g}" for low, high in zip(region.lower, region.upper, strict=True))])
+    return header, rows

@@ -1,0 +1,1 @@
+"""Drive cycles, the nonlinear plant and its sensors."""

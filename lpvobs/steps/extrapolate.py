@@ -1,0 +1,25 @@
+"""`extrapolate`: the quadratic of Eq. (37) into a result."""
+
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.io.results import add_extrapolation, read_result
+from lpvobs.maps.quadratic import QuadraticFit, fit
+
+
+def extrapolate_result(path: Path) -> QuadraticFit:
+    """Fit the quadratic to the estimated nodes of a stored result and write `/extrapolation` into it.
+
+    The observer as published has no covariance; its nodes then count alike.
+
+    Raises
+    ------
+    DataError
+        If the file is not a result, or its estimated nodes do not determine the quadratic.
+    """
+    stored = read_result(path)
+    covariance = stored.covariance if np.isfinite(stored.covariance).all() else np.zeros_like(stored.covariance)
+    fitted = fit(stored.grid, stored.theta, covariance, stored.supported)
+    add_extrapolation(path, fitted)
+    return fitted

@@ -1,0 +1,123 @@
+"""`synth-gain` and `verify`: from the configuration and logs to a proven gain."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.engines import AIR_PATHS
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.config import Config
+from lpvobs.io.gains import StoredGain
+from lpvobs.io.logs import read_log
+from lpvobs.records import Array
+from lpvobs.synthesis.certificate import Certificate, check
+from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.published import EPSILON, TABLE_1, published_gain
+from lpvobs.synthesis.region import Region
+from lpvobs.synthesis.settings import GainSettings
+
+PUBLISHED_OUTPUTS = ("p_im", "omega_t")
+PUBLISHED_TEMPERATURES = {"T_im": (310.0, 310.0), "T_em": (750.0, 750.0)}
+"""[K]; the paper does not say which temperatures its a_1 and a_2 had. With these, Eq. (38) is proven on all of Table 1."""
+
+
+def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[str, str]]:
+    """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
+
+    Raises
+    ------
+    NotProven
+        If no gain can be proven for the region.
+    DataError
+        If a log cannot be used.
+    """
+    from lpvobs.synthesis.solve import synthesise
+
+    air_path, settings = config.engine_path(), config.gain
+    bounds, digests = log_bounds(config, air_path, paths)
+    region = wanted_region(air_path, settings, bounds)
+    gain = synthesise(
+        problem_of(air_path, settings.outputs, region), falling_gain=settings.falling_gain, cascade=settings.cascade
+    )
+    return _stored("synthesised", air_path, settings.outputs, gain, bounds), digests
+
+
+def make_published_gain(config: Config, column: str) -> StoredGain:
+    """Return the paper's own L of Eq. (38), with a proof on one column of Table 1 at fixed temperatures."""
+    from lpvobs.synthesis.solve import certify_fixed_gain
+
+    air_path = config.engine_path()
+    if column not in TABLE_1:
+        raise UsageError(f"--published {column}: unknown; expected one of {', '.join(TABLE_1)}")
+    rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))  # type: ignore[index]
+    region = _region(air_path, rho | dict(air_path.rate_bounds(PUBLISHED_TEMPERATURES)), ())
+    gain = certify_fixed_gain(problem_of(air_path, PUBLISHED_OUTPUTS, region), published_gain(), EPSILON)
+    return _stored(f"Eq. (38), proven on Table 1, {column}", air_path, PUBLISHED_OUTPUTS, gain, {})
+
+
+def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> Problem:
+    """Return the data of Theorem 1 for an engine."""
+    return Problem(partial(air_path.system, outputs=outputs), region, len(outputs))
+
+
+def check_again(stored: StoredGain) -> Certificate:
+    """Prove a stored gain again, from its numbers alone.
+
+    Raises
+    ------
+    DataError
+        If the gain is for an engine that this version does not know, or its numbers are not finite or do not fit.
+    """
+    if stored.air_path not in AIR_PATHS:
+        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(AIR_PATHS)}")
+    gain, system = stored.gain, AIR_PATHS[stored.air_path].system
+    problem = Problem(partial(system, outputs=stored.outputs), gain.region, len(stored.outputs))
+    return check(
+        problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain
+    )
+
+
+def log_bounds(config: Config, air_path: AirPath, paths: Sequence[Path]) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the range of the scheduling parameters along each log, shape (2, m), and the logs' SHA-256."""
+    bounds, digests = {}, {}
+    for path in paths:
+        log = read_log(path, air_path.channels, config.policies)
+        parameters = air_path.trajectory(log, config.gain.outputs).parameters
+        bounds[log.name] = np.stack([parameters.min(axis=0), parameters.max(axis=0)])
+        digests[path.name] = log.sha256
+    return bounds, digests
+
+
+def wanted_region(air_path: AirPath, settings: GainSettings, bounds: Mapping[str, Array]) -> Region:
+    """Return the region to prove: configured bounds, those of the logs in their place, temperatures as configured."""
+    ranges = dict(settings.bounds)
+    if bounds:
+        lower = np.min([low for low, _ in bounds.values()], axis=0)
+        upper = np.max([high for _, high in bounds.values()], axis=0)
+        slack = settings.margin * (upper - lower)
+        for name, low, high, add in zip(air_path.parameter_names, lower, upper, slack, strict=True):
+            ranges[name] = (min(low, max(low - add, 0.0)) if low >= 0 else low - add, high + add)
+    return _region(air_path, ranges | dict(air_path.rate_bounds(settings.temperatures)), settings.nonnegative_sums)
+
+
+def _region(
+    air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: tuple[tuple[str, str], ...]
+) -> Region:
+    names = air_path.parameter_names
+    missing = [name for name in names if name not in ranges]
+    if missing:
+        raise UsageError(f"[gain.bounds]: {', '.join(missing)} missing; give bounds there, or logs to take them from")
+    lower, upper = zip(*(ranges[name] for name in names), strict=True)
+    return Region(names, tuple(map(float, lower)), tuple(map(float, upper)), sums)
+
+
+def _stored(
+    origin: str, air_path: AirPath, outputs: tuple[str, ...], gain: Gain, bounds: Mapping[str, Array]
+) -> StoredGain:
+    return StoredGain(
+        origin, air_path.name, dict(air_path.engine_constants()), air_path.state_names, outputs, gain, bounds
+    )

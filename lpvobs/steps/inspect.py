@@ -1,0 +1,65 @@
+"""`inspect`: what is in a log, and what the policies did about its defects."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvobs.airpath.base import Channel
+from lpvobs.io.logs import LogPolicies, channel_units, read_log
+from lpvobs.records import Array, Log
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A log as the estimator sees it, with the unit that each channel has in the file."""
+
+    path: Path
+    log: Log
+    needed: Mapping[str, Channel]
+    file_units: Mapping[str, str]
+
+    def as_content(self) -> dict[str, Any]:
+        """Return plain data for text or JSON."""
+        log, defects = self.log, self.log.defects
+        steps = np.diff(log.time)
+        channels: dict[str, Any] = {"time": self._channel("time", log.time, "s", "needed")}
+        for name, values in log.channels.items():
+            channels[name] = self._channel(name, values, self.needed[name].unit, "needed")
+        for name, values in log.auxiliary.items():
+            channels[name] = self._channel(name, values, self.file_units[name], "auxiliary")
+        return {
+            "log": str(self.path),
+            "sha256": log.sha256,
+            "samples": len(log),
+            "samples_read": defects.samples_read,
+            "dropped_rows": defects.dropped_rows,
+            "repeated": defects.repeated,
+            "gaps": defects.gaps,
+            "segments": len(log.segments),
+            "duration": float(log.time[-1] - log.time[0]),
+            "rate": float(1.0 / np.median(steps)),
+            "channels": channels,
+        }
+
+    def _channel(self, name: str, values: Array, unit: str, use: str) -> dict[str, Any]:
+        finite = values[np.isfinite(values)]
+        low, middle, high = (
+            (float(finite.min()), float(np.median(finite)), float(finite.max())) if finite.size else (np.nan,) * 3
+        )
+        return {
+            "unit": unit,
+            "unit_in_file": self.file_units.get(name, ""),
+            "use": use,
+            "min": low,
+            "median": middle,
+            "max": high,
+            "dropped": self.log.defects.dropped.get(name, 0),
+        }
+
+
+def inspect_log(path: Path, needed: Mapping[str, Channel], policies: LogPolicies) -> Inspection:
+    """Return what is in a log; raises DataError where no estimate could use it."""
+    return Inspection(path, read_log(path, needed, policies, auxiliary=True), needed, channel_units(path))

@@ -1,0 +1,84 @@
+"""Units in which a solver can work, read off the problem itself.
+
+In Pa and rad/s the matrix inequality spans ten decades, and solvers then report nonsense. With x = T z, y = S w and
+time counted in 1/rate, T and S are chosen such that the couplings, T^-1 A T / rate and S^-1 C T, are as near to one as
+they can be: least squares in their logarithms. Any other units of states and outputs shift those logarithms and are
+taken back by the same shift, so the balanced matrices, and with them verdict and gain, do not depend on the units that
+the problem came in.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Balanced units.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n,)
+        Diagonal of T.
+    outputs : ndarray, shape (r,)
+        Diagonal of S.
+    rate : float
+        [1/s]
+    linked : ndarray of bool, shape (n, n + r)
+        Whether state i is tied, over any number of couplings, to state j (first n columns) or to output j - n. Between
+        parts of a system that are not tied there is no common unit; a gain needs no entries there.
+    """
+
+    states: Array
+    outputs: Array
+    rate: float
+    linked: NDArray[np.bool_]
+
+
+def balance(A: Array, C: Array) -> Balance:
+    """Return balanced units for A, shape (N, n, n), and C, shape (N, r, n).
+
+    Each entry counts with its largest magnitude over the N vertices.
+    """
+    largest_A, largest_C = np.abs(A).max(axis=0), np.abs(C).max(axis=0)
+    n = largest_A.shape[0]
+    first = _units(largest_A, largest_C, 1.0)
+    rate = _rate(largest_A * first[:n] / first[:n, None])
+    units = _units(largest_A, largest_C, rate)
+    return Balance(units[:n], units[n:], rate, _linked(largest_A, largest_C))
+
+
+def _rate(largest_A: Array) -> float:
+    """Return the plant's fastest rate, the Perron root: no units of the states change it; 1/s where there is none."""
+    root = float(np.abs(np.linalg.eigvals(largest_A)).max())
+    # A chain of integrators has none (nilpotent), and its computed eigenvalues are rounding, enlarged by the n-th root.
+    return root if np.linalg.matrix_power(largest_A, largest_A.shape[0]).any() else 1.0
+
+
+def _units(largest_A: Array, largest_C: Array, rate: float) -> Array:
+    """Return the diagonals of T and S, (n + r,), by least squares; of least norm where a scale is free."""
+    n, r = largest_A.shape[0], largest_C.shape[0]
+    nodes = np.eye(n + r)
+    rows, sides = [np.zeros(n + r)], [0.0]
+    for i, j in zip(*np.nonzero(largest_A), strict=True):
+        if i != j:
+            rows.append(nodes[j] - nodes[i])
+            sides.append(-np.log(largest_A[i, j] / rate))
+    for o, j in zip(*np.nonzero(largest_C), strict=True):
+        rows.append(nodes[j] - nodes[n + o])
+        sides.append(-np.log(largest_C[o, j]))
+    return np.asarray(np.exp(np.linalg.lstsq(np.array(rows), np.array(sides), rcond=None)[0]))
+
+
+def _linked(largest_A: Array, largest_C: Array) -> NDArray[np.bool_]:
+    n, r = largest_A.shape[0], largest_C.shape[0]
+    reach = np.eye(n + r, dtype=bool)
+    reach[:n, :n] |= (largest_A != 0) | (largest_A.T != 0)
+    reach[n:, :n] |= largest_C != 0
+    reach[:n, n:] |= largest_C.T != 0
+    for _ in range(n + r):
+        reach = reach @ reach
+    return reach[:n]

@@ -1,0 +1,198 @@
+"""The exact certificate of Theorem 1: no solver, no rounding.
+
+The stored floats of L, P, Q, eps_1, eps_2 and of the bounds are fractions with a power of two below. In rational
+arithmetic every vertex matrix of Eq. (33) is therefore known exactly, and so are the pivots of its LDL^T factorisation.
+All positive is a proof.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf, isfinite, lcm
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.records import Array
+from lpvobs.synthesis.problem import Matrix, Problem, bent_block
+
+TINY = 5e-324  # stands for a positive pivot too small for a float, which must not read as zero
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was proven, or why not.
+
+    Attributes
+    ----------
+    proven : bool
+        Theorem 1 holds on the whole region.
+    vertices : int
+        Vertex matrices that the region has.
+    smallest_pivot : float
+        Smallest pivot of P, Q and of all -M examined, each divided by its diagonal entry: between 0 and 1 in any units,
+        not positive where the proof fails.
+    failed_vertex : tuple of float or None
+        The first vertex where M is not negative definite.
+    falling_gain : bool
+        Also proven for gains that fall with information, d Gamma^-1/dt = Psi^T Psi: 1 - eps_1 - eps_2 > 0.
+    reason : str
+        Empty when proven.
+    """
+
+    proven: bool
+    vertices: int
+    smallest_pivot: float
+    failed_vertex: tuple[float, ...] | None
+    falling_gain: bool
+    reason: str
+
+
+def check(
+    problem: Problem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float, *, falling_gain: bool = False
+) -> Certificate:
+    """Prove Theorem 1 for given numbers, or say why it does not hold.
+
+    Parameters
+    ----------
+    problem : Problem
+        n states, r outputs.
+    L : ndarray, shape (n, r)
+    P, Q : ndarray, shape (n, n)
+    eps_1, eps_2 : float
+    falling_gain : bool
+        Demand 1 - eps_1 - eps_2 > 0 instead of Eq. (28).
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    DataError
+        Numbers that are not finite, shapes that do not fit the system.
+
+    Notes
+    -----
+    Eq. (27), (28), (33). Departure from the paper: none in the conditions; with `falling_gain` a stronger one, because
+    V then gains the term (Psi theta)^2.
+    """
+    vertices = problem.region.vertices()
+    n, r = _sizes(problem)
+    for name, value, shape in (("L", L, (n, r)), ("P", P, (n, n)), ("Q", Q, (n, n))):
+        _refuse_unusable(name, np.asarray(value), shape)
+    if not (isfinite(eps_1) and isfinite(eps_2)):
+        raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers: synthesise the gain again")
+    e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
+    falls = e_1 > 0 and e_2 > 0 and 1 - e_1 - e_2 > 0
+
+    def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
+        where = None if failed is None else tuple(float(value) for value in failed)
+        proven = not reason
+        return Certificate(proven, len(vertices), pivot, where, proven and falls, reason)
+
+    reason = _about_scalars(e_1, e_2, falling_gain) or _about_system(problem) or _about_symmetry(P, Q)
+    if reason:
+        return verdict(reason, 0.0)
+    exact_P, exact_Q = _fractions(P), _fractions(Q)
+    smallest = inf
+    for name, matrix in (("P", exact_P), ("Q", exact_Q)):
+        smallest = min(smallest, smallest_pivot(matrix))
+        if smallest <= 0:
+            return verdict(f"{name} is not positive definite", smallest)
+    Y = _product(exact_P, _fractions(L))
+    for vertex in vertices:
+        A, C = problem.at(vertex)
+        minus_M = _minus_M(A, C, problem.map_output, exact_P, Y, exact_Q, e_1, e_2)
+        smallest = min(smallest, smallest_pivot(minus_M))
+        if smallest <= 0:
+            place = ", ".join(f"{k} = {float(v):.6g}" for k, v in zip(problem.region.names, vertex, strict=True))
+            return verdict(f"M is not negative definite at {place}", smallest, vertex)
+    return verdict("", smallest)
+
+
+def smallest_pivot(matrix: Matrix) -> float:
+    """Return the smallest pivot of LDL^T over its diagonal entry, or the first that is not positive.
+
+    Parameters
+    ----------
+    matrix : nested lists of Fraction, n x n
+        Symmetric. Positive definite if and only if the value returned is positive.
+
+    Notes
+    -----
+    On whole numbers by Bareiss' elimination, whose diagonal holds the leading minors; a pivot is the ratio of two of
+    them.
+    """
+    scale = lcm(*(entry.denominator for row in matrix for entry in row))
+    work = [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix]
+    diagonal = [row[k] for k, row in enumerate(work)]
+    before, smallest = 1, inf
+    for k, pivot_row in enumerate(work):
+        minor = pivot_row[k]
+        ratio = Fraction(minor, before * diagonal[k]) if diagonal[k] > 0 else Fraction(-1)
+        if ratio <= 0:
+            return float(max(ratio, Fraction(-1)))
+        smallest = min(smallest, float(ratio) or TINY)
+        for row in work[k + 1 :]:
+            for j in range(len(row) - 1, k - 1, -1):
+                row[j] = (row[j] * minor - row[k] * pivot_row[j]) // before
+        before = minor
+    return smallest
+
+
+def _minus_M(
+    A: Matrix, C: Matrix, map_output: int, P: Matrix, Y: Matrix, Q: Matrix, eps_1: Fraction, eps_2: Fraction
+) -> Matrix:
+    """Return -M of Eq. (27), (n + 2) x (n + 2), with Y = P L."""
+    n = len(A)
+    PA, YC = _product(P, A), _product(Y, C)
+    zero = Fraction(0)
+    rows = [
+        [*(YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)), -Y[i][map_output], -C[map_output][i]]
+        for i in range(n)
+    ]
+    PLG = [-Y[i][map_output] for i in range(n)]
+    C_2 = [-entry for entry in C[map_output]]
+    return [*rows, [*PLG, eps_1, zero], [*C_2, zero, eps_2]]
+
+
+def _product(left: Matrix, right: Matrix) -> Matrix:
+    columns = list(zip(*right, strict=True))
+    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in left]
+
+
+def _fractions(values: Array) -> Matrix:
+    return [[Fraction(float(value)) for value in row] for row in values]
+
+
+def _sizes(problem: Problem) -> tuple[int, int]:
+    A, C = problem.at(problem.region.vertices()[0])
+    return len(A), len(C)
+
+
+def _refuse_unusable(name: str, value: Array, shape: tuple[int, int]) -> None:
+    if value.shape != shape:
+        raise DataError(f"gain: {name} has the shape {value.shape}, expected {shape}: use the gain of this system")
+    if not np.all(np.isfinite(value)):
+        raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
+
+
+def _about_scalars(eps_1: Fraction, eps_2: Fraction, falling_gain: bool) -> str:
+    bound = 1 if falling_gain else 2
+    if eps_1 <= 0 or eps_2 <= 0:
+        return "eps_1 and eps_2 must be positive"
+    if bound - eps_1 - eps_2 <= 0:
+        return f"{bound} - eps_1 - eps_2 > 0 does not hold"
+    return ""
+
+
+def _about_system(problem: Problem) -> str:
+    names = bent_block(problem)
+    return "" if names is None else f"the system is not affine in {' and '.join(names)}, so vertices prove nothing"
+
+
+def _about_symmetry(P: Array, Q: Array) -> str:
+    for name, matrix in (("P", np.asarray(P)), ("Q", np.asarray(Q))):
+        if not np.array_equal(matrix, matrix.T):
+            return f"{name} is not symmetric"
+    return ""

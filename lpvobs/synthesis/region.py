@@ -1,0 +1,160 @@
+"""The set of scheduling parameters that a certificate covers, and its vertices in exact arithmetic."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.errors import UsageError
+from lpvobs.records import Array
+
+Point = tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box of parameters; pairs of them may be cut by "their sum is not negative".
+
+    The region is a product of blocks: intervals, and polygons for the pairs. Where a matrix inequality is affine in
+    each block while the others stand still (the diesel multiplies a_1 with rho_1, rho_2, rho_3, but never rho_2 with
+    rho_4), it may be moved to a vertex one block after the other without growing, so the vertices of the product prove
+    the whole region.
+
+    Attributes
+    ----------
+    names : tuple of str
+        m parameters.
+    lower, upper : tuple of float
+        Bounds, inclusive; equal bounds fix a parameter and do not double the vertices.
+    nonnegative_sums : tuple of (str, str)
+        Pairs with x + y >= 0; a parameter belongs to one pair at most.
+
+    Raises
+    ------
+    UsageError
+        Bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
+
+    Examples
+    --------
+    >>> region = Region(("x", "y", "a"), (-1.0, 0.5, 2.0), (1.0, 3.0, 2.0), (("x", "y"),))
+    >>> len(region.vertices())
+    5
+    """
+
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    nonnegative_sums: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        _refuse_bad_bounds(self)
+        _refuse_bad_pairs(self)
+
+    def vertices(self) -> tuple[Point, ...]:
+        """Return every vertex as exact fractions, in the order of `names`, none twice."""
+        points = []
+        for choice in product(*(corners for _, corners in self.blocks())):
+            place = dict(
+                pair
+                for (names, _), corner in zip(self.blocks(), choice, strict=True)
+                for pair in zip(names, corner, strict=True)
+            )
+            points.append(tuple(place[name] for name in self.names))
+        return tuple(points)
+
+    def blocks(self) -> tuple[tuple[tuple[str, ...], tuple[Point, ...]], ...]:
+        """Return the factors of the product: the parameters of each block and its corners."""
+        paired = {name for pair in self.nonnegative_sums for name in pair}
+        single = [((name,), tuple((end,) for end in self._ends(name))) for name in self.names if name not in paired]
+        polygons = [(pair, _clip(self._ends(pair[0]), self._ends(pair[1]))) for pair in self.nonnegative_sums]
+        return (*single, *polygons)
+
+    def contains(self, values: Array) -> NDArray[np.bool_]:
+        """Tell which samples lie inside.
+
+        Parameters
+        ----------
+        values : ndarray, shape (N, m)
+            Parameters in the order of `names`; NaN is outside.
+
+        Returns
+        -------
+        ndarray of bool, shape (N,)
+        """
+        inside = np.all((values >= self.lower) & (values <= self.upper), axis=1)
+        for first, second in self.nonnegative_sums:
+            inside &= values[:, self.names.index(first)] + values[:, self.names.index(second)] >= 0.0
+        return np.asarray(inside)
+
+    def scaled(self, s: float, centre: Sequence[float]) -> "Region":
+        """Return the region with its box drawn towards a point inside, s = 1 the whole of it, s = 0 the point.
+
+        Cuts stay where they are, so the regions are nested in s. Raises UsageError for a centre outside or s outside
+        [0, 1].
+        """
+        if not 0.0 <= s <= 1.0:
+            raise UsageError(f"region: scale is {s:g}, expected 0 to 1")
+        if len(centre) != len(self.names) or not self.contains(np.array([centre], dtype=float))[0]:
+            raise UsageError(
+                f"region: the centre {tuple(centre)} is not inside {self}; expected {len(self.names)} "
+                "values within the bounds: choose another centre"
+            )
+        # Rounding must not push a bound past the original one: the regions are promised to be nested.
+        lower = tuple(max(low, c + s * (low - c)) for c, low in zip(centre, self.lower, strict=True))
+        upper = tuple(min(high, c + s * (high - c)) for c, high in zip(centre, self.upper, strict=True))
+        return Region(self.names, lower, upper, self.nonnegative_sums)
+
+    def __str__(self) -> str:
+        """Return the bounds as one line of text."""
+        bounds = zip(self.names, self.lower, self.upper, strict=True)
+        box = [f"{name} [{low:.6g}, {high:.6g}]" for name, low, high in bounds]
+        return ", ".join(box + [f"{first} + {second} >= 0" for first, second in self.nonnegative_sums])
+
+    def _ends(self, name: str) -> tuple[Fraction, ...]:
+        index = self.names.index(name)
+        return tuple(dict.fromkeys((Fraction(self.lower[index]), Fraction(self.upper[index]))))
+
+
+def _clip(x: tuple[Fraction, ...], y: tuple[Fraction, ...]) -> tuple[Point, ...]:
+    """Return the corners of the rectangle x by y where the sum of the coordinates is not negative."""
+    ring = list(dict.fromkeys(((x[0], y[0]), (x[-1], y[0]), (x[-1], y[-1]), (x[0], y[-1]))))
+    corners: list[Point] = []
+    for here, there in zip(ring, ring[1:] + ring[:1], strict=True):
+        sum_here, sum_there = here[0] + here[1], there[0] + there[1]
+        if sum_here >= 0:
+            corners.append(here)
+        if sum_here * sum_there < 0:  # the edge crosses the cut
+            way = sum_here / (sum_here - sum_there)
+            corners.append(tuple(p + way * (q - p) for p, q in zip(here, there, strict=True)))
+    return tuple(dict.fromkeys(corners))
+
+
+def _refuse_bad_bounds(region: Region) -> None:
+    names, lower, upper = region.names, region.lower, region.upper
+    if len(set(names)) != len(names) or not len(names) == len(lower) == len(upper):
+        raise UsageError(
+            f"region: {len(names)} names, {len(lower)} lower and {len(upper)} upper bounds; expected "
+            "as many of each, every name once"
+        )
+    for name, low, high in zip(names, lower, upper, strict=True):
+        if not (isfinite(low) and isfinite(high) and low <= high):
+            raise UsageError(
+                f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, the lower one first"
+            )
+
+
+def _refuse_bad_pairs(region: Region) -> None:
+    paired = [name for pair in region.nonnegative_sums for name in pair]
+    if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
+        raise UsageError(
+            f"region: nonnegative_sums {region.nonnegative_sums} must pair names of {region.names}, each at most once"
+        )
+    for first, second in region.nonnegative_sums:
+        if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
+            raise UsageError(
+                f"region: {first} + {second} is negative everywhere, expected room for a sum of zero or more"
+            )

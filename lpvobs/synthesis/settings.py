@@ -1,0 +1,42 @@
+"""What gain is wanted: the configuration's `[gain]` table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GainSettings:
+    """The region that the certificate is to cover, and the form of the gain.
+
+    Attributes
+    ----------
+    outputs : tuple of str
+        Measured states that the observer corrects itself by; the sensor comes after them.
+    bounds : mapping of str to (float, float)
+        Scheduling parameters where no log tells their range; with logs, the range of the logs counts.
+    margin : float
+        Share of the range of the logs by which it is widened at either end.
+    temperatures : mapping of str to (float, float)
+        [K]; ranges of the temperatures behind a_1 and a_2; logs do not widen or narrow them.
+    nonnegative_sums : tuple of (str, str)
+        Pairs of parameters whose sum never is negative, which cuts the box.
+    cascade : bool
+        The sensor does not correct the state: the last column of L is zero.
+    falling_gain : bool
+        Prove 1 - eps_1 - eps_2 > 0, which map gains that fall with the information need.
+    """
+
+    outputs: tuple[str, ...]
+    bounds: Mapping[str, tuple[float, float]]
+    temperatures: Mapping[str, tuple[float, float]]
+    margin: float = 0.05
+    nonnegative_sums: tuple[tuple[str, str], ...] = ()
+    cascade: bool = True
+    falling_gain: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.margin <= 1.0:
+            raise ValueError("margin is a share between 0 and 1")
+        for name, (low, high) in {**self.bounds, **self.temperatures}.items():
+            if not low <= high:
+                raise ValueError(f"the bounds of {name} are not in order")

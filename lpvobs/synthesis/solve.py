@@ -1,0 +1,187 @@
+"""From a problem to a proven gain: balance, solve, return to the problem's units, prove. Imports the solver."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.records import Array
+from lpvobs.synthesis import lmi
+from lpvobs.synthesis.balance import Balance, balance
+from lpvobs.synthesis.certificate import check
+from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.problem import Problem
+
+EPSILON_SHARE = 0.49  # eps_1 = eps_2 over the bound of their sum: equal ones have the largest product
+DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
+
+
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """The largest part of a region for which a gain is proven.
+
+    Attributes
+    ----------
+    scale : float
+        1 for the whole region, less where it had to be drawn towards its centre.
+    refused : float or None
+        The smallest scale for which no gain was found; None where the whole region is proven.
+    problem : Problem
+        The problem on that part.
+    gain : Gain
+    """
+
+    scale: float
+    refused: float | None
+    problem: Problem
+    gain: Gain
+
+
+def synthesise(
+    problem: Problem, *, falling_gain: bool, cascade: bool, epsilon: tuple[float, float] | None = None
+) -> Gain:
+    """Return a gain proven by Theorem 1 on the whole region.
+
+    Parameters
+    ----------
+    problem : Problem
+        n states, r outputs.
+    falling_gain : bool
+        Demand 1 - eps_1 - eps_2 > 0, so that Gamma may fall with d Gamma^-1/dt = Psi^T Psi.
+    cascade : bool
+        L takes nothing from the map's output: the state estimate does not depend on theta, and P L G = 0.
+    epsilon : tuple of float, optional
+        eps_1, eps_2. By default equal, 0.49 times the bound of their sum: no pair of that sum has a larger product.
+
+    Returns
+    -------
+    Gain
+
+    Raises
+    ------
+    NotProven
+        No gain was found for this region, or the one found does not pass the exact check.
+    UsageError
+        An epsilon outside the conditions.
+
+    Notes
+    -----
+    Eq. (27), (28), (33). The paper does not say which of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
+    """
+    eps_1, eps_2 = _epsilon(epsilon, falling_gain)
+    A, C = problem.matrices()
+    units = balance(A, C)
+    T, S, rate = units.states, units.outputs, units.rate
+    A_balanced = np.round(A * T / T[:, None] / rate, DIGITS)
+    C_balanced = np.round(C * T / S[:, None], DIGITS)
+    found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, eps_1 * eps_2, units.linked, cascade)
+    if isinstance(found, str):
+        raise NotProven(_refusal(problem, f"no gain exists as far as can be told ({found})"))
+    L = found.L * T[:, None] / S * rate + 0.0  # no negative zeros
+    return _proven(problem, units, found, L, (eps_1, eps_2), falling_gain)
+
+
+def certify_fixed_gain(
+    problem: Problem, L: Array, epsilon: tuple[float, float] | None = None, *, falling_gain: bool = False
+) -> Gain:
+    """Return a given gain with P and Q that prove it on the whole region.
+
+    Parameters
+    ----------
+    problem : Problem
+        n states, r outputs.
+    L : ndarray, shape (n, r)
+    epsilon, falling_gain
+        As for `synthesise`.
+
+    Raises
+    ------
+    NotProven
+        No P, Q were found, or they do not pass the exact check.
+    UsageError
+        An epsilon outside the conditions.
+    DataError
+        A gain of the wrong shape or with NaN in it.
+    """
+    eps_1, eps_2 = _epsilon(epsilon, falling_gain)
+    A, C = problem.matrices()
+    L = np.array(L, dtype=float)
+    if L.shape != (A.shape[1], C.shape[1]) or not np.all(np.isfinite(L)):
+        raise DataError(f"gain: L has the shape {L.shape}, expected finite numbers in {(A.shape[1], C.shape[1])}")
+    closed = A - L @ C
+    units = balance(closed, C)
+    T, S, rate = units.states, units.outputs, units.rate
+    m = problem.map_output
+    found = lmi.fixed_gain(
+        np.round(closed * T / T[:, None] / rate, DIGITS),
+        L * S / T[:, None] / rate,
+        np.round(C[:, m] * T / S[m], DIGITS),
+        m,
+        eps_1 * eps_2,
+    )
+    if isinstance(found, str):
+        raise NotProven(_refusal(problem, f"no P, Q prove the given gain as far as can be told ({found})"))
+    return _proven(problem, units, found, L, (eps_1, eps_2), falling_gain)
+
+
+def largest_feasible(
+    problem: Problem,
+    centre: Sequence[float],
+    *,
+    falling_gain: bool,
+    cascade: bool,
+    epsilon: tuple[float, float] | None = None,
+    resolution: float = 0.01,
+) -> Shrunk:
+    """Return the largest part of the region, drawn towards `centre`, for which a gain is proven; by bisection.
+
+    The parts are nested, so what proves one proves every smaller one. Raises NotProven where not even the centre has a
+    gain.
+    """
+
+    def attempt(scale: float) -> tuple[Problem, Gain]:
+        part = Problem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
+        return part, synthesise(part, falling_gain=falling_gain, cascade=cascade, epsilon=epsilon)
+
+    try:
+        return Shrunk(1.0, None, *attempt(1.0))
+    except NotProven:
+        low, high, best = 0.0, 1.0, attempt(0.0)
+    while high - low > resolution:
+        middle = (low + high) / 2.0
+        try:
+            low, best = middle, attempt(middle)
+        except NotProven:
+            high = middle
+    return Shrunk(low, high, *best)
+
+
+def _proven(
+    problem: Problem, units: Balance, found: lmi.Solution, L: Array, epsilon: tuple[float, float], falling_gain: bool
+) -> Gain:
+    """Return the gain in the problem's units, with the certificate of exactly these floats."""
+    eps_1, eps_2 = epsilon
+    # c = 1 / (beta eps_2) of `lmi`, and what y = S w and the time unit make of it.
+    c = units.outputs[problem.map_output] ** 2 / (units.rate * found.beta * eps_2)
+    squares = np.outer(units.states, units.states)
+    P, Q = c * found.P / squares, 0.5 * c * units.rate * np.eye(len(squares)) / squares
+    certificate = check(problem, L, P, Q, eps_1, eps_2, falling_gain=falling_gain)
+    if not certificate.proven:
+        raise NotProven(_refusal(problem, f"the numbers found do not pass the exact check ({certificate.reason})"))
+    return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate)
+
+
+def _epsilon(epsilon: tuple[float, float] | None, falling_gain: bool) -> tuple[float, float]:
+    bound = 1.0 if falling_gain else 2.0
+    eps_1, eps_2 = epsilon if epsilon is not None else (EPSILON_SHARE * bound, EPSILON_SHARE * bound)
+    if not (eps_1 > 0.0 and eps_2 > 0.0 and eps_1 + eps_2 < bound):
+        raise UsageError(f"epsilon is ({eps_1:g}, {eps_2:g}), expected two positive numbers with a sum under {bound:g}")
+    return eps_1, eps_2
+
+
+def _refusal(problem: Problem, what: str) -> str:
+    return (
+        f"gain: {what} on {problem.region}; expected Eq. (27) to hold at every vertex: "
+        "narrow the ranges, measure one more state, or exclude sums that cannot be negative"
+    )
