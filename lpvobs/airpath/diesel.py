@@ -21,7 +21,20 @@ PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
 OWNED_CONSTANTS = (
     ("R_a", "c_pa", "gamma_a", "R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg"),
-    ("R_a", "R_e", "V_d", "V_im", "c_vol1", "c_vol2", "c_vol3", "A_egr_max", "c_egr1", "c_egr2", "pi_egr_opt", "k_reverse"),
+    (
+        "R_a",
+        "R_e",
+        "V_d",
+        "V_im",
+        "c_vol1",
+        "c_vol2",
+        "c_vol3",
+        "A_egr_max",
+        "c_egr1",
+        "c_egr2",
+        "pi_egr_opt",
+        "k_reverse",
+    ),
 )
 """The constants that each balance depends on."""
 RELATIVE_STEP = 1e-5

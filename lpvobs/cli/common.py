@@ -19,7 +19,9 @@ from lpvobs.errors import LpvobsError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")]
+ConfigOption = Annotated[
+    Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 
 SIGINT_CODE, SIGTERM_CODE = 130, 143
@@ -121,7 +123,12 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)

@@ -14,9 +14,12 @@ def estimate(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
     out: Annotated[Path, typer.Option(metavar="RESULT.h5", help="The result to write.")],
     gain: Annotated[
-        Path | None, typer.Option(metavar="GAIN.h5", help="A gain made by synth-gain; without it, one is made and proven first.")
+        Path | None,
+        typer.Option(metavar="GAIN.h5", help="A gain made by synth-gain; without it, one is made and proven first."),
     ] = None,
-    method: Annotated[str, typer.Option(metavar="NAME", help="observer, or published: Gamma = 200 I as in the paper.")] = "observer",
+    method: Annotated[
+        str, typer.Option(metavar="NAME", help="observer, or published: Gamma = 200 I as in the paper.")
+    ] = "observer",
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the error map of the sensor from logs.

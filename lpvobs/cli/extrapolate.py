@@ -10,7 +10,9 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
 
 @guarded
 def extrapolate(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written.")],
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written.")
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """Fit the quadratic of Eq. (37) to the estimated nodes and fill the nodes that no log visited.
@@ -26,4 +28,6 @@ def extrapolate(
         return
     print(table(*coefficient_rows([("this map", fitted)])))
     filled = int((fitted.support == 2).sum())
-    say(f"{result}: {filled} nodes filled; the surface scatters by {fitted.lack_of_fit * 1e3:.3g} g/s around the quadratic")
+    say(
+        f"{result}: {filled} nodes filled; the surface scatters by {fitted.lack_of_fit * 1e3:.3g} g/s around the quadratic"
+    )

@@ -12,7 +12,8 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
 def inspect(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
     config: Annotated[
-        Path | None, typer.Option("--config", metavar="TOML", help="Engine and policies; by default those of the diesel.")
+        Path | None,
+        typer.Option("--config", metavar="TOML", help="Engine and policies; by default those of the diesel."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -53,7 +54,13 @@ def _text(content: dict[str, Any]) -> str:
         f"{content['rate']:.4g} Hz, {content['gaps']} gaps, {content['repeated']} repeated or backward"
     )
     rows = [
-        [name, item["unit"], item["use"], *(f"{item[key]:.6g}" for key in ("min", "median", "max")), str(item["dropped"])]
+        [
+            name,
+            item["unit"],
+            item["use"],
+            *(f"{item[key]:.6g}" for key in ("min", "median", "max")),
+            str(item["dropped"]),
+        ]
         for name, item in content["channels"].items()
     ]
     return head + "\n" + table(["channel", "unit", "use", "min", "median", "max", "dropped"], rows)

@@ -13,7 +13,10 @@ def simulate(
     config: ConfigOption,
     cycle: Annotated[
         str,
-        typer.Option(metavar="NAME|CSV", help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table."),
+        typer.Option(
+            metavar="NAME|CSV",
+            help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
     effects: Annotated[
@@ -40,7 +43,12 @@ def simulate(
         log = drive(configuration.engine, configuration.simulation, cycle, rate, seed, surface, report)
     write_log(out, log.channels, log.units)
     time = log.channels["time"]
-    content = {"log": str(out), "samples": time.size, "duration": float(time[-1] - time[0]), "channels": list(log.channels)}
+    content = {
+        "log": str(out),
+        "samples": time.size,
+        "duration": float(time[-1] - time[0]),
+        "channels": list(log.channels),
+    }
     if as_json:
         print_json("simulate", content)
     else:

@@ -12,10 +12,15 @@ from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, pro
 def synth_gain(
     config: ConfigOption,
     out: Annotated[Path, typer.Option(metavar="GAIN.h5", help="The gain to write.")],
-    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs whose range the gain is to cover.")] = None,
+    logs: Annotated[
+        list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs whose range the gain is to cover.")
+    ] = None,
     published: Annotated[
         str | None,
-        typer.Option(metavar="COLUMN", help="Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."),
+        typer.Option(
+            metavar="COLUMN",
+            help="Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -60,11 +65,13 @@ def synth_gain(
                 "vertices": gain.certificate.vertices,
                 "region": {n: [a, b] for n, a, b in zip(region.names, region.lower, region.upper, strict=True)},
                 "nonnegative_sums": region.nonnegative_sums,
-                "logs": {name: bounds for name, bounds in stored.log_bounds.items()},
+                "logs": stored.log_bounds,
             },
         )
         return
-    print(f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {', '.join(stored.outputs)}, sensor")
+    print(
+        f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {', '.join(stored.outputs)}, sensor"
+    )
     rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
     print(table(["", *stored.outputs, "sensor"], rows))
     print()

@@ -23,7 +23,9 @@ def replacing(target: Path) -> Iterator[Path]:
     try:
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     except OSError as error:
-        raise DataError(f"{target}: cannot be written ({error.strerror}); name a folder that exists and is writable") from None
+        raise DataError(
+            f"{target}: cannot be written ({error.strerror}); name a folder that exists and is writable"
+        ) from None
     os.close(handle)
     temporary = Path(name)
     try:

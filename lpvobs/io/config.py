@@ -20,6 +20,7 @@ from lpvobs.airpath.diesel_engine import DieselEngine
 from lpvobs.errors import UsageError
 from lpvobs.io.logs import LogPolicies
 from lpvobs.maps.grid import Grid
+from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.simulation.parameters import SimulationParameters, Surface
 from lpvobs.synthesis.settings import GainSettings
@@ -59,6 +60,7 @@ class Config:
     gain: GainSettings
     estimate: EstimateSettings
     published: PublishedSettings
+    ekf: KalmanSettings
     policies: LogPolicies = field(default_factory=LogPolicies)
     simulation: SimulationParameters | None = None
 
@@ -83,7 +85,9 @@ def load_config(path: Path) -> tuple[Config, str]:
     text, document = _parse(path)
     config = _convert(path, document, Config)
     if config.schema != SCHEMA:
-        raise UsageError(f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs")
+        raise UsageError(
+            f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
+        )
     if config.air_path != Diesel.name:
         raise UsageError(f"{path}: air_path = '{config.air_path}', expected '{Diesel.name}'")
     wanted = {axis.channel for axis in config.engine_path().axes}
@@ -139,8 +143,8 @@ def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where
             continue
         for place, item in _tables(value, f"{where}{key}", _is_mapping(hints[key])):
             _refuse_unknown(path, item, inner, f"{place}.")
-    for key, item in known.items():
-        if key not in document and item.default is MISSING and item.default_factory is MISSING:
+    for key, wanted in known.items():
+        if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
             raise UsageError(f"{path}: key '{where}{key}' is missing; see the commented configs/diesel.toml")
 
 

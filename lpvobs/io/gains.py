@@ -80,13 +80,18 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
             "output": Field(text(sensor_row), "1", "output"),
             "parameter": Field(text(region.names), "1", "scheduling parameter"),
             "bound": Field(np.array([0, 1], dtype=np.int8), "1", "which bound", (), flags([0, 1], ["lower", "upper"])),
-            "L": Field(gain.L, "SI", "observer gain of Eq. (26), state unit per output unit and second", ("state", "output")),
+            "L": Field(
+                gain.L, "SI", "observer gain of Eq. (26), state unit per output unit and second", ("state", "output")
+            ),
             "P": Field(gain.P, "SI", "Lyapunov matrix of Theorem 1"),
             "Q": Field(gain.Q, "SI", "matrix Q of Theorem 1"),
             "eps_1": Field(gain.eps_1, "1", "eps_1 of Theorem 1"),
             "eps_2": Field(gain.eps_2, "1", "eps_2 of Theorem 1"),
             "rho_bounds": Field(
-                np.stack([region.lower, region.upper], axis=1), "SI", "region that the certificate covers", ("parameter", "bound")
+                np.stack([region.lower, region.upper], axis=1),
+                "SI",
+                "region that the certificate covers",
+                ("parameter", "bound"),
             ),
         },
     )
@@ -102,7 +107,11 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
         {
             "proven": Field(np.int8(certificate.proven), "1", "Theorem 1 proven", (), flags([0, 1], ["no", "yes"])),
             "falling_gain": Field(
-                np.int8(certificate.falling_gain), "1", "1 - eps_1 - eps_2 > 0 proven, too", (), flags([0, 1], ["no", "yes"])
+                np.int8(certificate.falling_gain),
+                "1",
+                "1 - eps_1 - eps_2 > 0 proven, too",
+                (),
+                flags([0, 1], ["no", "yes"]),
             ),
             "vertices": Field(certificate.vertices, "1", "vertices of the region"),
             "smallest_pivot": Field(certificate.smallest_pivot, "1", "smallest relative pivot"),
@@ -110,7 +119,9 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     )
     bounds = group.create_group("log_bounds")
     for name, values in stored.log_bounds.items():
-        bounds.create_dataset(name, data=values).attrs["long_name"] = "smallest and largest scheduling parameters of the log"
+        bounds.create_dataset(name, data=values).attrs["long_name"] = (
+            "smallest and largest scheduling parameters of the log"
+        )
 
 
 def read_gain_group(parent: h5py.File) -> StoredGain:
@@ -134,7 +145,13 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
         reason="" if stored["proven"][()] else "not proven when it was written",
     )
     gain = Gain(
-        group["L"][()], group["P"][()], group["Q"][()], float(group["eps_1"][()]), float(group["eps_2"][()]), region, certificate
+        group["L"][()],
+        group["P"][()],
+        group["Q"][()],
+        float(group["eps_1"][()]),
+        float(group["eps_2"][()]),
+        region,
+        certificate,
     )
     return StoredGain(
         origin=str(group.attrs["origin"]),
@@ -150,7 +167,9 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
 def expect_engine(path: Path, stored: StoredGain, air_path: str, engine: Mapping[str, float]) -> None:
     """Raise DataError unless the gain was made for this engine."""
     if stored.air_path != air_path:
-        raise DataError(f"{path}: gain for air path '{stored.air_path}', the configuration has '{air_path}'; {REMEDY} again")
+        raise DataError(
+            f"{path}: gain for air path '{stored.air_path}', the configuration has '{air_path}'; {REMEDY} again"
+        )
     for name, value in engine.items():
         if stored.engine.get(name) != value:
             raise DataError(

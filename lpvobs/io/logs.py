@@ -239,7 +239,7 @@ def _increasing(
         raise DataError(
             f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
             f"{kept[first - 1]:.6g} s (row {rows[first]}); expected strictly increasing; "
-            f"repair the log or set backward_time = \"drop\" in [policies]"
+            f'repair the log or set backward_time = "drop" in [policies]'
         )
     return rows[later], wrong
 

@@ -25,7 +25,10 @@ REMEDY = "make it with `lpvobs estimate`"
 METRIC_UNITS = {
     "samples": ("1", "samples compared with the reference"),
     "mean_relative_error": ("1", "mean of |estimate - reference| / |reference|"),
-    "share_left_out": ("1", "share of samples left out of the mean relative error: |reference| under 1 % of its maximum"),
+    "share_left_out": (
+        "1",
+        "share of samples left out of the mean relative error: |reference| under 1 % of its maximum",
+    ),
     "rms_ratio": ("1", "rms of the error / rms of the reference"),
     "rmse": ("kg/s", "rms of estimate - reference"),
     "bias": ("kg/s", "mean of estimate - reference"),
@@ -82,7 +85,8 @@ class StoredResult:
     covariance: Array
     supported: NDArray[np.bool_]
     excitation: Array
-    constants: Mapping[str, tuple[float, float]]
+    constants: tuple[str, ...]
+    sensitivity: Array
     parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
     gain: StoredGain
@@ -106,7 +110,7 @@ def write_result(
         file.attrs["air_path"] = air_path
         file.attrs["method"] = estimate.method
         _write_map(file, estimate, axes)
-        _write_constants(file, estimate)
+        _write_sensitivity(file, estimate, axes)
         write_gain_group(file, gain)
         groups = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
@@ -126,19 +130,44 @@ def add_extrapolation(path: Path, fitted: QuadraticFit) -> None:
             for name in axes
         }
         fuel, speed = (nodes[name].units for name in axes)
-        units = (f"kg/s/({fuel})^2", f"kg/s/({fuel})", f"kg/s/({speed})^2", f"kg/s/({speed})", f"kg/s/({fuel})/({speed})", "kg/s")
+        units = (
+            f"kg/s/({fuel})^2",
+            f"kg/s/({fuel})",
+            f"kg/s/({speed})^2",
+            f"kg/s/({speed})",
+            f"kg/s/({fuel})/({speed})",
+            "kg/s",
+        )
         names = {"names": text(COEFFICIENTS), "coefficient_units": text(units)}
         write_group(
             file,
             "extrapolation",
             nodes
             | {
-                "coefficients": Field(fitted.coefficients, "1", "a2, a1, b2, b1, c2, c1 of Eq. (37), units in coefficient_units", (), names),
-                "coefficients_standard_error": Field(fitted.standard_error, "1", "standard errors of the coefficients", (), names),
+                "coefficients": Field(
+                    fitted.coefficients,
+                    "1",
+                    "a2, a1, b2, b1, c2, c1 of Eq. (37), units in coefficient_units",
+                    (),
+                    names,
+                ),
+                "coefficients_standard_error": Field(
+                    fitted.standard_error, "1", "standard errors of the coefficients", (), names
+                ),
                 "delta_W_c": Field(fitted.delta_W_c, "kg/s", "sensor error, every node filled", axes[::-1]),
-                "standard_error": Field(fitted.map_standard_error, "kg/s", "standard error; of prediction where extrapolated", axes[::-1]),
-                "support": Field(fitted.support, "1", "where the value comes from", axes[::-1], flags([1, 2], ["estimated", "extrapolated"])),
-                "lack_of_fit": Field(fitted.lack_of_fit, "kg/s", "standard deviation of the surface around the quadratic"),
+                "standard_error": Field(
+                    fitted.map_standard_error, "kg/s", "standard error; of prediction where extrapolated", axes[::-1]
+                ),
+                "support": Field(
+                    fitted.support,
+                    "1",
+                    "where the value comes from",
+                    axes[::-1],
+                    flags([1, 2], ["estimated", "extrapolated"]),
+                ),
+                "lack_of_fit": Field(
+                    fitted.lack_of_fit, "kg/s", "standard deviation of the surface around the quadratic"
+                ),
                 "nodes": Field(fitted.nodes, "1", "nodes that the quadratic was fitted to"),
             },
         )
@@ -169,7 +198,6 @@ def read_result(path: Path) -> StoredResult:
         stored = file["map"]
         grid = Grid(stored[fuel][()], stored[speed][()])
         parameter_names = tuple(file["logs"].attrs["parameter_names"].split()) if file["logs"].keys() else ()
-        constants = file["constants"]
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
@@ -180,12 +208,8 @@ def read_result(path: Path) -> StoredResult:
             covariance=file["covariance/theta"][()],
             supported=stored["support"][()] == 1,
             excitation=file["excitation/delta_1"][()],
-            constants={
-                name: (float(value), float(error))
-                for name, value, error in zip(
-                    constants["name"].asstr()[()], constants["deviation"][()], constants["standard_error"][()], strict=True
-                )
-            },
+            constants=tuple(file["sensitivity/constant"].asstr()[()]),
+            sensitivity=file["sensitivity/delta_W_c"][()],
             parameter_names=parameter_names,
             logs=tuple(_read_log(file, name) for name in file["logs"]),
             gain=read_gain_group(file),
@@ -225,20 +249,38 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) ->
     write_group(
         file,
         "excitation",
-        {name: Field(middle[name], field.units, f"{field.long_name}, middle of the cell") for name, field in nodes.items()}
-        | {"delta_1": Field(estimate.excitation, "s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both)},
+        {
+            name: Field(middle[name], field.units, f"{field.long_name}, middle of the cell")
+            for name, field in nodes.items()
+        }
+        | {
+            "delta_1": Field(
+                estimate.excitation, "s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both
+            )
+        },
     )
-    write_group(file, "covariance", {"theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes, theta of Eq. (23)")})
-
-
-def _write_constants(file: h5py.File, estimate: MapEstimate) -> None:
     write_group(
         file,
-        "constants",
-        {
-            "name": Field(text(estimate.constants), "1", "engine constant"),
-            "deviation": Field(estimate.beta, "1", "estimated relative deviation from the configuration", ("name",)),
-            "standard_error": Field(estimate.beta_standard_error, "1", "standard error of the deviation", ("name",)),
+        "covariance",
+        {"theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes, theta of Eq. (23)")},
+    )
+
+
+def _write_sensitivity(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) -> None:
+    fuel, speed = axes
+    nodes = {name: Field(file["map"][name][()], file["map"][name].attrs["units"], name) for name in axes}
+    write_group(
+        file,
+        "sensitivity",
+        nodes
+        | {
+            "constant": Field(text(estimate.constants), "1", "uncertain constant of the engine"),
+            "delta_W_c": Field(
+                np.where(estimate.supported, estimate.sensitivity, np.nan),
+                "kg/s",
+                "change of the map per relative error of the constant",
+                ("constant", speed, fuel),
+            ),
         },
     )
 
@@ -259,7 +301,9 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
     for channel, count in log.dropped.items():
         group.attrs[f"dropped_{channel}"] = count
     if log.metrics is not None:
-        write_group(metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()})
+        write_group(
+            metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()}
+        )
 
 
 def _read_log(file: h5py.File, name: str) -> LogSummary:
@@ -268,14 +312,17 @@ def _read_log(file: h5py.File, name: str) -> LogSummary:
     metrics = None
     if name in file["metrics"]:
         stored = file["metrics"][name]
-        whole = ("samples", "visited_cells")
-        metrics = Metrics(**{key: (int if key in whole else float)(stored[key][()]) for key in METRIC_UNITS})
+        metrics = Metrics(**{key: stored[key][()].item() for key in METRIC_UNITS})
     return LogSummary(
         name=name,
         sha256=str(attributes["sha256"]),
         **{key: int(attributes[key]) for key in ("samples", "samples_read", "dropped_rows", "gaps", "repeated")},
         duration=float(attributes["duration"]),
-        dropped={key.removeprefix("dropped_"): int(value) for key, value in attributes.items() if key.startswith("dropped_") and key != "dropped_rows"},
+        dropped={
+            key.removeprefix("dropped_"): int(value)
+            for key, value in attributes.items()
+            if key.startswith("dropped_") and key != "dropped_rows"
+        },
         share_certified=float(group["share_certified"][()]),
         lower=group["lower"][()],
         upper=group["upper"][()],

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numba import njit
-from numpy.typing import NDArray
 
 from lpvobs.maps.grid import Grid, local, locate
 from lpvobs.records import Array
@@ -32,7 +31,7 @@ class Excitation:
 
     def cells(self) -> Array:
         """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""
-        return np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0)
+        return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))
 
     def nodes(self) -> Array:
         """Return the time that informs each node when all others are unknown, shape (p,), [s].
@@ -44,7 +43,9 @@ class Excitation:
         time = np.zeros(self.gram.shape[0])
         if touched.size:
             gram = self.gram[np.ix_(touched, touched)]
-            ridge = 1e-9 * float(np.max(np.diag(gram)))  # keeps nodes that nothing tells apart at zero instead of failing
+            ridge = 1e-9 * float(
+                np.max(np.diag(gram))
+            )  # keeps nodes that nothing tells apart at zero instead of failing
             inverse = scipy.linalg.inv(gram + ridge * np.eye(touched.size), check_finite=False)
             time[touched] = np.maximum(1.0 / np.diag(inverse) - ridge, 0.0)
         return time
@@ -68,11 +69,6 @@ def excitation(
         part = slice(start, stop)
         _accumulate(grid.u_delta, grid.n_e, u_delta[part], n_e[part], time[part], gram, cell_gram)
     return Excitation(gram, cell_gram)
-
-
-def support(excited: Excitation, least: float) -> NDArray[np.bool_]:
-    """Return which nodes the data inform for at least `least` seconds, shape (p,)."""
-    return excited.nodes() >= least
 
 
 @njit(cache=True)

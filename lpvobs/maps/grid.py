@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from lpvobs.records import Array
 
@@ -59,7 +60,7 @@ class Grid:
         """
         return _interpolate(self.u_delta, self.n_e, np.ascontiguousarray(theta).reshape(-1), u_delta, n_e)
 
-    def regressors(self, u_delta: Array, n_e: Array) -> tuple["np.ndarray[tuple[int, int], np.dtype[np.int64]]", Array]:
+    def regressors(self, u_delta: Array, n_e: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the four node numbers and weights Psi_l of Eq. (34), each of shape (N, 4)."""
         return _regressors(self.u_delta, self.n_e, u_delta, n_e)
 
@@ -73,7 +74,7 @@ def locate(nodes: Array, value: float) -> tuple[int, float]:
 
 
 @njit(cache=True)
-def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: Array, weights: Array) -> None:
+def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: NDArray[np.int64], weights: Array) -> None:
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
     i, eta_1 = locate(u_nodes, u_delta)
     j, eta_2 = locate(n_nodes, n_e)

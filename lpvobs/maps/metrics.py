@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
@@ -80,14 +81,14 @@ def compare(grid: Grid, theta: Array, u_delta: Array, n_e: Array, reference: Arr
     )
 
 
-def best_fit(grid: Grid, nodes: "np.ndarray[tuple[int, int], np.dtype[np.int64]]", weights: Array, values: Array) -> Array:
+def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array) -> Array:
     """Return the node values, shape (p,), whose bilinear map fits N values best; zero where no sample went."""
     p = grid.size
     pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
     gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)
     ridge = 1e-9 * float(np.max(np.diag(gram)))
-    return np.linalg.solve(gram + ridge * np.eye(p), right)
+    return np.asarray(np.linalg.solve(gram + ridge * np.eye(p), right), dtype=float)
 
 
 def _mean_relative(error: Array, truth: Array) -> tuple[float, float]:

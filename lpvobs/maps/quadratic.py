@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 import scipy.stats
+from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
@@ -51,7 +52,7 @@ class QuadraticFit:
     nodes: int
     delta_W_c: Array
     map_standard_error: Array
-    support: "np.ndarray[tuple[int, int], np.dtype[np.int8]]"
+    support: NDArray[np.int8]
 
 
 def terms(u: Array, n: Array) -> Array:
@@ -64,7 +65,7 @@ def evaluate(coefficients: Array, u: Array, n: Array) -> Array:
     return np.asarray(terms(np.asarray(u, dtype=float), np.asarray(n, dtype=float)) @ coefficients)
 
 
-def fit(grid: Grid, theta: Array, covariance: Array, supported: Array) -> QuadraticFit:
+def fit(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_]) -> QuadraticFit:
     """Fit Eq. (37) to the supported nodes and fill the others.
 
     Parameters

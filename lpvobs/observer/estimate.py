@@ -51,8 +51,6 @@ class LogRun:
         [s], without gaps.
     defects : Defects
     excitation : Excitation
-    lower, upper : ndarray, shape (m,)
-        Range of the scheduling parameters.
     parameters : ndarray, shape (N, m)
         The scheduling parameters, for the share inside a certificate.
     """
@@ -82,6 +80,10 @@ class MapEstimate:
     excitation : ndarray, shape (p_2 - 1, p_1 - 1)
         [s], delta_1 of Eq. (29) of every cell.
     runs : tuple of LogRun
+    constants : tuple of str
+        The q uncertain constants of the engine; none where the method does not tell.
+    sensitivity : ndarray, shape (q, p_2, p_1)
+        [kg/s], change of the map per relative error of each constant.
     """
 
     method: str
@@ -91,6 +93,8 @@ class MapEstimate:
     supported: NDArray[np.bool_]
     excitation: Array
     runs: tuple[LogRun, ...]
+    constants: tuple[str, ...]
+    sensitivity: Array
 
     @property
     def standard_error(self) -> Array:
@@ -117,8 +121,12 @@ def estimate_default(
         information, run = inform(air_path, grid, gain, log, settings)
         total += information
         runs.append(run)
-    theta, covariance = solve(total, settings.prior_map, settings.constants_variance)
-    return _mapped("observer", grid, theta, covariance, runs, settings)
+    solution = solve(total, settings.prior_map)
+    estimate = finished(
+        "observer", grid, solution.theta, solution.covariance(settings.constants_variance), runs, settings
+    )
+    sensitivity = solution.sensitivity.T.reshape(-1, *grid.shape)
+    return replace(estimate, constants=tuple(settings.tolerance), sensitivity=sensitivity)
 
 
 def inform(
@@ -129,7 +137,7 @@ def inform(
     values, slopes = smooth(log.time, columns, log.segments, settings.smoothing)
     calm = replace(log, channels={**log.channels, **dict(zip(air_path.smoothed, values, strict=True))})
     trajectory = air_path.trajectory(calm, gain.outputs)
-    point = _operating_point(air_path, log)
+    point = operating_point(air_path, log)
     first = np.stack([[calm[state][start] for state in air_path.state_names] for start, _ in log.segments])
     run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first, np.zeros(grid.size))
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
@@ -147,7 +155,7 @@ def inform(
     information = assemble(
         grid.size, (nodes, weights), steps / mixture.density[cells], np.einsum("bk,bk->k", share, z), g
     )
-    return information, _run_of(log, excited, trajectory.parameters, steps)
+    return information, run_of(log, excited, trajectory.parameters, steps)
 
 
 def estimate_published(
@@ -160,26 +168,22 @@ def estimate_published(
 ) -> MapEstimate:
     """Return the map from the observer as published, logs one after another."""
     theta = np.zeros(grid.size)
-    power, spent = 0.0, 0.0
     runs = []
     for log in logs:
         trajectory = air_path.trajectory(log, gain.outputs)
-        point = _operating_point(air_path, log)
+        point = operating_point(air_path, log)
         first = np.tile(published.x_0, (len(log.segments), 1))
-        run = observe(
-            trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta
-        )
+        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta)
         theta = run.theta
         steps = steps_of(log)
-        power += float(steps @ run.innovation**2)
-        spent += float(steps.sum())
-        runs.append(_run_of(log, excitation(grid, *point, log.time, log.segments), trajectory.parameters, steps))
-    return _mapped("published", grid, theta, np.full((grid.size, grid.size), np.nan), runs, settings)
+        runs.append(run_of(log, excitation(grid, *point, log.time, log.segments), trajectory.parameters, steps))
+    return finished("published", grid, theta, np.full((grid.size, grid.size), np.nan), runs, settings)
 
 
-def _mapped(
+def finished(
     method: str, grid: Grid, theta: Array, covariance: Array, runs: Sequence[LogRun], settings: EstimateSettings
 ) -> MapEstimate:
+    """Return the estimate with the nodes marked that the drives inform."""
     excited = runs[0].excitation
     for run in runs[1:]:
         excited = excited + run.excitation
@@ -192,26 +196,29 @@ def _mapped(
         supported=supported,
         excitation=excited.cells(),
         runs=tuple(runs),
+        constants=(),
+        sensitivity=np.empty((0, *grid.shape)),
     )
 
 
-def _operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
+def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
+    """Return the map's inputs along a log, each of shape (N,): fuel, speed."""
     fuel, speed = air_path.axes
     return log[fuel.channel], log[speed.channel]
 
 
-def _about_own_map(
-    excited: Excitation, z: Array, steps: Array, nodes: NDArray[np.int64], weights: Array
-) -> Array:
+def _about_own_map(excited: Excitation, z: Array, steps: Array, nodes: NDArray[np.int64], weights: Array) -> Array:
     """Return the residual of each balance about the map that fits it best, shape (B, N)."""
     p = excited.gram.shape[0]
     right = np.stack(
-        [np.bincount(nodes.ravel(), (steps[:, None] * weights * row[:, None]).ravel(), minlength=p) for row in z], axis=1
+        [np.bincount(nodes.ravel(), (steps[:, None] * weights * row[:, None]).ravel(), minlength=p) for row in z],
+        axis=1,
     )
     ridge = 1e-9 * float(np.max(np.diag(excited.gram)))
     own = np.linalg.solve(excited.gram + ridge * np.eye(p), right)
     return np.stack([row - np.einsum("km,km->k", weights, theta[nodes]) for row, theta in zip(z, own.T, strict=True)])
 
 
-def _run_of(log: Log, excited: Excitation, parameters: Array, steps: Array) -> LogRun:
+def run_of(log: Log, excited: Excitation, parameters: Array, steps: Array) -> LogRun:
+    """Return what a result keeps of a log."""
     return LogRun(log.name, log.sha256, len(log), float(steps.sum()), log.defects, excited, parameters)

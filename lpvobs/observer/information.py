@@ -52,9 +52,7 @@ def empty(p: int, q: int) -> Information:
     return Information(np.zeros((p, p)), np.zeros(p), np.zeros((p, q)))
 
 
-def assemble(
-    p: int, regressors: tuple[NDArray[np.int64], Array], weight: Array, z: Array, g: Array
-) -> Information:
+def assemble(p: int, regressors: tuple[NDArray[np.int64], Array], weight: Array, z: Array, g: Array) -> Information:
     """Return the information in N samples.
 
     Parameters
@@ -75,23 +73,42 @@ def assemble(
     return found
 
 
-def solve(information: Information, prior_map: float, constants_variance: Array) -> tuple[Array, Array]:
-    """Return the map, shape (p,) [kg/s], and its covariance, shape (p, p) [kg^2/s^2].
+@dataclass(frozen=True)
+class Solution:
+    """The map, how noise spreads it, and what it owes to the constants.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (p,)
+        [kg/s]
+    noise : ndarray, shape (p, p)
+        [kg^2/s^2], covariance from noise alone.
+    sensitivity : ndarray, shape (p, q)
+        [kg/s], change of the map per relative change of each constant from the configured value to the true one.
+    """
+
+    theta: Array
+    noise: Array
+    sensitivity: Array
+
+    def covariance(self, constants_variance: Array) -> Array:
+        """Return the covariance of the map with constants of the given variances, shape (p, p), [kg^2/s^2]."""
+        return self.noise + (self.sensitivity * constants_variance) @ self.sensitivity.T
+
+
+def solve(information: Information, prior_map: float) -> Solution:
+    """Return the map that the information determines.
 
     Parameters
     ----------
     information : Information
     prior_map : float
         [kg/s], standard deviation of a node before any data, far beyond any sensor; a node without data keeps it.
-    constants_variance : ndarray, shape (q,)
-        Variance of each relative constant.
     """
-    p = information.h.size
-    scaled = prior_map**2 * information.H + np.eye(p)
-    noise = prior_map**2 * scipy.linalg.inv(scaled, check_finite=False)
-    noise = 0.5 * (noise + noise.T)
-    J = noise @ information.coupling
-    return noise @ information.h, noise + (J * constants_variance) @ J.T
+    scaled = prior_map**2 * information.H + np.eye(information.h.size)
+    inverse = scipy.linalg.inv(scaled, check_finite=False)
+    noise = 0.5 * prior_map**2 * (inverse + inverse.T)
+    return Solution(noise @ information.h, noise, noise @ information.coupling)
 
 
 @njit(cache=True)

@@ -108,7 +108,7 @@ def observe(
 
 
 @njit(cache=True)
-def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0912, PLR0915 one loop, in registers
+def _recursion(  # type: ignore[no-untyped-def]
     time, A, E, C, y, u_delta, n_e, u_nodes, n_nodes, L, gamma, x_0, theta, x_out, innovation
 ):
     """Fill x_out and innovation and move theta in place along one segment."""

@@ -11,7 +11,9 @@ from numba import njit
 from lpvobs.records import Array
 
 
-def smooth(time: Array, columns: Array, segments: tuple[tuple[int, int], ...], half_width: float) -> tuple[Array, Array]:
+def smooth(
+    time: Array, columns: Array, segments: tuple[tuple[int, int], ...], half_width: float
+) -> tuple[Array, Array]:
     """Return values and time derivatives of local quadratic fits with biweight window.
 
     Parameters

@@ -8,6 +8,7 @@ import numpy as np
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary, StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
+from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.synthesis.published import TABLE_1
 
 Table = tuple[list[str], list[list[str]]]
@@ -32,7 +33,7 @@ def log_rows(logs: Sequence[LogSummary]) -> Table:
         m = log.metrics
         rows.append(
             [
-                log.name,
+                cycle_title(log.name),
                 str(log.samples),
                 str(log.dropped_rows),
                 str(log.gaps),
@@ -106,17 +107,97 @@ def coefficient_rows(fits: Sequence[tuple[str, QuadraticFit]]) -> Table:
     return header, rows
 
 
-def bounds_table(gain: StoredGain) -> Table:
-    """Return Table 1: the paper's bounds of rho, those of the logs, and the region that the certificate covers."""
+def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = ()) -> Table:
+    """Return Table 1: the paper's bounds of rho, those of the logs, and the region that the certificate covers.
+
+    `logs` are those of a result; the logs that the gain's region was drawn from come first.
+    """
     names = gain.gain.region.names
     header = ["", *names]
     rows = [
-        [f"paper, {column}", *(f"{low:.4g} .. {high:.4g}" for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
+        [f"paper, {column}", *(_range(low, high) for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
         for column, bounds in TABLE_1.items()
         if len(bounds) <= len(names)
     ]
-    for log, (lower, upper) in gain.log_bounds.items():
-        rows.append([log, *(f"{low:.4g} .. {high:.4g}" for low, high in zip(lower, upper, strict=True))])
+    ranges = {log.name: (log.lower, log.upper) for log in logs if log.lower.size == len(names)}
+    ranges = {name: (low, high) for name, (low, high) in gain.log_bounds.items()} | ranges
+    for log, (lower, upper) in ranges.items():
+        rows.append([cycle_title(log), *map(_range, lower, upper)])
     region = gain.gain.region
-    rows.append(["proven", *(f"{low:.4g} .. {high:.4g}" for low, high in zip(region.lower, region.upper, strict=True))])
+    rows.append(["proven", *map(_range, region.lower, region.upper)])
     return header, rows
+
+
+def report_rows(results: Sequence[tuple[str, StoredResult]]) -> Table:
+    """Return one row per result and log: the metrics, with the paper's mean relative error beside those of its cycles."""
+    header = ["result", "method", "log", "samples", "mean rel. error", "paper", "floor", "rms ratio"]
+    header += ["rmse g/s", "bias g/s", "cells", "certified"]
+    rows = []
+    for name, result in results:
+        for log in result.logs:
+            m = log.metrics
+            rows.append(
+                [
+                    name,
+                    result.method,
+                    cycle_title(log.name),
+                    str(log.samples),
+                    percent(m and m.mean_relative_error),
+                    percent(paper_error(log.name)),
+                    percent(m and m.floor_mean_relative_error),
+                    percent(m and m.rms_ratio),
+                    grams(m and m.rmse),
+                    grams(m and m.bias),
+                    str(m.visited_cells) if m else NONE,
+                    percent(log.share_certified, 1),
+                ]
+            )
+    return header, rows
+
+
+def gain_line(gain: StoredGain) -> str:
+    """Return in one sentence whose gain it is and what was proven of it."""
+    certificate = gain.gain.certificate
+    if not certificate.proven:
+        return f"{gain.origin}: not proven"
+    more = ", also for map gains that fall with information" if certificate.falling_gain else ""
+    return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}"
+
+
+def report_content(results: Sequence[tuple[str, StoredResult]]) -> dict[str, Any]:
+    """Return the object of `report --json` without its schema: `map` and `extrapolation` are those of the first result."""
+    every = [_result_content(name, result) for name, result in results]
+    return {
+        "logs": [
+            {"result": name, "method": result.method, "paper_mean_relative_error": paper_error(log["log"]), **log}
+            for name, result in results
+            for log in logs_content(result.logs)
+        ],
+        "map": every[0]["map"],
+        "extrapolation": every[0]["extrapolation"],
+        "results": every,
+    }
+
+
+def _result_content(name: str, result: StoredResult) -> dict[str, Any]:
+    certificate = result.gain.gain.certificate
+    return {
+        "result": name,
+        "file": str(result.path),
+        "method": result.method,
+        "map": map_content(result),
+        "extrapolation": result.extrapolation and extrapolation_content(result.extrapolation),
+        "gain": {
+            "origin": result.gain.origin,
+            "outputs": result.gain.outputs,
+            "L": result.gain.gain.L,
+            "proven": certificate.proven,
+            "falling_gain": certificate.falling_gain,
+            "vertices": certificate.vertices,
+            "smallest_pivot": certificate.smallest_pivot,
+        },
+    }
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.4g} .. {high:.4g}"

@@ -10,11 +10,13 @@ from lpvobs.io.gains import StoredGain
 from lpvobs.io.logs import read_log, read_references
 from lpvobs.io.provenance import Provenance
 from lpvobs.io.results import LogSummary, write_result
+from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer.estimate import LogRun, MapEstimate, StateGain, estimate_default, estimate_published
+from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 
-METHODS = ("observer", "published")
+METHODS = ("observer", "published", "ekf", "batch")
 
 
 def estimate_logs(
@@ -46,10 +48,7 @@ def estimate_logs(
         logs.append(read_log(path, air_path.channels, config.policies))
         progress(0.5 * (done + 1) / len(paths))
     gain = StateGain(stored.outputs, stored.gain.L)
-    if method == "published":
-        estimate = estimate_published(air_path, grid, gain, logs, config.published, config.estimate)
-    else:
-        estimate = estimate_default(air_path, grid, gain, logs, config.estimate)
+    estimate = _estimate(config, air_path, grid, gain, logs, method)
     progress(0.9)
     summaries = tuple(
         _summary(stored, run, _metrics(air_path, estimate, path, log))
@@ -60,6 +59,19 @@ def estimate_logs(
     write_result(out, air_path.name, axes, air_path.parameter_names, estimate, summaries, stored, provenance)
     progress(1.0)
     return estimate, summaries
+
+
+def _estimate(
+    config: Config, air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], method: str
+) -> MapEstimate:
+    settings = config.estimate
+    if method == "published":
+        return estimate_published(air_path, grid, gain, logs, config.published, settings)
+    if method == "ekf":
+        return estimate_ekf(air_path, grid, gain.outputs, logs, config.ekf, settings)
+    if method == "batch":
+        return estimate_batch(air_path, grid, gain.outputs, logs, settings)
+    return estimate_default(air_path, grid, gain, logs, settings)
 
 
 def _refuse_doubles(paths: Sequence[Path]) -> None:

@@ -53,7 +53,7 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
     air_path = config.engine_path()
     if column not in TABLE_1:
         raise UsageError(f"--published {column}: unknown; expected one of {', '.join(TABLE_1)}")
-    rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))  # type: ignore[index]
+    rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))
     region = _region(air_path, rho | dict(air_path.rate_bounds(PUBLISHED_TEMPERATURES)), ())
     gain = certify_fixed_gain(problem_of(air_path, PUBLISHED_OUTPUTS, region), published_gain(), EPSILON)
     return _stored(f"Eq. (38), proven on Table 1, {column}", air_path, PUBLISHED_OUTPUTS, gain, {})
@@ -76,9 +76,7 @@ def check_again(stored: StoredGain) -> Certificate:
         raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(AIR_PATHS)}")
     gain, system = stored.gain, AIR_PATHS[stored.air_path].system
     problem = Problem(partial(system, outputs=stored.outputs), gain.region, len(stored.outputs))
-    return check(
-        problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain
-    )
+    return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
 
 
 def log_bounds(config: Config, air_path: AirPath, paths: Sequence[Path]) -> tuple[dict[str, Array], dict[str, str]]:
@@ -104,9 +102,7 @@ def wanted_region(air_path: AirPath, settings: GainSettings, bounds: Mapping[str
     return _region(air_path, ranges | dict(air_path.rate_bounds(settings.temperatures)), settings.nonnegative_sums)
 
 
-def _region(
-    air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: tuple[tuple[str, str], ...]
-) -> Region:
+def _region(air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: tuple[tuple[str, str], ...]) -> Region:
     names = air_path.parameter_names
     missing = [name for name in names if name not in ranges]
     if missing:

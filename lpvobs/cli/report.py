@@ -1,0 +1,55 @@
+"""`lpvobs report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+
+
+@guarded
+def report(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
+    further: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[LOG|RESULT]...", help="Logs that the results were made from (time series), and further results."
+        ),
+    ] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write one self-contained page.")] = None,
+    gate: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EXPR", help="metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.
+
+    Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
+    """
+    from lpvobs.report.gates import judge, parse_gate
+    from lpvobs.report.load import load
+    from lpvobs.report.names import distinct
+    from lpvobs.report.tables import coefficient_rows, gain_line, report_content, report_rows
+
+    gates = [parse_gate(expression) for expression in gate or []]
+    loaded = load([result, *(further or [])])
+    names = distinct([item.path for item in loaded.results])
+    results = list(zip(names, loaded.results, strict=True))
+    content = report_content(results)
+    if html is not None:
+        from lpvobs.report.content import gather
+        from lpvobs.report.page import write_page
+
+        write_page(html, gather(loaded))
+        say(f"{html}: written")
+    if as_json:
+        print_json("report", content)
+    else:
+        print(table(*report_rows(results)))
+        fits = [(name, item.extrapolation) for name, item in results if item.extrapolation is not None]
+        if fits:
+            print("\n" + table(*coefficient_rows(fits)))
+        print("\n" + "\n".join(f"gain of {name}: {gain_line(item.gain)}" for name, item in results))
+    judge(gates, content["logs"])

@@ -1,0 +1,125 @@
+"""Gates: conditions on metrics that every log of a report has to meet."""
+
+import difflib
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lpvobs.errors import DataError, NotProven, UsageError
+
+METRICS = (
+    "samples",
+    "samples_read",
+    "dropped_rows",
+    "gaps",
+    "repeated",
+    "duration",
+    "share_certified",
+    "mean_relative_error",
+    "share_left_out",
+    "rms_ratio",
+    "rmse",
+    "bias",
+    "visited_cells",
+    "compared_samples",
+    "floor_mean_relative_error",
+    "floor_rms_ratio",
+)
+"""The numbers that the JSON has for every log."""
+RELATIONS: Mapping[str, Callable[[float, float], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+SHAPE = re.compile(r"\s*(?P<metric>\w+)\s*(?P<relation><=|>=|<|>)\s*(?P<limit>\S+)\s*")
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A condition on one metric, for example `mean_relative_error<=0.02`; fractions are fractions."""
+
+    metric: str
+    relation: str
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.metric}{self.relation}{self.limit:g}"
+
+    def holds(self, value: float) -> bool:
+        """Tell whether a value passes."""
+        return RELATIONS[self.relation](value, self.limit)
+
+
+def parse_gate(expression: str) -> Gate:
+    """Return the gate that an expression states.
+
+    Raises
+    ------
+    UsageError
+        If it is not `metric<=number` (or with <, >=, >), or nothing is measured under that name.
+    """
+    found = SHAPE.fullmatch(expression)
+    limit = _number(found["limit"]) if found else None
+    if found is None or limit is None:
+        raise UsageError(
+            f"--gate '{expression}': not a condition; expected metric<=number with <=, <, >= or >, "
+            f"fractions as fractions, for example mean_relative_error<=0.02"
+        )
+    metric = found["metric"]
+    if metric not in METRICS:
+        near = difflib.get_close_matches(metric, METRICS, n=1, cutoff=0.4)
+        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(METRICS)}"
+        raise UsageError(f"--gate '{expression}': no metric '{metric}'; {hint}")
+    return Gate(metric, found["relation"], limit)
+
+
+def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> None:
+    """Return when every log passes every gate.
+
+    Parameters
+    ----------
+    gates : sequence of Gate
+    logs : sequence of mapping
+        The logs of the report's JSON.
+
+    Raises
+    ------
+    NotProven
+        If a log fails a gate, even where another log could not be judged.
+    DataError
+        If a log lacks a metric that a gate asks for.
+    """
+    failed, missing = [], []
+    for gate in gates:
+        for log in logs:
+            value = log[gate.metric]
+            if value is None or not math.isfinite(value):
+                missing.append(f"{_place(log)} has no {gate.metric}, which the gate {gate} needs")
+            elif not gate.holds(value):
+                failed.append(f"{_place(log)} has {gate.metric} = {value:.6g}, the gate is {gate}")
+    if failed:
+        raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or widen the gate")
+    if missing:
+        raise DataError(
+            f"gate cannot be judged: {_first_of(missing)}; estimate from a log with reference channels, or drop the gate"
+        )
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(value) else value
+
+
+def _place(log: Mapping[str, Any]) -> str:
+    return f"{log['result']}: log {log['log']}"
+
+
+def _first_of(messages: Sequence[str]) -> str:
+    return messages[0] if len(messages) == 1 else f"{messages[0]} (and {len(messages) - 1} more)"

@@ -1,0 +1,121 @@
+"""What a report is made of: results, and the logs that belong to them."""
+
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import h5py
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.engines import AIR_PATHS
+from lpvobs.errors import DataError
+from lpvobs.io.hdf import reading
+from lpvobs.io.logs import LogPolicies, References, file_digest, read_log, read_references
+from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result
+from lpvobs.records import Log
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How a result came to be, as it says itself.
+
+    Attributes
+    ----------
+    command_line : str
+    versions : mapping of str to str
+    """
+
+    command_line: str
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class LoadedLog:
+    """A log that at least one of the results was made from; `references` is None where it was recorded without truth."""
+
+    log: Log
+    references: References | None
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Results in the order given, each with its origin, and the logs in the order given."""
+
+    results: tuple[StoredResult, ...]
+    origins: tuple[Origin, ...]
+    logs: tuple[LoadedLog, ...]
+
+
+def load(paths: Sequence[Path]) -> Loaded:
+    """Return the results and logs in files, told apart by content.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The first is a result; the others are results or logs.
+
+    Raises
+    ------
+    DataError
+        If a file cannot be used, or a log belongs to none of the results.
+    """
+    first, *further = paths
+    _refuse_absent(further)
+    inner = [path for path in further if h5py.is_hdf5(path)]
+    results = tuple(read_result(path) for path in (first, *inner))
+    for result in results:
+        air_path_of(result)
+    logs = {digest: path for path in further if path not in inner for digest in [file_digest(path)]}
+    return Loaded(
+        results=results,
+        origins=tuple(read_origin(result.path) for result in results),
+        logs=tuple(_load_log(path, digest, results) for digest, path in logs.items()),
+    )
+
+
+def air_path_of(result: StoredResult) -> AirPath:
+    """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor.
+
+    Raises
+    ------
+    DataError
+        If the result is for an engine that this version does not know.
+    """
+    if result.air_path not in AIR_PATHS:
+        raise DataError(
+            f"{result.path}: result for air path '{result.air_path}', expected one of {', '.join(AIR_PATHS)}; "
+            f"read it with the version of lpvobs that wrote it"
+        )
+    return cast(AirPath, AIR_PATHS[result.air_path])
+
+
+def read_origin(path: Path) -> Origin:
+    """Return what a result says of its own making; raises DataError as `read_result` does."""
+    with reading(path, KIND, REMEDY) as file:
+        attributes = file["provenance"].attrs
+        return Origin(str(attributes["command_line"]), json.loads(attributes["versions"]))
+
+
+def _refuse_absent(paths: Sequence[Path]) -> None:
+    for path in paths:
+        if not path.is_file():
+            raise DataError(f"{path}: no such file; name results, or logs that they were made from")
+
+
+def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> LoadedLog:
+    owner = next((result for result in results if any(log.sha256 == digest for log in result.logs)), None)
+    if owner is None:
+        raise DataError(
+            f"{path}: no result here was made from this log (SHA-256 {digest[:12]}...); "
+            f"expected one of the very files that `lpvobs estimate` read; leave it out, or estimate from it first"
+        )
+    log = read_log(path, air_path_of(owner).channels, _policies(owner))
+    return LoadedLog(log, read_references(path, log.rows))
+
+
+def _policies(result: StoredResult) -> LogPolicies:
+    """Return the policies that the log was read with when the result was made."""
+    return LogPolicies(**tomllib.loads(result.provenance.config).get("policies", {}))

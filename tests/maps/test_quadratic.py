@@ -1,0 +1,156 @@
+"""Extrapolation by Eq. (37): exactness, standard errors, intervals, the paper's coefficients."""
+
+import numpy as np
+import pytest
+
+from lpvobs.errors import DataError
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, evaluate, fit, interval_factor, terms
+
+EQ_39, EQ_40 = PAPER.values()
+NODE_ERROR = 2e-4  # kg/s, a fifth of a gram per second: what a good estimate leaves
+
+
+@pytest.fixture(scope="module")
+def visited(grid):
+    """Return the nodes outside the area that the paper's ETC part 1 leaves out."""
+    u, n = grid.u_delta[None, :], grid.n_e[:, None]
+    return (n > 800) & (n < 3200) & ~((u > 40) & (n < 2000))
+
+
+def on_nodes(grid, coefficients):
+    return evaluate(np.array(coefficients), *np.meshgrid(grid.u_delta, grid.n_e))
+
+
+def noise_of(grid, seed, correlation=0.4):
+    """Return a covariance that couples neighbours, and a function that draws from it."""
+    rng = np.random.default_rng(seed)
+    n, u = np.divmod(np.arange(grid.size), grid.u_delta.size)
+    near = np.abs(u[:, None] - u) + np.abs(n[:, None] - n)
+    covariance = NODE_ERROR**2 * correlation**near
+    root = np.linalg.cholesky(covariance)
+    return covariance, lambda: (root @ rng.standard_normal(grid.size)).reshape(grid.shape)
+
+
+@pytest.mark.parametrize("coefficients", PAPER.values(), ids=PAPER)
+def test_a_noiseless_quadratic_comes_back_in_the_papers_units(grid, visited, coefficients):
+    surface = on_nodes(grid, coefficients)
+    found = fit(grid, np.where(visited, surface, np.nan), NODE_ERROR**2 * np.eye(grid.size), visited)
+    # Coefficients of 1e-9 beside 1e-3: each to a relative 1e-8 shows that the scaling worked; raw normal equations lose them.
+    np.testing.assert_allclose(found.coefficients, coefficients, rtol=1e-8)
+    np.testing.assert_allclose(found.delta_W_c, surface, rtol=0, atol=1e-14)
+    # Nothing is left for a lack of fit but its floor, a millionth of the rms.
+    assert found.lack_of_fit < 2e-6 * np.sqrt(np.mean(surface[visited] ** 2))
+
+
+def test_estimated_nodes_stay_as_they_are_and_filled_ones_are_marked(grid, visited):
+    covariance, draw = noise_of(grid, 1)
+    theta = np.where(visited, on_nodes(grid, EQ_40) + draw(), np.nan)
+    found = fit(grid, theta, covariance, visited)
+    np.testing.assert_array_equal(found.delta_W_c[visited], theta[visited])
+    np.testing.assert_array_equal(found.support, np.where(visited, 1, 2))
+    assert found.support.dtype == np.int8
+    np.testing.assert_allclose(found.map_standard_error[visited], NODE_ERROR, rtol=1e-12)
+    assert np.isfinite(found.delta_W_c).all()
+    assert found.nodes == visited.sum()
+    np.testing.assert_allclose(found.delta_W_c[~visited], on_nodes(grid, found.coefficients)[~visited], rtol=1e-9)
+
+
+def test_covariances_of_nodes_without_support_are_not_read(grid, visited):
+    covariance, draw = noise_of(grid, 2)
+    theta = on_nodes(grid, EQ_40) + draw()
+    hidden = ~visited.reshape(-1)
+    wild = covariance.copy()
+    wild[hidden] = wild[:, hidden] = 1e6
+    a, b = fit(grid, theta, covariance, visited), fit(grid, np.where(visited, theta, np.nan), wild, visited)
+    np.testing.assert_array_equal(a.coefficients, b.coefficients)
+    np.testing.assert_array_equal(a.map_standard_error, b.map_standard_error)
+
+
+def test_standard_errors_against_monte_carlo(grid, visited):
+    covariance, draw = noise_of(grid, 3)
+    surface = on_nodes(grid, EQ_39)
+    fits = [fit(grid, surface + draw(), covariance, visited) for _ in range(400)]
+    spread = np.std([found.coefficients for found in fits], axis=0)
+    stated = np.mean([found.standard_error for found in fits], axis=0)
+    # 400 draws know a standard deviation to 3.5 %. The lack of fit can only be positive, so the statement errs upward a little.
+    np.testing.assert_array_less(0.88 * spread, stated)
+    np.testing.assert_array_less(stated, 1.2 * spread)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 5e-4])
+def test_prediction_intervals_cover_a_quadratic_with_scatter(grid, visited, scatter):
+    covariance, draw = noise_of(grid, 4)
+    rng = np.random.default_rng(5)
+    hits, count = 0, 0
+    for _ in range(120):
+        truth = on_nodes(grid, EQ_40) + scatter * rng.standard_normal(grid.shape)
+        found = fit(grid, truth + draw(), covariance, visited)
+        inside = np.abs(found.delta_W_c - truth) <= interval_factor(found.nodes, 0.9) * found.map_standard_error
+        hits, count = hits + inside[~visited].sum(), count + (~visited).sum()
+    # 120 surfaces; far nodes of one surface miss together, so of the order of 120 independent looks: 2.7 % each way, twice.
+    assert 0.85 < hits / count < 0.965
+
+
+def test_lack_of_fit_is_the_scatter_around_the_quadratic(grid, visited):
+    rng = np.random.default_rng(6)
+    covariance, draw = noise_of(grid, 7)
+    found = [
+        fit(grid, on_nodes(grid, EQ_40) + 1e-3 * rng.standard_normal(grid.shape) + draw(), covariance, visited).lack_of_fit
+        for _ in range(40)
+    ]
+    # About 100 nodes know a standard deviation to 7 %, the mean of 40 fits to 1 %.
+    assert np.mean(found) == pytest.approx(1e-3, rel=0.04)
+
+
+def test_the_papers_two_fits_contradict_each_other_outside():
+    u, n = 56.0, 2000.0
+    assert evaluate(np.array(EQ_39), u, n) == pytest.approx(-7.0e-3, abs=5e-5)  # printed digits: 0.1 g/s
+    assert evaluate(np.array(EQ_40), u, n) == pytest.approx(11.8e-3, abs=5e-5)
+
+
+def test_order_of_the_terms():
+    assert COEFFICIENTS == ("a2", "a1", "b2", "b1", "c2", "c1")
+    np.testing.assert_array_equal(terms(np.array(3.0), np.array(5.0)), [9.0, 3.0, 25.0, 5.0, 15.0, 1.0])
+
+
+def chosen(grid, pairs):
+    mask = np.zeros(grid.shape, dtype=bool)
+    for j, i in pairs:
+        mask[j, i] = True
+    return mask
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        [],
+        [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2)],  # six: determined, but no residual tells the lack of fit
+        [(3, i) for i in range(15)],  # one speed only
+        [(j, 2) for j in range(17)],  # one fuel quantity only
+        [(j, i) for j in (3, 7) for i in range(15)],  # two speeds: a pair of lines is a conic
+    ],
+)
+def test_nodes_that_do_not_determine_six_coefficients_are_refused(grid, pairs):
+    with pytest.raises(DataError, match=rf"{len(pairs)} estimated nodes") as failure:
+        fit(grid, on_nodes(grid, EQ_40), NODE_ERROR**2 * np.eye(grid.size), chosen(grid, pairs))
+    assert "\n" not in str(failure.value)
+
+
+def test_seven_nodes_off_a_conic_suffice(grid):
+    mask = chosen(grid, [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (0, 2), (5, 9)])
+    found = fit(grid, on_nodes(grid, EQ_39), NODE_ERROR**2 * np.eye(grid.size), mask)
+    np.testing.assert_allclose(found.coefficients, EQ_39, rtol=1e-7)
+
+
+def test_better_known_nodes_count_for_more():
+    small = Grid(np.linspace(0.0, 40.0, 5), np.linspace(1000.0, 3000.0, 5))
+    theta = on_nodes(small, EQ_40)
+    theta[2, 2] += 1e-2
+    every = np.ones(small.shape, dtype=bool)
+    variances = np.full(small.size, 1e-8)
+    equal = fit(small, theta, np.diag(variances), every)
+    variances[12] = 1e-2
+    doubted = fit(small, theta, np.diag(variances), every)
+    error = [np.abs(on_nodes(small, found.coefficients) - on_nodes(small, EQ_40)).max() for found in (equal, doubted)]
+    assert error[1] < 0.01 * error[0]
