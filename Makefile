@@ -15,14 +15,14 @@ JUDGED := etc_part1 ftp75_cold
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench check clean
+.PHONY: help setup run test lint bench clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests'
 	@echo 'make lint    ruff and mypy'
-	@echo 'make bench   the larger proof: errors of the default settings over five seeds'
+	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage; results in benchmarks/results'
 	@echo 'make clean   removes $(BUILD)'
 
 # --- set-up ---------------------------------------------------------------------------------------------------------------
@@ -81,6 +81,8 @@ lint: $(VENV)/.ready
 
 bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/accuracy.py
+	$(VENV)/bin/python benchmarks/mismatch.py
+	$(VENV)/bin/python benchmarks/coverage.py
 
 clean:
 	rm -rf $(BUILD)

@@ -17,13 +17,13 @@ app = typer.Typer(
     help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
     epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
 )
-app.command("simulate")(simulate.simulate)
-app.command("inspect")(inspect.inspect)
-app.command("synth-gain")(synth_gain.synth_gain)
-app.command("verify")(verify.verify)
-app.command("estimate")(estimate.estimate)
-app.command("extrapolate")(extrapolate.extrapolate)
-app.command("report")(report.report)
+app.command("simulate", short_help="Drive the nonlinear engine over a cycle and record a log.")(simulate.simulate)
+app.command("inspect", short_help="Show channels, units, ranges and defects of logs.")(inspect.inspect)
+app.command("synth-gain", short_help="Find the observer gain and prove it.")(synth_gain.synth_gain)
+app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)
+app.command("estimate", short_help="Estimate the error map of the sensor from logs.")(estimate.estimate)
+app.command("extrapolate", short_help="Fill the nodes that no log visited.")(extrapolate.extrapolate)
+app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
 
 
 def _version(wanted: bool) -> None:

@@ -161,7 +161,6 @@ class Vehicle:
     wheel_radius: float  # m
     efficiency: float  # of the drive line
     mass: float  # kg
-    engine_inertia: float  # kg m^2
     road_constant: float  # N
     road_quadratic: float  # N/(km/h)^2
     rolling_resistance: float
@@ -189,20 +188,17 @@ class Vehicle:
 
 
 @dataclass(frozen=True)
-class TestBench:
-    """Full load of the engine, to which engine cycles are scaled."""
-
-    __test__ = False  # not a test, whatever a collector of tests makes of its name
+class FullLoad:
+    """What an engine cycle's 0 and 100 % mean: idle speed and the most fuel over speed."""
 
     idle_speed: float  # rpm
-    full_load_n_e: Row  # rpm
-    full_load_u_delta: Row  # mg/cycle
+    n_e: Row  # rpm
+    u_delta: Row  # mg/cycle
 
     def __post_init__(self) -> None:
         _positive(self, "idle_speed")
-        _check_axis(self.full_load_n_e, "full_load_n_e")
-        same = len(self.full_load_n_e) == len(self.full_load_u_delta)
-        _require(same, "full_load_n_e and full_load_u_delta differ in length")
+        _check_axis(self.n_e, "n_e")
+        _require(len(self.n_e) == len(self.u_delta), "n_e and u_delta differ in length")
 
 
 @dataclass(frozen=True)
@@ -271,7 +267,7 @@ class SimulationParameters:
     setpoints: Setpoints
     sensors: Sensors
     vehicle: Vehicle
-    test_bench: TestBench
+    full_load: FullLoad
     surface: Surface
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvobs.airpath.base import AirPath
 from lpvobs.airpath.engines import AIR_PATHS
-from lpvobs.errors import DataError, UsageError
+from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.logs import read_log
@@ -40,10 +40,25 @@ def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[s
     air_path, settings = config.engine_path(), config.gain
     bounds, digests = log_bounds(config, air_path, paths)
     region = wanted_region(air_path, settings, bounds)
-    gain = synthesise(
-        problem_of(air_path, settings.outputs, region), falling_gain=settings.falling_gain, cascade=settings.cascade
-    )
+    problem = problem_of(air_path, settings.outputs, region)
+    try:
+        gain = synthesise(problem, falling_gain=settings.falling_gain, cascade=settings.cascade)
+    except NotProven as refusal:
+        raise NotProven(f"{refusal}; {_what_is_feasible(problem, settings)}") from None
     return _stored("synthesised", air_path, settings.outputs, gain, bounds), digests
+
+
+def _what_is_feasible(problem: Problem, settings: GainSettings) -> str:
+    """Say how much of a region without a gain has one."""
+    from lpvobs.synthesis.solve import largest_feasible
+
+    region = problem.region
+    centre = [0.5 * (low + high) for low, high in zip(region.lower, region.upper, strict=True)]
+    try:
+        part = largest_feasible(problem, centre, falling_gain=settings.falling_gain, cascade=settings.cascade)
+    except (NotProven, UsageError):
+        return "not even its centre has one"
+    return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"
 
 
 def make_published_gain(config: Config, column: str) -> StoredGain:

@@ -1,5 +1,7 @@
 """Small synthetic logs: scattered operating conditions, and drives integrated through Eq. (1) without a tester's plant."""
 
+from dataclasses import replace
+
 import numpy as np
 from reference import diesel_textbook as textbook
 
@@ -85,3 +87,18 @@ def integrated(engine, seed, *, legs=150, seconds=3.0, rate=100, surface=None, s
 
 def _named(x):
     return dict(zip(("p_im", "p_em", "omega_t"), x, strict=True))
+
+
+NOISE = {"p_im": 150.0, "p_em": 300.0, "omega_t": 20.0, "T_im": 0.3, "T_em": 2.0, "n_e": 3.0, "u_delta": 0.1}
+"""Standard deviations of white measurement noise; the sensor under test has 1 % and 0.1 g/s beside it."""
+
+
+def noisy(log, seed):
+    """Return the log as noisy sensors would have recorded it."""
+    rng = np.random.default_rng(seed)
+    channels = dict(log.channels)
+    for name, sigma in NOISE.items():
+        channels[name] = channels[name] + sigma * rng.standard_normal(len(log))
+    flow = channels["W_maf"]
+    channels["W_maf"] = flow + (1e-4 + 0.01 * np.abs(flow)) * rng.standard_normal(len(log))
+    return replace(log, channels=channels)

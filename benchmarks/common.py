@@ -1,0 +1,92 @@
+"""What every proof shares: simulated logs in memory, a gain, tables in Markdown with date and machine class."""
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.io.config import Config, load_config
+from lpvobs.observer.estimate import StateGain
+from lpvobs.records import Array, Defects, Log
+from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.simulate import simulate
+from lpvobs.steps.gain import make_gain
+
+CONFIG = Path(__file__).parent.parent / "configs" / "diesel.toml"
+RESULTS = Path(__file__).parent / "results"
+CYCLES = {"etc_part1": "ETC surrogate, part 1", "ftp75_cold": "FTP75, cold transient"}
+PAPER = {"etc_part1": 0.1041, "ftp75_cold": 0.0528}
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A simulated log and the truth behind it: noise-free operating point, flow and sensor error."""
+
+    log: Log
+    delta_W_c: Array
+
+
+def configuration() -> Config:
+    """Return the shipped configuration of the diesel."""
+    return load_config(CONFIG)[0]
+
+
+def state_gain(config: Config) -> StateGain:
+    """Return the gain of the shipped configuration, proven on its region."""
+    stored, _ = make_gain(config, ())
+    return StateGain(stored.outputs, stored.gain.L)
+
+
+def drive(config: Config, cycle: str, seed: int, surface: Surface | None = None, engine: DieselEngine | None = None) -> Drive:
+    """Return a simulated log of the configured engine, or of another one."""
+    if config.simulation is None:
+        raise ValueError("the configuration has no simulation")
+    made = simulate(engine or config.engine, config.simulation, cycle, seed=seed, surface=surface)
+    channels = dict(made.channels)
+    time = channels.pop("time")
+    log = Log(
+        name=cycle,
+        sha256="",
+        time=time,
+        channels={name: channels[name] for name in Diesel.channels},
+        auxiliary={},
+        segments=((0, time.size),),
+        rows=np.arange(time.size),
+        defects=Defects(time.size),
+    )
+    return Drive(log, channels["ref_delta_W_c"])
+
+
+def altered(engine: DieselEngine, factors: dict[str, float]) -> DieselEngine:
+    """Return the engine with constants multiplied by factors."""
+    parts = {}
+    for item in fields(engine):
+        part = getattr(engine, item.name)
+        own = {name: getattr(part, name) * factor for name, factor in factors.items() if hasattr(part, name)}
+        parts[item.name] = replace(part, **own)
+    return DieselEngine(**parts)
+
+
+def machine() -> str:
+    """Return date and machine class in one line."""
+    return f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table."""
+    lines = [header, ["---"] + ["---:"] * (len(header) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def publish(name: str, title: str, text: str) -> None:
+    """Print a proof and keep it beside the benchmarks."""
+    page = f"# {title}\n\n{machine()}. Made by `make bench`.\n\n{text}\n"
+    print(page)
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / f"{name}.md").write_text(page, encoding="utf-8")

@@ -1,0 +1,177 @@
+"""What a page shows, as plain frozen data: no drawing, no HTML."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.airpath.base import AirPath, MapAxis
+from lpvobs.io.results import LogSummary, StoredResult
+from lpvobs.maps.excitation import excitation
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import best_fit
+from lpvobs.records import Array, Log
+from lpvobs.report.load import Loaded, LoadedLog, Origin, air_path_of
+from lpvobs.report.names import cycle_title, distinct
+
+SEEN = 0.1
+"""[s], how long a drive must inform a node for the fit to the references to show a value there."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A map on the nodes of a grid.
+
+    Attributes
+    ----------
+    grid : Grid
+    axes : tuple of MapAxis
+        Fuel, speed.
+    values : ndarray, shape (p_2, p_1)
+        [kg/s], NaN where there is none.
+    filled : ndarray of bool, shape (p_2, p_1)
+        Where the value is extrapolated.
+    """
+
+    grid: Grid
+    axes: tuple[MapAxis, MapAxis]
+    values: Array
+    filled: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The time series of a log, N samples.
+
+    Attributes
+    ----------
+    time, fuel, speed, measured : ndarray, shape (N,)
+        [s], the map's two inputs in their units, the sensor's reading [kg/s].
+    segments : tuple of (start, stop)
+    reference, true_flow : ndarray, shape (N,), or None
+        [kg/s], the sensor's true error and the true flow, where the log has them.
+    surface : Surface or None
+        The bilinear map that fits the reference best, at the nodes that the drive informs.
+    """
+
+    time: Array
+    fuel: Array
+    speed: Array
+    measured: Array
+    segments: tuple[tuple[int, int], ...]
+    reference: Array | None
+    true_flow: Array | None
+    surface: Surface | None
+
+
+@dataclass(frozen=True)
+class ResultView:
+    """One result: its name on the page, what is stored, the maps to draw, how it came to be."""
+
+    name: str
+    stored: StoredResult
+    origin: Origin
+    estimated: Surface
+    extrapolated: Surface | None
+
+    @property
+    def axes(self) -> tuple[MapAxis, MapAxis]:
+        """The map's inputs: fuel, speed."""
+        return self.estimated.axes
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What one result does to one log.
+
+    Attributes
+    ----------
+    result : ResultView
+    summary : LogSummary
+    estimate : ndarray, shape (N,), or None
+        [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given.
+    """
+
+    result: ResultView
+    summary: LogSummary
+    estimate: Array | None
+
+
+@dataclass(frozen=True)
+class CycleView:
+    """One log with the results that were made from it; `drive` is None where the log was not given."""
+
+    log: str
+    sha256: str
+    title: str
+    axes: tuple[MapAxis, MapAxis]
+    drive: Drive | None
+    corrections: tuple[Correction, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a page shows."""
+
+    results: tuple[ResultView, ...]
+    cycles: tuple[CycleView, ...]
+
+
+def gather(loaded: Loaded) -> Report:
+    """Return the content of the page for results and the logs that belong to them."""
+    names = distinct([result.path for result in loaded.results])
+    views = [_view(*item) for item in zip(names, loaded.results, loaded.origins, strict=True)]
+    given = {item.log.sha256: item for item in loaded.logs}
+    summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
+    cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
+    return Report(tuple(views), cycles)
+
+
+def _view(name: str, stored: StoredResult, origin: Origin) -> ResultView:
+    axes = air_path_of(stored).axes
+    estimated = Surface(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
+    fitted = stored.extrapolation
+    extrapolated = fitted and Surface(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
+    return ResultView(name, stored, origin, estimated, extrapolated)
+
+
+def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog | None) -> CycleView:
+    pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
+    first = pairs[0][0].stored
+    drive = given and _drive(air_path_of(first), first.grid, given)
+    corrections = tuple(Correction(view, log, drive and _along(view.stored, drive)) for view, log in pairs)
+    return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
+
+
+def _along(result: StoredResult, drive: Drive) -> Array:
+    """Return the estimated error along a drive, shape (N,) [kg/s]."""
+    return result.grid.interpolate(result.theta, drive.fuel, drive.speed)
+
+
+def _drive(air_path: AirPath, grid: Grid, given: LoadedLog) -> Drive:
+    log, references = given.log, given.references
+    fuel, speed = (log[axis.channel] for axis in air_path.axes)
+    reference = references and references.delta_W_c
+    return Drive(
+        time=log.time,
+        fuel=fuel,
+        speed=speed,
+        measured=log[air_path.sensor],
+        segments=log.segments,
+        reference=reference,
+        true_flow=references and references.W_c,
+        surface=None if reference is None else _reference_surface(air_path, grid, log, reference),
+    )
+
+
+def _reference_surface(air_path: AirPath, grid: Grid, log: Log, reference: Array) -> Surface | None:
+    """Return the best bilinear fit to the reference, or None where no sample has one."""
+    fuel, speed = (log[axis.channel] for axis in air_path.axes)
+    known = np.isfinite(reference)
+    if not known.any():
+        return None
+    best = best_fit(grid, *grid.regressors(fuel[known], speed[known]), reference[known])
+    informed = excitation(grid, fuel, speed, log.time, log.segments).nodes() >= SEEN
+    values = np.where(informed, best, np.nan).reshape(grid.shape)
+    return Surface(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))

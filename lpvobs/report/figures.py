@@ -1,0 +1,218 @@
+"""The figures of the page: content in, SVG text out."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+
+from lpvobs.airpath.base import MapAxis
+from lpvobs.records import Array
+from lpvobs.report.content import Correction, CycleView, Drive, Surface
+from lpvobs.report.series import busiest, thin, window
+from lpvobs.report.svg import INK, RASTER_DPI, render
+
+TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
+"""Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
+DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
+WIDE, TALL = (7.4, 4.5), (7.4, 5.2)
+COLUMNS = 440
+"""Pixel columns that a time series is drawn with."""
+DETAIL = 40.0
+"""[s], the stretch shown enlarged."""
+GRAMS = 1e3
+
+
+def error_limit(surfaces: Sequence[Surface]) -> float:
+    """Return the largest estimated |value| of several maps, [kg/s], so that they share one colour scale."""
+    sizes = [np.abs(surface.values[~surface.filled & np.isfinite(surface.values)]) for surface in surfaces]
+    return max((float(size.max()) for size in sizes if size.size), default=0.0) or 1e-3
+
+
+def error_map(name: str, alt: str, surface: Surface, limit: float) -> str:
+    """Return a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
+    scale = Normalize(-GRAMS * limit, GRAMS * limit)
+    return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="sensor error [g/s]"))
+
+
+def standard_error_map(name: str, alt: str, surface: Surface) -> str:
+    """Return a heat map of the standard error with its values, [g/s]."""
+    known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
+    scale = _log_scale(known)
+    return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="standard error [g/s]"))
+
+
+def excitation_map(name: str, alt: str, surface: Surface, excitation: Array) -> str:
+    """Return a heat map of delta_1 of Eq. (29) of every cell, [s], shape (p_2 - 1, p_1 - 1); blank where it is zero."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        excited = np.where(excitation > 0, excitation, np.nan)
+        grid = surface.grid
+        image = axes.pcolormesh(
+            grid.u_delta, grid.n_e, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
+        )
+        figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
+        _label(axes, surface.axes)
+        axes.grid(visible=True)
+
+    return render(name, alt, WIDE, draw)
+
+
+def drive_series(name: str, alt: str, cycle: CycleView, drive: Drive) -> str:
+    """Return the map's two inputs over time."""
+
+    def draw(figure: Figure) -> None:
+        rows = figure.subplots(2, 1, sharex=True)
+        for axes, axis, values in zip(rows, cycle.axes, (drive.fuel, drive.speed), strict=True):
+            axes.plot(*thin(drive.time, values, drive.segments, COLUMNS), color=ESTIMATE, linewidth=0.8)
+            axes.set_ylabel(f"{axis.channel} [{axis.unit}]")
+            axes.grid(visible=True)
+        rows[1].set_xlabel("time [s]")
+        rows[1].set_xlim(drive.time[0], drive.time[-1])
+
+    return render(name, alt, WIDE, draw)
+
+
+def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: Surface) -> str:
+    """Return the path of the operating point over the grid of the map; the line is an image, it is too dense for vectors."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        for start, stop in drive.segments:
+            part = slice(start, stop)
+            axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, alpha=0.7, rasterized=True)
+        grid = surface.grid
+        axes.set_xticks(grid.u_delta, minor=True)
+        axes.set_yticks(grid.n_e, minor=True)
+        axes.grid(visible=True, which="minor")
+        _label(axes, cycle.axes)
+
+    return render(name, alt, WIDE, draw)
+
+
+def error_series(name: str, alt: str, drive: Drive, correction: Correction) -> str:
+    """Return reference and estimated error over time, [g/s], whole and enlarged."""
+    lines = [
+        ("reference error", drive.reference, TRUTH, "-"),
+        ("estimated error", correction.estimate, ESTIMATE, "--"),
+    ]
+    return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="sensor error [g/s]"))
+
+
+def flow_series(name: str, alt: str, drive: Drive, correction: Correction) -> str:
+    """Return true flow, reading, and reading after correction over time, [g/s], whole and enlarged."""
+    corrected = None if correction.estimate is None else drive.measured - correction.estimate
+    lines = [
+        ("reading", drive.measured, READING, "-"),
+        ("reading after correction", corrected, ESTIMATE, "-"),
+        ("true flow", drive.true_flow, TRUTH, "--"),
+    ]
+    return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="mass air flow [g/s]"))
+
+
+def _two_scales(
+    figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array | None, str, str]], label: str
+) -> None:
+    """Draw lines over the whole time, and below over the stretch in which the reading moves most."""
+    whole, detail = figure.subplots(2, 1)
+    start, stop = busiest(drive.time, drive.measured, DETAIL)
+    part, segments = window(drive.time, drive.segments, start, stop)
+    for text, values, colour, dashes in lines:
+        if values is None:
+            continue
+        style = {"color": colour, "linestyle": dashes, "label": text}
+        whole.plot(*_in_grams(thin(drive.time, values, drive.segments, COLUMNS)), **style, linewidth=0.7)
+        detail.plot(*_in_grams(thin(drive.time[part], values[part], segments, COLUMNS)), **style)
+    whole.axvspan(start, stop, color=INK, alpha=0.12, linewidth=0)
+    whole.set_xlim(drive.time[0], drive.time[-1])
+    detail.set_xlim(start, stop)
+    detail.set_xlabel("time [s]; below the shaded stretch, enlarged")
+    for axes in (whole, detail):
+        axes.set_ylabel(label)
+        axes.grid(visible=True)
+    figure.legend(*whole.get_legend_handles_labels(), loc="outside upper left", ncols=len(lines))
+
+
+def _in_grams(points: tuple[Array, Array]) -> tuple[Array, Array]:
+    return points[0], GRAMS * points[1]
+
+
+def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) -> None:
+    """Draw a rectangle per node with its value."""
+    axes = figure.add_subplot()
+    grid, values = surface.grid, GRAMS * surface.values
+    u_edges, n_edges = _edges(grid.u_delta), _edges(grid.n_e)
+    colours = DIVERGING if scale.vmin is not None and scale.vmin < 0 else SEQUENTIAL
+    image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
+    if surface.filled.any():
+        axes.add_patch(_hatched(u_edges, n_edges, surface.filled))
+    digits = _digits(float(scale.vmax or 1.0))
+    for (j, i), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            red, green, blue, _ = image.cmap(scale(value))
+            dark = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 < 0.179  # where white contrasts more
+            axes.text(
+                grid.u_delta[i],
+                grid.n_e[j],
+                _value(value, digits),
+                ha="center",
+                va="center_baseline",
+                fontsize=6.5,
+                color="#ffffff" if dark else "#000000",
+            )
+    figure.colorbar(image, ax=axes, label=label, pad=0.015, extend="both" if surface.filled.any() else "neither")
+    _label(axes, surface.axes)
+    axes.set_xticks(grid.u_delta[::2])
+    axes.set_yticks(grid.n_e[::2])
+
+
+def _hatched(u_edges: Array, n_edges: Array, filled: Array) -> PathPatch:
+    """Return the extrapolated nodes as one hatched area."""
+    corners = [
+        Outline(
+            [
+                (u_edges[i], n_edges[j]),
+                (u_edges[i + 1], n_edges[j]),
+                (u_edges[i + 1], n_edges[j + 1]),
+                (u_edges[i], n_edges[j + 1]),
+                (u_edges[i], n_edges[j]),
+            ],
+            closed=True,
+        )
+        for j, i in np.argwhere(filled)
+    ]
+    outline = Outline.make_compound_path(*corners)
+    return PathPatch(outline, fill=False, hatch="////", linewidth=0.0, edgecolor="#808080")
+
+
+def _label(axes: Axes, names: tuple[MapAxis, MapAxis]) -> None:
+    fuel, speed = names
+    axes.set_xlabel(f"{fuel.meaning} {fuel.channel} [{fuel.unit}]")
+    axes.set_ylabel(f"{speed.meaning} {speed.channel} [{speed.unit}]")
+
+
+def _edges(nodes: Array) -> Array:
+    """Return the middles between nodes, and as much beyond the outer ones, shape (p + 1,)."""
+    middle = 0.5 * (nodes[1:] + nodes[:-1])
+    return np.concatenate([[2 * nodes[0] - middle[0]], middle, [2 * nodes[-1] - middle[-1]]])
+
+
+def _log_scale(values: Array) -> LogNorm:
+    """Return a logarithmic scale over positive values, at least one decade wide."""
+    top = float(values.max()) if values.size else 1.0
+    low = float(values.min()) if values.size else 0.1
+    return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
+
+
+def _digits(largest: float) -> int:
+    """Return decimals that show about two digits of the largest value."""
+    return int(np.clip(1 - np.floor(np.log10(largest)), 0, 4))
+
+
+def _value(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}".replace("-", "−")

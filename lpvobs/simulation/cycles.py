@@ -1,0 +1,194 @@
+"""Drive cycles: the shipped tables and a user's own.
+
+A speed cycle prescribes the vehicle's speed, an engine cycle the engine's normalised speed and torque, second by second.
+"""
+
+import csv
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.errors import UsageError
+
+Array = NDArray[np.float64]
+
+TABLES = {
+    "etc": "etc_surrogate.csv",
+    "etc_part1": "etc_surrogate.csv",
+    "ftp75": "ftp75.csv",
+    "ftp75_cold": "ftp75.csv",
+    "nedc": "nedc.csv",
+    "whtc": "whtc.csv",
+    "wltc": "wltc_class3b.csv",
+}
+TITLES = {
+    "etc": "ETC surrogate",
+    "etc_part1": "ETC surrogate, part 1",
+    "ftp75": "FTP75",
+    "ftp75_cold": "FTP75, cold transient phase",
+    "nedc": "NEDC",
+    "whtc": "WHTC",
+    "wltc": "WLTC class 3b",
+}
+ENDS = {"etc_part1": 600.0, "ftp75_cold": 505.0}
+"""[s]; cycles that are the beginning of a table."""
+SPEED_COLUMNS = ("time_s", "speed_kmh")
+ENGINE_COLUMNS = ("time_s", "speed_norm_pct", "torque_norm_pct", "motoring")
+LONGEST = 1e5
+"""[s], more than a day of driving: beyond that the time column is not in seconds."""
+
+
+@dataclass(frozen=True)
+class SpeedCycle:
+    """Vehicle speed over time.
+
+    Attributes
+    ----------
+    title : str
+        What a person reads.
+    time : ndarray, shape (M,)
+        [s], increasing from zero.
+    speed : ndarray, shape (M,)
+        [m/s]
+    gear : ndarray of int, shape (M,), or None
+        Prescribed gear from 1; 0 where the table says neutral. None leaves the gear to the driver.
+    engaged : ndarray of bool, shape (M,), or None
+        Whether the clutch may transmit; a change of gear opens it all the same.
+    """
+
+    title: str
+    time: Array
+    speed: Array
+    gear: NDArray[np.int64] | None
+    engaged: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True)
+class EngineCycle:
+    """Normalised engine speed and torque over time.
+
+    Attributes
+    ----------
+    title : str
+        What a person reads.
+    time : ndarray, shape (M,)
+        [s], increasing from zero.
+    speed, torque : ndarray, shape (M,)
+        [%] between idle and reference speed, and of the full load at that speed.
+    motoring : ndarray of bool, shape (M,)
+        No fuel.
+    world_harmonised : bool
+        Whether the speed is normalised as in the WHTC; otherwise as in the ETC.
+    """
+
+    title: str
+    time: Array
+    speed: Array
+    torque: Array
+    motoring: NDArray[np.bool_]
+    world_harmonised: bool
+
+
+def data_folder() -> Path:
+    """Return the folder of shipped tables: inside the package where it is installed, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "data"
+    return inside if inside.is_dir() else package.parent / "data"
+
+
+def load_cycle(name: str) -> SpeedCycle | EngineCycle:
+    """Return a cycle by its name, or from a CSV file whose path ends in `.csv`.
+
+    Raises
+    ------
+    UsageError
+        If there is no such cycle, or the table cannot be used.
+    """
+    if name.lower().endswith(".csv"):
+        return read_cycle(Path(name), Path(name).stem)
+    if name not in TABLES:
+        near = difflib.get_close_matches(name, TABLES, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TABLES)}"
+        raise UsageError(f"--cycle {name}: no such cycle; {hint}, or the path of a table that ends in .csv")
+    return read_cycle(
+        data_folder() / "cycles" / TABLES[name], TITLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc"
+    )
+
+
+def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:
+    """Return the cycle in a CSV table up to a time [s]; the columns say which kind it is.
+
+    Raises
+    ------
+    UsageError
+        If the table cannot be read, lacks a column, or holds something that is not a rising time or a finite number.
+    """
+    columns = _columns(path)
+    if set(columns) >= set(ENGINE_COLUMNS):
+        time, speed, torque, motoring = (_numbers(path, columns, name) for name in ENGINE_COLUMNS)
+        keep = _kept(path, time, end)
+        _check_range(path, "speed_norm_pct", speed[keep], -20.0, 150.0)
+        _check_range(path, "torque_norm_pct", torque[keep], -100.0, 120.0)
+        still = (motoring[keep] != 0.0) | (torque[keep] < 0.0)
+        return EngineCycle(title, time[keep] - time[0], speed[keep], torque[keep], still, world_harmonised)
+    if not set(columns) >= set(SPEED_COLUMNS):
+        raise UsageError(
+            f"{path}: has columns {', '.join(columns)[:120]}; expected {', '.join(SPEED_COLUMNS)} (speed cycle) "
+            f"or {', '.join(ENGINE_COLUMNS)} (engine cycle)"
+        )
+    time, speed = (_numbers(path, columns, name) for name in SPEED_COLUMNS)
+    keep = _kept(path, time, end)
+    _check_range(path, "speed_kmh", speed[keep], 0.0, 300.0)
+    gear = engaged = None
+    if "gear" in columns and "clutch" in columns:
+        gear = _numbers(path, columns, "gear")[keep].astype(np.int64)
+        engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])[keep]
+    return SpeedCycle(title, time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
+
+
+def _columns(path: Path) -> dict[str, list[str]]:
+    """Return the columns of a CSV file with a header, as text."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            header, *rows = [row for row in csv.reader(stream) if row]
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror}); name a cycle or a CSV table") from None
+    except (ValueError, csv.Error):
+        raise UsageError(f"{path}: is not a CSV table with a header line; see data/cycles for examples") from None
+    short = next((number for number, row in enumerate(rows, 2) if len(row) != len(header)), None)
+    if short is not None:
+        raise UsageError(f"{path}: row {short} does not have {len(header)} fields as the header has; mend that row")
+    return {name.strip(): [row[index] for row in rows] for index, name in enumerate(header)}
+
+
+def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
+    """Return one column as finite numbers."""
+    values = np.empty(len(columns[name]))
+    for row, text in enumerate(columns[name]):
+        try:
+            values[row] = float(text)
+        except ValueError:
+            values[row] = np.nan
+        if not np.isfinite(values[row]):
+            raise UsageError(f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is not a finite number; mend that row")
+    return values
+
+
+def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
+    """Return which rows to use, and refuse a time that does not rise or is too short or too long."""
+    if time.size < 2 or not (np.diff(time) > 0).all():
+        raise UsageError(f"{path}: column 'time_s' must rise from row to row over at least two rows; sort or mend it")
+    if time[-1] - time[0] > LONGEST:
+        raise UsageError(f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected at most {LONGEST:g}; is it in s?")
+    return np.asarray(time - time[0] <= end)
+
+
+def _check_range(path: Path, name: str, values: Array, low: float, high: float) -> None:
+    if values.min() < low or values.max() > high:
+        worst = int(np.argmax((values < low) | (values > high)))
+        raise UsageError(
+            f"{path}: column '{name}', row {worst + 2}: {values[worst]:g} is outside {low:g} to {high:g}; check the column's unit"
+        )

@@ -1,0 +1,160 @@
+"""The plant under its control along a drive: classical Runge-Kutta of fourth order at a fixed step."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.simulation.control import Commands, Targets, control
+from lpvobs.simulation.plant import (
+    OMEGA_T,
+    P_EM,
+    P_IM,
+    SLOWEST_TURBINE,
+    T_IM,
+    U_VGT,
+    Inputs,
+    Plant,
+    derivative,
+    flows,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+RECORDED = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei")
+CHUNK = 2000  # actions of the control between two reports of progress
+
+
+class Course(NamedTuple):
+    """What the engine is asked for, at every action of its control.
+
+    `n_e` [rpm] and `u_demand` [mg/cycle] have shape (M,) and run straight between the actions.
+    """
+
+    n_e: Array
+    u_demand: Array
+    p_amb: float
+    T_amb: float
+
+
+class Samples(NamedTuple):
+    """When to record: in which step since the start, and how long after its beginning; both of shape (N,)."""
+
+    step: Index
+    after: Array  # s
+
+
+def sample_times(rate: float, duration: float, step: float) -> Samples:
+    """Return the instants 0, 1/rate, ... up to the duration [s], placed among the integrator's steps."""
+    time = np.arange(int(np.floor(duration * rate + 1e-9)) + 1) / rate
+    index = np.floor(time / step + 1e-6).astype(np.int64)
+    after = time - index * step
+    return Samples(index, np.where(after < 1e-6 * step, 0.0, after))
+
+
+def drive(
+    plant: Plant,
+    targets: Targets,
+    course: Course,
+    samples: Samples,
+    step: float,
+    x: Array,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Return what `RECORDED` names at the samples, shape (N, 12), and move the state x, shape (9,), to the end of the course.
+
+    Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
+    """
+    substeps = round(targets.period / step)
+    commands = Commands(0.0, float(x[U_VGT]), 0.0, float(x[U_VGT]))
+    recorded = np.empty((samples.step.size, len(RECORDED)))
+    actions = course.n_e.size - 1
+    done = 0
+    for first in range(0, actions, CHUNK):
+        last = min(first + CHUNK, actions)
+        commands, done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded)
+        if progress is not None:
+            progress(last / actions)
+    if done < samples.step.size:  # the last sample may lie on the end of the course
+        end = inputs_at(course, commands, targets.period, actions - 1, targets.period)
+        record(plant, end, x, recorded[done])
+    return recorded
+
+
+@njit(cache=True)
+def _run(
+    plant: Plant,
+    targets: Targets,
+    course: Course,
+    samples: Samples,
+    step: float,
+    substeps: int,
+    first: int,
+    last: int,
+    x: Array,
+    commands: Commands,
+    done: int,
+    recorded: Array,
+) -> tuple[Commands, int]:
+    """Run the actions first..last, record the samples on the way; return the last commands and the number of samples done."""
+    work = np.empty((6, x.size))
+    for action in range(first, last):
+        n_e, u_demand = course.n_e[action], course.u_demand[action]
+        given = Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb, course.T_amb)
+        W_c = flows(plant, x, given).W_c
+        commands = control(targets, commands, n_e, u_demand, x[P_IM], x[P_EM], W_c, course.p_amb)
+        for part in range(substeps):
+            start = part * step
+            while done < samples.step.size and samples.step[done] == action * substeps + part:
+                after = samples.after[done]
+                work[5] = x
+                runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
+                record(plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done])
+                done += 1
+            runge_kutta(plant, course, commands, targets.period, action, start, step, x, work)
+    return commands, done
+
+
+@njit(cache=True)
+def inputs_at(course: Course, commands: Commands, period: float, action: int, after: float) -> Inputs:
+    """Return the plant's inputs some time [s] after an action of the control."""
+    share = after / period
+    n_e = (1.0 - share) * course.n_e[action] + share * course.n_e[action + 1]
+    u_demand = (1.0 - share) * course.u_demand[action] + share * course.u_demand[action + 1]
+    return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb, course.T_amb)
+
+
+@njit(cache=True)
+def runge_kutta(
+    plant: Plant, course: Course, commands: Commands, period: float, action: int, start: float, step: float, x: Array, work: Array
+) -> None:
+    """Move the state x on by one step [s] that begins `start` seconds after an action; `work` holds the slopes."""
+    middle = inputs_at(course, commands, period, action, start + 0.5 * step)
+    derivative(plant, x, inputs_at(course, commands, period, action, start), work[0])
+    _shift(x, 0.5 * step, work[0], work[4])
+    derivative(plant, work[4], middle, work[1])
+    _shift(x, 0.5 * step, work[1], work[4])
+    derivative(plant, work[4], middle, work[2])
+    _shift(x, step, work[2], work[4])
+    derivative(plant, work[4], inputs_at(course, commands, period, action, start + step), work[3])
+    for i in range(x.size):
+        x[i] += step / 6.0 * (work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i])
+    x[OMEGA_T] = max(x[OMEGA_T], SLOWEST_TURBINE)
+
+
+@njit(cache=True)
+def _shift(x: Array, by: float, slope: Array, out: Array) -> None:
+    for i in range(x.size):
+        out[i] = x[i] + by * slope[i]
+
+
+@njit(cache=True)
+def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
+    """Write what `RECORDED` names at one instant into `out`."""
+    f = flows(plant, x, given)
+    out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.u_egr, x[U_VGT]
+    out[4], out[5], out[6], out[7] = x[P_IM], x[P_EM], x[OMEGA_T], x[T_IM]
+    out[8], out[9], out[10], out[11] = f.T_em, f.W_c, f.W_egr, f.W_ei

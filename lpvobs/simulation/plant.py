@@ -1,0 +1,304 @@
+"""The nonlinear plant: nine states, one relation per function, one right-hand side.
+
+Structure after Wahlstrom and Eriksson, Proc. IMechE D 225 (2011), the paper's reference 16, with three changes that a small car
+engine needs, marked (+): EGR that flows backward, a compressor that passes more flow when the pressure ratio falls below one, and
+an intake temperature that is a state. SI units; openings in %, engine speed in rpm, fuel in mg/cycle.
+
+The relations are written here anew and not shared with the observer's model, so that a test can hold one against the other.
+"""
+
+from math import exp, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.airpath.diesel_engine import DieselConstants, DieselEngine, constants_of
+from lpvobs.simulation.parameters import SimulationParameters
+
+Array = NDArray[np.float64]
+
+STATES = ("p_im", "p_em", "X_Oim", "X_Oem", "omega_t", "u_egr1", "u_egr2", "u_vgt", "T_im")
+P_IM, P_EM, X_OIM, X_OEM, OMEGA_T, U_EGR1, U_EGR2, U_VGT, T_IM = range(9)
+SLOWEST_TURBINE = 150.0  # rad/s
+
+
+class Body(NamedTuple):
+    """The constants that only the plant has; names and units as in the parameters."""
+
+    X_Oc: float
+    q_HV: float
+    air_fuel: float
+    gamma_cyl: float
+    r_c: float
+    eta_ig: float
+    eta_sc: float
+    x_cv: float
+    pipe: float  # W/K, heat transfer coefficient times area
+    lambda_min: float
+    eps_ic: float
+    eps_egr: float
+    T_cool: float
+    tau_T_im: float
+    tau_egr1: float
+    tau_egr2: float
+    K_egr: float
+    tau_vgt: float
+
+
+class Plant(NamedTuple):
+    """Everything that is constant during a drive."""
+
+    engine: DieselConstants
+    body: Body
+
+
+class Inputs(NamedTuple):
+    """What acts on the plant from outside, at one instant."""
+
+    n_e: float
+    u_demand: float  # mg/cycle, before the smoke limit
+    u_egr: float  # %, command
+    u_vgt: float  # %, command
+    p_amb: float
+    T_amb: float
+
+
+class Flows(NamedTuple):
+    """What follows from state and inputs without memory."""
+
+    W_c: float
+    W_egr: float
+    W_ei: float
+    W_f: float
+    W_t: float
+    u_delta: float  # mg/cycle, injected
+    u_egr: float  # %, position of the valve
+    T_em: float
+    X_Oe: float
+    compressor_heating: float  # K
+    P_c: float
+    P_t: float  # W, turbine power times mechanical efficiency
+
+
+def plant_of(engine: DieselEngine, parameters: SimulationParameters) -> Plant:
+    """Return the plant's constants, flat, as the compiled functions read them."""
+    fire, cool, drive = parameters.combustion, parameters.cooling, parameters.actuators
+    body = Body(
+        X_Oc=fire.X_Oc,
+        q_HV=fire.q_HV,
+        air_fuel=fire.air_fuel_stoichiometric,
+        gamma_cyl=fire.gamma_cyl,
+        r_c=fire.compression_ratio,
+        eta_ig=fire.eta_ig,
+        eta_sc=fire.eta_sc,
+        x_cv=fire.x_cv,
+        pipe=fire.h_tot * pi * fire.d_pipe * fire.l_pipe * fire.n_pipe,
+        lambda_min=fire.lambda_min,
+        eps_ic=cool.effectiveness_intercooler,
+        eps_egr=cool.effectiveness_egr,
+        T_cool=cool.T_cool,
+        tau_T_im=cool.tau_T_im,
+        tau_egr1=drive.tau_egr1,
+        tau_egr2=drive.tau_egr2,
+        K_egr=drive.K_egr,
+        tau_vgt=drive.tau_vgt,
+    )
+    return Plant(constants_of(engine), Body(*map(float, body)))
+
+
+def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:
+    """Return a state from which the engine starts: ambient pressures, fresh air, a slow turbine; shape (9,)."""
+    return np.array([p_amb, p_amb + 1e3, plant.body.X_Oc, plant.body.X_Oc, 3000.0, 0.0, 0.0, 50.0, T_amb])
+
+
+@njit(cache=True)
+def valve_position(plant: Plant, u_egr1: float, u_egr2: float) -> float:
+    """Return the opening of the EGR valve [%]: it overshoots, but only between its stops."""
+    vertex = -0.5 * plant.engine.c_egr2 / plant.engine.c_egr1
+    return min(max(plant.body.K_egr * u_egr1 - (plant.body.K_egr - 1.0) * u_egr2, 0.0), vertex)
+
+
+@njit(cache=True)
+def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
+    """Return W_c [kg/s] of Eq. (2); nothing in stall, never backward."""
+    c = plant.engine
+    U = c.R_c * omega_t
+    Psi_c = 2.0 * c.c_pa * T_amb * ((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0) / U**2
+    Phi_c = c.phi_0 + c.phi_1 * U / 400.0
+    if Psi_c >= 0.0:
+        Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
+    else:
+        Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
+    return p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb)
+
+
+@njit(cache=True)
+def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float) -> float:
+    """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this."""
+    c = plant.engine
+    Pi_c = p_im / p_amb
+    a = W_c - c.W_c_opt
+    b = max(Pi_c - 1.0, 0.0) ** c.c_pi - c.pi_c_opt
+    eta_c = c.eta_c_max - (c.Q_11 * a * a + 2.0 * c.Q_12 * a * b + c.Q_22 * b * b)
+    eta_c = min(max(eta_c, c.eta_c_min), 1.0)
+    return T_amb * max(Pi_c ** (1.0 - 1.0 / c.gamma_a) - 1.0, 0.0) / eta_c
+
+
+@njit(cache=True)
+def egr_flow_function(plant: Plant, Pi: float) -> float:
+    """Return Psi_egr [-] over the pressure quotient: one when choked, zero at equal pressures."""
+    Pi_opt = plant.engine.pi_egr_opt
+    Pi = min(max(Pi, Pi_opt), 1.0)
+    return 1.0 - ((1.0 - Pi) / (1.0 - Pi_opt) - 1.0) ** 2
+
+
+@njit(cache=True)
+def egr_flow(plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float) -> float:
+    """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+)."""
+    c = plant.engine
+    area = c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr)
+    if p_em >= p_im:
+        return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)
+    return -c.k_reverse * area * p_im * egr_flow_function(plant, p_em / p_im) / sqrt(T_im * c.R_a)
+
+
+@njit(cache=True)
+def cylinder_flow(plant: Plant, p_im: float, n_e: float, T_im: float) -> float:
+    """Return W_ei [kg/s] of Eq. (2)."""
+    c = plant.engine
+    eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(n_e) + c.c_vol3
+    return eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im)
+
+
+@njit(cache=True)
+def smoke_limit(plant: Plant, W_ei: float, X_Oim: float, n_e: float) -> float:
+    """Return the most fuel [mg/cycle] that leaves the cylinder lambda_min times the air it needs."""
+    W_f = W_ei * X_Oim / (plant.body.lambda_min * plant.body.air_fuel * plant.body.X_Oc)
+    return W_f * 120.0e6 / (n_e * plant.engine.n_cyl)
+
+
+@njit(cache=True)
+def cylinder_out_temperature(
+    plant: Plant, W_ei: float, W_f: float, lambda_O: float, p_im: float, p_em: float, T_im: float
+) -> float:
+    """Return T_e [K] of a limited-pressure cycle: residual gas and its temperature by four fixed-point passes."""
+    c, b = plant.engine, plant.body
+    c_va = c.c_pa - c.R_a
+    heated = b.r_c ** (c.gamma_a - 1.0)
+    Pi_e = p_em / p_im
+    expansion = Pi_e ** (1.0 / c.gamma_a)
+    heat = min(1.0, lambda_O) * W_f * b.q_HV / (W_ei + W_f)
+    x_r, T_1, T_e = 0.03, T_im, T_im
+    for _ in range(4):
+        q = heat * (1.0 - x_r)
+        compressed = T_1 * heated
+        x_p = 1.0 + q * b.x_cv / (c_va * compressed)
+        x_v = 1.0 + q * (1.0 - b.x_cv) / (c.c_pa * (q * b.x_cv / c_va + compressed))
+        lowered = x_p ** (-1.0 / c.gamma_a)
+        x_r = expansion * lowered / (b.r_c * x_v)
+        released = q * ((1.0 - b.x_cv) / c.c_pa + b.x_cv / c_va) + compressed
+        T_e = b.eta_sc * (Pi_e / expansion) / heated / (x_p * lowered) * released
+        T_1 = x_r * T_e + (1.0 - x_r) * T_im
+    return T_e
+
+
+@njit(cache=True)
+def pipe_temperature(plant: Plant, T_e: float, W_eo: float, T_amb: float) -> float:
+    """Return T_em [K]: the gas has cooled on its way through the pipes."""
+    return T_amb + (T_e - T_amb) * exp(-plant.body.pipe / (W_eo * plant.engine.c_pe))
+
+
+@njit(cache=True)
+def turbine_flow(plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: float) -> tuple[float, float]:
+    """Return W_t [kg/s] of Eq. (2) and the quotient of outlet over inlet pressure, by three fixed-point passes."""
+    c = plant.engine
+    inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
+    f_vgt = max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
+    scale = c.A_vgt_max * f_vgt * p_em / sqrt(T_em * c.R_e)
+    W_t, Pi_t = 0.0, 0.9999
+    for _ in range(3):
+        Pi_t = min((p_amb + c.k_exhaust * W_t**2) / p_em, 0.9999)
+        W_t = scale * sqrt(1.0 - Pi_t**c.K_t)
+    return W_t, Pi_t
+
+
+@njit(cache=True)
+def turbine_power(plant: Plant, W_t: float, Pi_t: float, omega_t: float, T_em: float) -> float:
+    """Return P_t eta_m [W] of Eq. (2)."""
+    c = plant.engine
+    drop = c.c_pe * T_em * (1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e))
+    blade_speed_ratio = c.R_t * omega_t / sqrt(2.0 * drop)
+    eta_tm = c.eta_tm_max - c.c_m * (blade_speed_ratio - c.bsr_opt) ** 2
+    return min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop
+
+
+@njit(cache=True)
+def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
+    """Return flows, temperatures and powers for state x, shape (9,)."""
+    c, b = plant.engine, plant.body
+    p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
+    W_ei = cylinder_flow(plant, p_im, given.n_e, T_im)
+    u_delta = max(0.0, min(given.u_demand, smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
+    W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl
+    needed = W_f * b.air_fuel * b.X_Oc
+    lambda_O = W_ei * x[X_OIM] / needed if needed > 0.0 else 1e9  # no fuel counts as lean
+    W_eo = W_ei + W_f
+    T_e = cylinder_out_temperature(plant, W_ei, W_f, lambda_O, p_im, p_em, T_im)
+    T_em = pipe_temperature(plant, T_e, W_eo, given.T_amb)
+    u_egr = valve_position(plant, x[U_EGR1], x[U_EGR2])
+    W_c = compressor_flow(plant, p_im, omega_t, given.p_amb, given.T_amb)
+    heating = compressor_heating(plant, W_c, p_im, given.p_amb, given.T_amb)
+    W_t, Pi_t = turbine_flow(plant, p_em, x[U_VGT], T_em, given.p_amb)
+    return Flows(
+        W_c,
+        egr_flow(plant, p_im, p_em, u_egr, T_im, T_em),
+        W_ei,
+        W_f,
+        W_t,
+        u_delta,
+        u_egr,
+        T_em,
+        max(0.0, W_ei * x[X_OIM] - needed) / W_eo,
+        heating,
+        W_c * c.c_pa * heating,
+        turbine_power(plant, W_t, Pi_t, omega_t, T_em),
+    )
+
+
+@njit(cache=True)
+def mixed_temperature(plant: Plant, f: Flows, T_im: float, T_amb: float) -> float:
+    """Return the temperature [K] of cooled charge air and cooled EGR together, weighted with W c_p (+)."""
+    c, b = plant.engine, plant.body
+    charge = T_amb + (1.0 - b.eps_ic) * f.compressor_heating
+    recirculated = f.T_em - b.eps_egr * (f.T_em - b.T_cool)
+    air, exhaust = f.W_c * c.c_pa, max(f.W_egr, 0.0) * c.c_pe
+    if air + exhaust <= 0.0:
+        return T_im
+    return (air * charge + exhaust * recirculated) / (air + exhaust)
+
+
+@njit(cache=True)
+def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
+    """Write dx/dt for state x, both of shape (9,), into `out`.
+
+    Departure from the paper's Eq. (1): dp_im/dt has the term (p_im / T_im) dT_im/dt, because T_im is a state here.
+    """
+    c, b = plant.engine, plant.body
+    f = flows(plant, x, given)
+    p_im, T_im = x[P_IM], x[T_IM]
+    fill = c.R_a * T_im / c.V_im
+    empty = c.R_e * f.T_em / c.V_em
+    dT_im = (mixed_temperature(plant, f, T_im, given.T_amb) - T_im) / b.tau_T_im
+    oxygen_in = (x[X_OEM] - x[X_OIM]) * max(f.W_egr, 0.0) + (b.X_Oc - x[X_OIM]) * f.W_c
+    oxygen_out = (f.X_Oe - x[X_OEM]) * (f.W_ei + f.W_f) + (x[X_OIM] - x[X_OEM]) * max(-f.W_egr, 0.0)
+    out[P_IM] = fill * (f.W_c + f.W_egr - f.W_ei) + p_im / T_im * dT_im
+    out[P_EM] = empty * (f.W_ei + f.W_f - f.W_t - f.W_egr)
+    out[X_OIM] = fill / p_im * oxygen_in
+    out[X_OEM] = empty / x[P_EM] * oxygen_out
+    out[OMEGA_T] = (f.P_t - f.P_c) / (c.J_t * max(x[OMEGA_T], SLOWEST_TURBINE))
+    out[U_EGR1] = (given.u_egr - x[U_EGR1]) / b.tau_egr1
+    out[U_EGR2] = (given.u_egr - x[U_EGR2]) / b.tau_egr2
+    out[U_VGT] = (given.u_vgt - x[U_VGT]) / b.tau_vgt
+    out[T_IM] = dT_im

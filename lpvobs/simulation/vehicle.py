@@ -1,0 +1,213 @@
+"""A car and its driver: from a speed cycle to engine speed and fuel.
+
+The driver follows the cycle's speed with some delay, asks the engine for the force that is missing, and shifts on thresholds: at
+2000 to 2800 rpm upward in normal driving, but never into a gear that needs more than most of the pedal, and downward when the
+engine runs slow or the pedal is at its limit. Fuel is cut while shifting and in overrun.
+"""
+
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.simulation.cycles import SpeedCycle
+from lpvobs.simulation.parameters import Vehicle
+from lpvobs.simulation.torque import Work, fuel, interpolate, torque
+
+Array = NDArray[np.float64]
+
+SMOOTHING = 0.8  # s, width of each of two moving averages over the cycle's straight pieces
+CLUTCH_TIME = 0.1  # s, engine speed behind that of the gearbox
+IDLE_BAND = 150.0  # rpm above idle speed, over which the idle governor fades out
+STANDSTILL = 0.3  # m/s
+RPM = 60.0 / (2.0 * pi)
+
+
+class Car(NamedTuple):
+    """The vehicle's constants as the compiled functions read them."""
+
+    ratio: Array  # engine speed [rad/s] per vehicle speed [m/s], a value per gear
+    efficiency: float
+    mass: float
+    road_0: float  # N
+    road_2: float  # N/(m/s)^2
+    accessory: float  # Nm
+    idle: float  # rpm
+    launch: float  # rpm
+    down_below: float  # rpm
+    up_light: float  # rpm
+    up_full: float  # rpm
+    up_always: float  # rpm
+    reserve: float
+    shift_time: float
+    dwell: float
+    speed_gain: float
+    pedal_time: float
+    pedal_n: Array
+    pedal_u: Array
+
+
+class Moment(NamedTuple):
+    """Vehicle and driver at one instant; gears count from zero."""
+
+    speed: float  # m/s
+    n_e: float  # rpm
+    u_delta: float  # mg/cycle
+    gear: int
+    since_shift: float  # s
+    engaged: bool
+
+
+def car_of(vehicle: Vehicle) -> Car:
+    """Return the vehicle's constants as arrays and floats."""
+    return Car(
+        ratio=np.array(vehicle.gears, dtype=float) * vehicle.final_drive / vehicle.wheel_radius,
+        efficiency=float(vehicle.efficiency),
+        mass=float(vehicle.mass),
+        road_0=float(vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81),
+        road_2=float(vehicle.road_quadratic * 3.6**2),
+        accessory=float(vehicle.accessory_torque),
+        idle=float(vehicle.idle_speed),
+        launch=float(vehicle.launch_speed),
+        down_below=float(vehicle.shift_down_below),
+        up_light=float(vehicle.shift_up_light),
+        up_full=float(vehicle.shift_up_full),
+        up_always=float(vehicle.shift_up_always),
+        reserve=float(vehicle.shift_reserve),
+        shift_time=float(vehicle.shift_time),
+        dwell=float(vehicle.shift_dwell),
+        speed_gain=float(vehicle.speed_gain),
+        pedal_time=float(vehicle.pedal_time),
+        pedal_n=np.array(vehicle.pedal_n_e, dtype=float),
+        pedal_u=np.array(vehicle.pedal_u_delta, dtype=float),
+    )
+
+
+def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: float) -> tuple[Array, Array]:
+    """Return n_e [rpm] and u_delta [mg/cycle] before the smoke limit, both of shape (M,), every `raster` seconds from zero."""
+    time = np.arange(round(cycle.time[-1] / raster) + 1) * raster
+    wanted = smooth(np.interp(time, cycle.time, cycle.speed), SMOOTHING / raster)
+    acceleration = np.gradient(wanted, raster)
+    delay = round(vehicle.reaction_time / raster)
+    foreseen = np.concatenate([np.full(delay, acceleration[0]), acceleration])[: time.size]
+    row = np.searchsorted(cycle.time, time + 1e-9, side="right") - 1
+    if cycle.gear is None or cycle.engaged is None:
+        gear, engaged = np.full(time.size, -1), np.ones(time.size, dtype=bool)
+    else:
+        gear, engaged = np.clip(cycle.gear[row] - 1, 0, len(vehicle.gears) - 1), cycle.engaged[row]
+    return _follow(car_of(vehicle), work, raster, wanted, foreseen, gear, engaged)
+
+
+def smooth(values: Array, width: float) -> Array:
+    """Return values, shape (M,), after two centred moving averages of about `width` samples; the ends are held."""
+    half = int(width) // 2
+    kernel = np.full(2 * half + 1, 1.0 / (2 * half + 1))
+    for _ in range(2):
+        values = np.convolve(np.pad(values, half, mode="edge"), kernel, mode="valid")
+    return values
+
+
+@njit(cache=True)
+def _follow(
+    car: Car, work: Work, dt: float, wanted: Array, foreseen: Array, gear: NDArray[np.int64], engaged: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return n_e and u_delta along a wanted speed; a gear of -1 leaves the choice to the driver."""
+    n_e, u_delta = np.empty(wanted.size), np.empty(wanted.size)
+    now = Moment(wanted[0], car.idle, fuel(work, car.idle, car.accessory), 0, 10.0, False)
+    for k in range(wanted.size):
+        n_e[k], u_delta[k] = now.n_e, now.u_delta
+        missing = car.speed_gain * (wanted[k] - now.speed)
+        force = car.mass * (foreseen[k] + missing) + road_load(car, now.speed)
+        now = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
+        now = moved(car, work, now, force, dt)
+    return n_e, u_delta
+
+
+@njit(cache=True)
+def road_load(car: Car, speed: float) -> float:
+    """Return rolling and air resistance [N]."""
+    return car.road_0 + car.road_2 * speed * speed
+
+
+@njit(cache=True)
+def fuel_in_gear(car: Car, work: Work, speed: float, force: float, gear: int) -> float:
+    """Return the fuel [mg/cycle] for a force [N] at the wheels."""
+    n_e = max(car.ratio[gear] * speed * RPM, car.idle)
+    return fuel(work, n_e, force / (car.ratio[gear] * car.efficiency) + car.accessory)
+
+
+@njit(cache=True)
+def shifted(car: Car, work: Work, now: Moment, force: float, wanted: float, gear: int, engaged: bool) -> Moment:
+    """Return the moment with gear and clutch as the driver, or the table, wants them."""
+    if gear >= 0:
+        since = now.since_shift if gear == now.gear else 0.0
+        stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < car.idle
+        closed = engaged and not stalling and since >= car.shift_time
+        return Moment(now.speed, now.n_e, now.u_delta, gear, since, closed)
+    gear = now.gear
+    standing = wanted < STANDSTILL and now.speed < STANDSTILL
+    stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < 1.1 * car.idle
+    if standing or stalling:
+        return Moment(now.speed, now.n_e, now.u_delta, gear_for(car, now.speed), 10.0, False)
+    if now.since_shift < car.shift_time:
+        return Moment(now.speed, now.n_e, now.u_delta, gear, now.since_shift, False)
+    chosen = choose_gear(car, work, now, force)
+    if chosen != gear:
+        return Moment(now.speed, now.n_e, now.u_delta, chosen, 0.0, False)
+    return Moment(now.speed, now.n_e, now.u_delta, gear, now.since_shift, True)
+
+
+@njit(cache=True)
+def gear_for(car: Car, speed: float) -> int:
+    """Return the highest gear in which the engine would not run slow."""
+    gear = 0
+    while gear + 1 < car.ratio.size and car.ratio[gear + 1] * speed * RPM > 1.1 * car.down_below:
+        gear += 1
+    return gear
+
+
+@njit(cache=True)
+def choose_gear(car: Car, work: Work, now: Moment, force: float) -> int:
+    """Return the gear that the driver wants next, at most one away."""
+    gear = now.gear
+    n_e = car.ratio[gear] * now.speed * RPM
+    top = car.ratio.size - 1
+    if n_e > car.up_always and gear < top:
+        return gear + 1
+    if now.since_shift < car.dwell:
+        return gear
+    pedal = fuel_in_gear(car, work, now.speed, force, gear) / interpolate(car.pedal_n, car.pedal_u, n_e)
+    if gear > 0 and (n_e < car.down_below or pedal > 1.0):
+        fits = car.ratio[gear - 1] * now.speed * RPM < 0.97 * car.up_always
+        return gear - 1 if fits else gear
+    if gear < top and force > 0.0 and n_e > car.up_light + (car.up_full - car.up_light) * min(pedal, 1.0):
+        after = car.ratio[gear + 1] * now.speed * RPM
+        needed = fuel_in_gear(car, work, now.speed, force, gear + 1) / interpolate(car.pedal_n, car.pedal_u, after)
+        if after > 1.05 * car.down_below and needed < car.reserve:
+            return gear + 1
+    return gear
+
+
+@njit(cache=True)
+def moved(car: Car, work: Work, now: Moment, force: float, dt: float) -> Moment:
+    """Return the moment after a time step: pedal, engine speed, and the car under drive, brakes and road."""
+    ratio = car.ratio[now.gear]
+    governed = fuel(work, car.idle, car.accessory) * min(max(1.0 - (now.n_e - car.idle) / IDLE_BAND, 0.0), 1.0)
+    asked = governed
+    target = car.idle
+    if now.engaged:
+        limit = interpolate(car.pedal_n, car.pedal_u, now.n_e)
+        asked = max(governed, min(fuel(work, now.n_e, force / (ratio * car.efficiency) + car.accessory), limit))
+        slipping = car.idle + (car.launch - car.idle) * min(max(asked / 15.0, 0.0), 1.0) if force > 0.0 else car.idle
+        target = max(ratio * now.speed * RPM, slipping if now.gear == 0 else car.idle)
+    elif now.since_shift < car.shift_time:
+        target = max(ratio * now.speed * RPM, car.idle)
+    u_delta = now.u_delta + dt / car.pedal_time * (asked - now.u_delta)
+    n_e = now.n_e + dt / CLUTCH_TIME * (target - now.n_e)
+    drive = (torque(work, n_e, u_delta) - car.accessory) * ratio * car.efficiency if now.engaged else 0.0
+    if force < 0.0:
+        drive = min(drive, force)  # the brakes give what the engine does not
+    speed = max(0.0, now.speed + dt / car.mass * (drive - road_load(car, now.speed)))
+    return Moment(speed, n_e, u_delta, now.gear, now.since_shift + dt, now.engaged)

@@ -1,0 +1,133 @@
+"""What cannot be used is refused with one line, the contract's exit code, and nothing left behind or lost."""
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+
+def refused(done, code, *words):
+    assert done.code == code, done.err
+    lines = done.err.strip().splitlines()
+    assert len(lines) == 1, done.err
+    assert "Traceback" not in done.err
+    for word in words:
+        assert word in lines[0]
+
+
+def broken_logs(table, path, rewritten):
+    """Yield a name, a broken log and words that the refusal has to contain."""
+    size = table.num_rows
+    time = table["time"].to_numpy()
+    place = table.column_names.index("time")
+    repeated = time.copy()
+    repeated[size // 2] = repeated[size // 2 - 1]
+
+    def with_time(values):
+        return table.set_column(place, table.schema.field("time"), pa.array(values))
+
+    pq.write_table(table.drop_columns(["W_maf"]), path)
+    yield "missing channel", ("W_maf", "missing")
+    rewritten(table, path, p_im="m")
+    yield "wrong unit", ("p_im", "'m'", "'Pa'")
+    rewritten(table, path, omega_t="")
+    yield "no unit", ("omega_t", "no unit")
+    pq.write_table(table.slice(0, 0), path)
+    yield "no rows", ("no rows",)
+    pq.write_table(table.slice(0, 1), path)
+    yield "one row", ("at least two",)
+    pq.write_table(with_time(time[::-1].copy()), path)
+    yield "backward time", ("time", "backward", "backward_time")
+    pq.write_table(with_time(repeated), path)
+    yield "repeated time", ("time", "repeats")
+    rewritten(table, path, p_im="kPa")
+    yield "kPa said, Pa meant", ("p_im",)
+    path.write_bytes(b"PAR1 and nothing else")
+    yield "not Parquet", ("not a readable Parquet",)
+
+
+def test_broken_logs(lpvobs, config, chain, table, rewritten, tmp_path):
+    log, out = tmp_path / "broken.parquet", tmp_path / "refused.h5"
+    seen = 0
+    for name, words in broken_logs(table, log, rewritten):
+        refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", out), 3, str(log), *words)
+        assert sorted(tmp_path.iterdir()) == [log], name
+        seen += 1
+    assert seen == 9
+
+
+def test_truncated_log(lpvobs, config, chain, tmp_path):
+    log = tmp_path / "cut.parquet"
+    log.write_bytes(chain.log.read_bytes()[: chain.log.stat().st_size // 2])
+    refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", tmp_path / "r.h5"), 3, str(log))
+
+
+def test_a_refusal_keeps_the_old_result(lpvobs, config, chain, tmp_path):
+    out = tmp_path / "old.h5"
+    out.write_bytes(b"precious")
+    refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, tmp_path / "no.parquet", "--out", out), 3, "no such")
+    assert out.read_bytes() == b"precious"
+
+
+def test_configuration_that_is_not_understood(lpvobs, config, chain, tmp_path):
+    text, odd = config.read_text(), tmp_path / "odd.toml"
+    arguments = ("estimate", "--config", odd, "--gain", chain.gain, chain.log, "--out", tmp_path / "r.h5")
+    for changed, words in (
+        ("surely_not_a_key = 1\n" + text, ("surely_not_a_key",)),
+        (text.replace("smoothing =", "smothing ="), ("estimate.smothing", "did you mean 'smoothing'")),
+        (text.replace("V_d = 1.910e-3", 'V_d = "big"'), ("engine.geometry.V_d",)),
+        (text.replace("schema = 1", "schema = 9"), ("schema = 9",)),
+        (text.replace("V_im = 5.0e-3 ", "# "), ("engine.geometry.V_im", "missing")),
+        ("[[[", ("not TOML",)),
+    ):
+        assert changed != text
+        odd.write_text(changed)
+        refused(lpvobs(*arguments), 2, str(odd), *words)
+    assert not (tmp_path / "r.h5").exists()
+
+
+def test_a_gain_for_another_engine(lpvobs, config, chain, tmp_path):
+    other = tmp_path / "other.toml"
+    other.write_text(config.read_text().replace("V_im = 5.0e-3", "V_im = 6.0e-3"))
+    done = lpvobs("estimate", "--config", other, "--gain", chain.gain, chain.log, "--out", tmp_path / "r.h5")
+    refused(done, 3, str(chain.gain), "V_im", "another engine")
+
+
+def test_usage(lpvobs, config, chain, tmp_path):
+    out = tmp_path / "r.h5"
+    refused(
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", out, "--method", "magic"), 2, "magic"
+    )
+    refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out), 2, "same name")
+    refused(lpvobs("estimate", "--config", config, "--gain", chain.log, chain.log, "--out", out), 3, str(chain.log))
+    refused(lpvobs("simulate", "--config", config, "--cycle", "le_mans", "--out", out), 2, "le_mans")
+    refused(
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "none" / "r.h5"), 3, "none"
+    )
+    assert lpvobs("estimate").code == 2
+    assert not out.exists()
+
+
+def test_gaps_and_missing_samples_are_counted(lpvobs, config, chain, table, tmp_path):
+    log, out = tmp_path / "holes.parquet", tmp_path / "r.h5"
+    values = table["p_im"].to_numpy().copy()
+    values[100:110] = float("nan")
+    holed = table.set_column(table.column_names.index("p_im"), table.schema.field("p_im"), pa.array(values))
+    pq.write_table(pa.concat_tables([holed.slice(0, 2000), holed.slice(2100)]), log)
+    done = lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", out, "--json")
+    assert done.code == 0, done.err
+    (found,) = done.json["logs"]
+    assert (found["dropped_rows"], found["gaps"]) == (10, 1)
+    (seen,) = lpvobs("inspect", log, "--json").json["logs"]
+    assert (seen["dropped_rows"], seen["gaps"], seen["channels"]["p_im"]["dropped"]) == (10, 1, 10)
+
+
+def test_one_bad_log_among_good_ones_is_listed_by_inspect(lpvobs, chain, tmp_path):
+    done = lpvobs("inspect", chain.log, tmp_path / "absent.parquet", "--json")
+    assert done.code == 3
+    assert len(done.json["logs"]) == 1
+    assert "absent" in done.json["refused"][0]
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("--help",)])
+def test_top_level(lpvobs, arguments):
+    assert lpvobs(*arguments).code == 0

@@ -1,0 +1,53 @@
+"""Two small drives through Eq. (1) with a known error surface, shared by the tests of the estimators."""
+
+import numpy as np
+import pytest
+from reference.drives import integrated
+
+from lpvobs.maps.metrics import best_fit
+from lpvobs.maps.quadratic import PAPER, evaluate
+from lpvobs.observer.estimate import StateGain
+from lpvobs.observer.settings import EstimateSettings
+
+EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])
+TOLERANCE = dict.fromkeys(
+    ("R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg", "V_d", "c_vol1", "c_vol3", "V_im", "A_egr_max", "k_reverse"), 0.01
+)
+
+
+def surface(u_delta, n_e):
+    """Return the error of the sensor, [kg/s]: Eq. (40)."""
+    return evaluate(EQ_40, u_delta, n_e)
+
+
+@pytest.fixture(scope="session")
+def drive(engine):
+    """Return a drive of 200 s in 100 legs, and its true flow, with Eq. (40) as the sensor's error."""
+    return integrated(engine, 1, legs=100, seconds=2.0, surface=surface, substeps=5)
+
+
+@pytest.fixture(scope="session")
+def other_drive(engine):
+    return integrated(engine, 2, legs=60, seconds=2.0, surface=surface, substeps=5)
+
+
+@pytest.fixture(scope="session")
+def target(grid):
+    """Return a function: the nodes of the best bilinear fit to Eq. (40) along logs, which is what an estimate can be right about."""
+
+    def nodes(*logs):
+        u, n = (np.concatenate([log[name] for log in logs]) for name in ("u_delta", "n_e"))
+        return best_fit(grid, *grid.regressors(u, n), surface(u, n)).reshape(grid.shape)
+
+    return nodes
+
+
+@pytest.fixture(scope="session")
+def gain():
+    """Return 150 1/s on every measured state and nothing from the sensor, as a synthesised cascade gain has it."""
+    return StateGain(("p_im", "p_em", "omega_t"), np.column_stack([150.0 * np.eye(3), np.zeros(3)]))
+
+
+@pytest.fixture(scope="session")
+def settings():
+    return EstimateSettings(smoothing=0.05, least_information=0.1, prior_map=0.1, tolerance=TOLERANCE)
