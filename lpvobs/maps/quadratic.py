@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
-import scipy.stats
+import scipy.special
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
@@ -113,7 +112,7 @@ def fit(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_
 
 def interval_factor(nodes: int, level: float) -> float:
     """Return how many standard deviations of prediction make an interval of the given level: Student's t."""
-    return float(scipy.stats.t.ppf(0.5 + level / 2.0, max(nodes - 6, 1)))
+    return float(scipy.special.stdtrit(max(nodes - 6, 1), 0.5 + level / 2.0))
 
 
 def _scale(nodes: Array) -> tuple[float, float]:
@@ -133,6 +132,8 @@ def _lack_of_fit(X: Array, z: Array, variances: Array) -> float:
     The estimate of Paule and Mandel, J. Res. NBS 87 (1982), for the variance between groups; zero if the nodes' own errors
     already explain the residuals.
     """
+    from scipy.optimize import brentq  # noqa: PLC0415 slow to import, and only this function needs it
+
     floor = 1e-12 * float(z @ z) / z.size + np.finfo(float).tiny
     freedom = z.size - 6
 
@@ -145,7 +146,7 @@ def _lack_of_fit(X: Array, z: Array, variances: Array) -> float:
     high = floor
     while excess(high) > 0.0:
         high *= 4.0
-    return float(scipy.optimize.brentq(excess, high / 4.0, high, rtol=1e-6))
+    return float(brentq(excess, high / 4.0, high, rtol=1e-6))
 
 
 def _to_raw(u_0: float, u_s: float, n_0: float, n_s: float) -> Array:

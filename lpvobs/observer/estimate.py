@@ -135,15 +135,12 @@ def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Log, settings: EstimateSettings
 ) -> tuple[Information, LogRun]:
     """Return the information of one log about map and constants."""
-    columns = np.stack([log[name] for name in air_path.smoothed])
-    values, slopes = smooth(log.time, columns, log.segments, settings.smoothing)
-    calm = replace(log, channels={**log.channels, **dict(zip(air_path.smoothed, values, strict=True))})
+    calm, rates = calmed(air_path, log, settings.smoothing)
     trajectory = air_path.trajectory(calm, gain.outputs)
     point = operating_point(air_path, log)
     first = np.stack([[calm[state][start] for state in air_path.state_names] for start, _ in log.segments])
     run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first, np.zeros(grid.size))
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
-    rates = dict(zip(air_path.smoothed, slopes, strict=True))
     balances = air_path.balances(seen, rates, tuple(settings.tolerance))
     z = log[air_path.sensor] - balances.flow
     steps = steps_of(log)
@@ -158,6 +155,14 @@ def inform(
         grid.size, (nodes, weights), steps / mixture.density[cells], np.einsum("bk,bk->k", share, z), g
     )
     return information, run_of(log, excited, trajectory.parameters, steps)
+
+
+def calmed(air_path: AirPath, log: Log, half_width: float) -> tuple[Log, dict[str, Array]]:
+    """Return the log with smoothed states and temperatures, and the time derivative of each of those."""
+    columns = np.stack([log[name] for name in air_path.smoothed])
+    values, slopes = smooth(log.time, columns, log.segments, half_width)
+    channels = {**log.channels, **dict(zip(air_path.smoothed, values, strict=True))}
+    return replace(log, channels=channels), dict(zip(air_path.smoothed, slopes, strict=True))
 
 
 def estimate_published(

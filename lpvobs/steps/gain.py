@@ -12,6 +12,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.logs import read_log
+from lpvobs.observer.estimate import calmed
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
@@ -99,7 +100,8 @@ def log_bounds(config: Config, air_path: AirPath, paths: Sequence[Path]) -> tupl
     bounds, digests = {}, {}
     for path in paths:
         log = read_log(path, air_path.channels, config.policies)
-        parameters = air_path.trajectory(log, config.gain.outputs).parameters
+        calm, _ = calmed(air_path, log, config.estimate.smoothing)  # as the estimate sees it: noise widens no range
+        parameters = air_path.trajectory(calm, config.gain.outputs).parameters
         bounds[log.name] = np.stack([parameters.min(axis=0), parameters.max(axis=0)])
         digests[path.name] = log.sha256
     return bounds, digests

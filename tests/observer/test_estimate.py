@@ -64,7 +64,7 @@ def test_noise_alone_stays_within_intervals_that_know_the_constants(air_path, gr
         found = estimate_default(air_path, grid, gain, [noisy(drive[0], seed)], known)
         scores.append(((found.theta - target(drive[0])) / found.standard_error)[found.supported])
     # Chi-square of 4 times 160 correlated nodes; smoothing bias adds, the floor of the density takes away.
-    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3
+    assert 0.6 < np.sqrt(np.mean(np.square(np.concatenate(scores)))) < 1.3
 
 
 def test_the_default_is_better_than_the_observer_as_published(air_path, grid, gain, drive, settings):
@@ -138,39 +138,47 @@ def test_an_error_on_the_grid_moves_the_map_by_itself(air_path, grid, gain, driv
     np.testing.assert_allclose(b.standard_error, a.standard_error, rtol=1e-3)
 
 
-def test_sensitivity_is_what_a_wrong_constant_does_to_the_map(engine, grid, gain, drive, settings):
-    """Estimating with a constant that is off by s moves the map by minus s times its sensitivity to that constant."""
-    log = drive[0]
-    base = estimate_default(Diesel(engine), grid, gain, [log], settings)
-    for name, part in (("V_d", "geometry"), ("R_c", "compressor"), ("c_vol3", "filling"), ("A_egr_max", "egr")):
+def off(engine, factors):
+    """Return the engine with constants scaled, whichever part holds them."""
+    for part in ("geometry", "filling", "compressor", "egr"):
         record = getattr(engine, part)
-        wrong = replace(engine, **{part: replace(record, **{name: getattr(record, name) * 1.001})})
-        moved = estimate_default(Diesel(wrong), grid, gain, [log], settings)
-        change = (moved.theta - base.theta)[base.supported] / 0.001
-        stated = base.sensitivity[base.constants.index(name)][base.supported]
-        # The state, rho and the shares of the mixture follow the constant, too, which the sensitivity leaves out.
-        assert np.abs(change - stated).max() < 0.1 * np.abs(stated).max(), name
+        scaled = {name: getattr(record, name) * factor for name, factor in factors.items() if hasattr(record, name)}
+        engine = replace(engine, **{part: replace(record, **scaled)})
+    return engine
+
+
+@pytest.mark.parametrize("name", ["V_d", "R_c", "psi_0", "c_vol3", "A_egr_max"])
+@pytest.mark.parametrize("factor", [1.0, 1e3], ids=["synthesised", "pinned"])
+def test_sensitivity_is_what_a_wrong_constant_does_to_the_map(engine, grid, gain, drive, settings, name, factor):
+    """From the configured value to another one: the map moves by the relative change times the sensitivity.
+
+    A gain a thousand times as large pins the state to its measurement; otherwise the state follows the constant, too.
+    """
+    log = noisy(drive[0], 9)  # without noise the mixture would turn to whichever balance is still exact
+    gain = StateGain(gain.outputs, factor * gain.L)
+    base = estimate_default(Diesel(engine), grid, gain, [log], settings)
+    moved = estimate_default(Diesel(off(engine, {name: 1.001})), grid, gain, [log], settings)
+    change = (moved.theta - base.theta)[base.supported] / 0.001
+    stated = base.sensitivity[base.constants.index(name)][base.supported]
+    # The shares of the mixture follow the constant, which the sensitivity leaves out: 1 to 6 % of the rms over the nodes.
+    assert np.sqrt(np.mean((change - stated) ** 2)) < 0.1 * np.sqrt(np.mean(stated**2))
 
 
 def test_the_spread_over_wrong_constants_is_the_one_stated(engine, grid, gain, drive, settings):
     """Monte Carlo: engines drawn uniformly within the tolerance, one log; the considered covariance against the spread."""
-    log = drive[0]
+    log = noisy(drive[0], 10)
     base = estimate_default(Diesel(engine), grid, gain, [log], settings)
-    rng = np.random.default_rng(9)
+    rng = np.random.default_rng(11)
     draws = []
     for _ in range(40):
-        wrong = engine
-        for part in ("geometry", "filling", "compressor", "egr"):
-            record = getattr(wrong, part)
-            names = [name for name in settings.tolerance if hasattr(record, name)]
-            scaled = {name: getattr(record, name) * rng.uniform(0.99, 1.01) for name in names}
-            wrong = replace(wrong, **{part: replace(record, **scaled)})
+        wrong = off(engine, {name: rng.uniform(1 - half, 1 + half) for name, half in settings.tolerance.items()})
         draws.append(estimate_default(Diesel(wrong), grid, gain, [log], settings).theta[base.supported])
-    ratio = np.std(draws, axis=0) / base.standard_error[base.supported]
-    # 40 draws know a standard deviation to 11 %, and a dozen directions are shared by all nodes. At single nodes the
-    # mixture turns to the other balance when a constant is off.
-    assert 0.75 < np.median(ratio) < 1.3
-    assert np.quantile(ratio, 0.95) < 2.0
+    owed = np.sqrt(settings.constants_variance @ base.sensitivity.reshape(len(base.constants), -1) ** 2).reshape(grid.shape)
+    ratio = np.std(draws, axis=0) / owed[base.supported]
+    # 40 draws know a standard deviation to 11 %, and a dozen directions are shared by all nodes. The mixture turns to the other
+    # balance when a constant is off, which takes some of the spread away.
+    assert 0.7 < np.median(ratio) < 1.2
+    assert np.quantile(ratio, 0.95) < 1.5
 
 
 def test_steps_leave_gaps_out(drive):
@@ -228,11 +236,14 @@ def test_a_log_without_two_neighbouring_samples_is_refused(air_path, grid, gain,
 
 
 @pytest.mark.parametrize("tolerance", [{}, {"V_d": 0.01}])
-def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, tolerance):
+@pytest.mark.parametrize("N", [2, 5, 150])
+def test_a_log_of_one_short_visit_is_no_fault_of_the_program(air_path, grid, gain, drive, tolerance, N):
     """One stay in one cell: one residual integral, from which no covariance of two balances can be told."""
-    log = drive[0]
-    start = int(np.argmax(np.diff(log["n_e"]) == np.diff(log["n_e"]).max()))
-    part = log_of(log.time[start : start + 5], {name: column[start : start + 5] for name, column in log.channels.items()})
-    found = estimate_default(air_path, grid, gain, [part], EstimateSettings(0.05, 0.1, 0.1, tolerance))
+    k = np.arange(N)
+    channels = {name: np.full(N, float(np.median(column))) for name, column in drive[0].channels.items()}
+    channels |= {"n_e": 1600.0 + 60.0 * np.sin(0.2 * k), "u_delta": 22.0 + 1.5 * np.cos(0.33 * k)}
+    found = estimate_default(
+        air_path, grid, gain, [log_of(0.01 * k, channels)], EstimateSettings(0.05, 0.1, 0.1, tolerance)
+    )
     assert not found.supported.any()
     assert np.isfinite(found.covariance).all()

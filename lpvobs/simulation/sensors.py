@@ -1,0 +1,28 @@
+"""What the sensors make of the truth: white noise, then rounding to the smallest step."""
+
+import zlib
+from collections.abc import Mapping
+
+import numpy as np
+
+from lpvobs.records import Array
+from lpvobs.simulation.parameters import Sensors
+
+
+def measure(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:
+    """Return the readings of noise-free channels, each of shape (N,).
+
+    Every channel draws from a stream of its own, so that one channel more changes no other.
+    """
+    return {name: _reading(name, values, sensors, seed) for name, values in truth.items()}
+
+
+def _reading(name: str, values: Array, sensors: Sensors, seed: int) -> Array:
+    if name == "W_maf":
+        spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
+    else:
+        spread = np.asarray(getattr(sensors, name, 0.0))
+    stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
+    noisy = values + spread * stream.standard_normal(values.size)
+    step = getattr(sensors.quantisation, name, 0.0)
+    return np.asarray(np.round(noisy / step) * step if step > 0 else noisy)
