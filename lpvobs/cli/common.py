@@ -38,6 +38,8 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return verb(*args, **kwargs)
+        except typer.Exit:
+            raise
         except LpvobsError as error:
             fail(str(error), error.exit_code)
         except KeyboardInterrupt:

@@ -77,14 +77,15 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
         "gain",
         {
             "state": Field(text(stored.states), "1", "state"),
+            "other_state": Field(text(stored.states), "1", "state"),
             "output": Field(text(sensor_row), "1", "output"),
             "parameter": Field(text(region.names), "1", "scheduling parameter"),
             "bound": Field(np.array([0, 1], dtype=np.int8), "1", "which bound", (), flags([0, 1], ["lower", "upper"])),
             "L": Field(
                 gain.L, "SI", "observer gain of Eq. (26), state unit per output unit and second", ("state", "output")
             ),
-            "P": Field(gain.P, "SI", "Lyapunov matrix of Theorem 1"),
-            "Q": Field(gain.Q, "SI", "matrix Q of Theorem 1"),
+            "P": Field(gain.P, "SI", "Lyapunov matrix of Theorem 1", ("state", "other_state")),
+            "Q": Field(gain.Q, "SI", "matrix Q of Theorem 1", ("state", "other_state")),
             "eps_1": Field(gain.eps_1, "1", "eps_1 of Theorem 1"),
             "eps_2": Field(gain.eps_2, "1", "eps_2 of Theorem 1"),
             "rho_bounds": Field(

@@ -138,21 +138,22 @@ def add_extrapolation(path: Path, fitted: QuadraticFit) -> None:
             f"kg/s/({fuel})/({speed})",
             "kg/s",
         )
-        names = {"names": text(COEFFICIENTS), "coefficient_units": text(units)}
+        units_of_each = {"coefficient_units": text(units)}
         write_group(
             file,
             "extrapolation",
             nodes
             | {
+                "coefficient": Field(text(COEFFICIENTS), "1", "coefficient of Eq. (37)"),
                 "coefficients": Field(
                     fitted.coefficients,
                     "1",
-                    "a2, a1, b2, b1, c2, c1 of Eq. (37), units in coefficient_units",
-                    (),
-                    names,
+                    "coefficients of Eq. (37), units in coefficient_units",
+                    ("coefficient",),
+                    units_of_each,
                 ),
                 "coefficients_standard_error": Field(
-                    fitted.standard_error, "1", "standard errors of the coefficients", (), names
+                    fitted.standard_error, "1", "standard errors of the coefficients", ("coefficient",), units_of_each
                 ),
                 "delta_W_c": Field(fitted.delta_W_c, "kg/s", "sensor error, every node filled", axes[::-1]),
                 "standard_error": Field(
@@ -259,10 +260,15 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) ->
             )
         },
     )
+    order = np.arange(grid.size, dtype=np.int32)
     write_group(
         file,
         "covariance",
-        {"theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes, theta of Eq. (23)")},
+        {
+            "node": Field(order, "1", "node in the order of Eq. (23): n_e block by n_e block"),
+            "other_node": Field(order, "1", "the same"),
+            "theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes", ("node", "other_node")),
+        },
     )
 
 

@@ -332,24 +332,24 @@ def test_a_channel_of_nothing_is_named(write, columns, read):
     refusal(read, write(columns), "'T_em'")
 
 
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("n_e", lambda v: v * 2 * np.pi / 60),  # rad/s called rpm
-        ("omega_t", lambda v: v / 60),  # turns per second called rad/s
-        ("p_im", lambda v: v - 9.8e4),  # gauge pressure
-        ("p_em", lambda v: v / 1e3),  # kPa called Pa
-        ("p_amb", lambda v: v / 1e5),
-        ("T_im", lambda v: v - 273.15),
-        ("T_em", lambda v: v - 273.15 - 300.0),
-        ("u_egr", lambda v: v - 90.0),  # closed is 100 %, and mirrored
-        ("u_delta", lambda v: -v),
-        ("W_maf", lambda v: v * 1e3),  # g/s called kg/s
-        ("W_maf", lambda v: -v),
-    ],
-)
-def test_a_channel_that_no_working_engine_shows_is_refused_as_a_wrong_unit_or_sign(write, columns, read, name, change):
-    columns[name] = change(columns[name])
+WRONG = {
+    "speed in rad/s called rpm": ("n_e", 2 * np.pi / 60, 0.0),
+    "turbo speed in Hz called rad/s": ("omega_t", 1 / 60, 0.0),
+    "gauge pressure": ("p_im", 1.0, -9.8e4),
+    "kPa called Pa": ("p_em", 1e-3, 0.0),
+    "bar called Pa": ("p_amb", 1e-5, 0.0),
+    "degC called K": ("T_im", 1.0, -273.15),
+    "mirrored opening": ("u_egr", -1.0, -10.0),
+    "fuel with the wrong sign": ("u_delta", -1.0, 0.0),
+    "g/s called kg/s": ("W_maf", 1e3, 0.0),
+    "flow with the wrong sign": ("W_maf", -1.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_channel_that_no_working_engine_shows_is_refused_as_a_wrong_unit_or_sign(write, columns, read, case):
+    name, factor, offset = WRONG[case]
+    columns[name] = columns[name] * factor + offset
     refusal(read, write(columns), f"'{name}'", "unit")
 
 
