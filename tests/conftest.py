@@ -28,7 +28,14 @@ def _record(kind, table):
 def engine() -> DieselEngine:
     """Return the engine of configs/diesel.toml, read without the reader that has tests of its own."""
     tables = tomllib.loads((CONFIGURATIONS / "diesel.toml").read_text(encoding="utf-8"))["engine"]
-    kinds = {"gas": Gas, "geometry": Geometry, "filling": Filling, "compressor": Compressor, "turbine": Turbine, "egr": Egr}
+    kinds = {
+        "gas": Gas,
+        "geometry": Geometry,
+        "filling": Filling,
+        "compressor": Compressor,
+        "turbine": Turbine,
+        "egr": Egr,
+    }
     return DieselEngine(**{name: _record(kind, tables[name]) for name, kind in kinds.items()})
 
 

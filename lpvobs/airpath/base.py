@@ -120,8 +120,11 @@ class AirPath(Protocol):
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the range of the parameters that depend on temperatures alone, given the range of those [K]."""
 
-    def trajectory(self, log: Log, outputs: Sequence[str]) -> Trajectory:
-        """Return the LPV system along a log; `outputs` names the measured states, the sensor is added last."""
+    def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
+        """Return the LPV system along a log; `outputs` names the measured states, the sensor is added last.
+
+        `constant` holds temperatures that the parameters of `rate_bounds` are computed from instead of the log's.
+        """
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:

@@ -88,7 +88,7 @@ class Diesel:
         a_1, a_2 = c.R_a / c.V_im, c.R_e / c.V_em
         return {"a_1": (a_1 * im_low, a_1 * im_high), "a_2": (a_2 * em_low, a_2 * em_high)}
 
-    def trajectory(self, log: Log, outputs: Sequence[str]) -> Trajectory:
+    def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
         """Return Eq. (24) along a log.
 
         Parameters
@@ -97,6 +97,9 @@ class Diesel:
             N samples.
         outputs : sequence of str
             Measured states among the outputs, in order, for example `("p_im", "omega_t")` as in Eq. (6).
+        constant : mapping of str to float, optional
+            Temperatures `T_im`, `T_em` [K] that a_1 and a_2 are computed from instead of the log's, as in the paper, whose proof
+            takes a_1 and a_2 for constants.
 
         Returns
         -------
@@ -104,6 +107,10 @@ class Diesel:
             Of N samples, 3 states, `len(outputs) + 1` outputs.
         """
         parameters, E = along(self.constants, _columns(log))
+        if constant is not None:
+            (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
+            E[:, 1] *= a_2 / parameters[:, 6]
+            parameters[:, 5], parameters[:, 6] = a_1, a_2
         A = np.zeros((len(log), 3, 3))
         _fill_A(parameters, A)
         C = np.zeros((len(log), len(outputs) + 1, 3))

@@ -177,7 +177,7 @@ def estimate_published(
     theta = np.zeros(grid.size)
     runs = []
     for log in logs:
-        trajectory = air_path.trajectory(log, gain.outputs)
+        trajectory = air_path.trajectory(log, gain.outputs, published.temperatures)
         point = operating_point(air_path, log)
         first = np.tile(published.x_0, (len(log.segments), 1))
         run = observe(trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta)

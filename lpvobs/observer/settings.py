@@ -46,16 +46,22 @@ class EstimateSettings:
 class PublishedSettings:
     """Settings of the observer as the paper used it (Sec. 4).
 
+    The proof of the paper takes a_1 and a_2 for constants. With the temperatures of a real drive in them, the published L is
+    unstable most of the time (it needs a_1/a_2 between 0.065 and 0.139), so they are constants here, too.
+
     Attributes
     ----------
     gamma : float
         [1/s], Gamma = gamma I.
     x_0 : tuple of float
         Initial state; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa.
+    temperatures : mapping of str to float
+        [K], behind a_1 and a_2.
     """
 
-    gamma: float = 200.0
-    x_0: tuple[float, float, float] = (9.8e4, 9.8e4, 0.0)
+    gamma: float
+    x_0: tuple[float, float, float]
+    temperatures: Mapping[str, float]
 
     def __post_init__(self) -> None:
         if not self.gamma > 0:

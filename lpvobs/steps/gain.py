@@ -22,8 +22,6 @@ from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.settings import GainSettings
 
 PUBLISHED_OUTPUTS = ("p_im", "omega_t")
-PUBLISHED_TEMPERATURES = {"T_im": (310.0, 310.0), "T_em": (750.0, 750.0)}
-"""[K]; the paper does not say which temperatures its a_1 and a_2 had. With these, Eq. (38) is proven on all of Table 1."""
 
 
 def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[str, str]]:
@@ -70,7 +68,11 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
     if column not in TABLE_1:
         raise UsageError(f"--published {column}: unknown; expected one of {', '.join(TABLE_1)}")
     rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))
-    region = _region(air_path, rho | dict(air_path.rate_bounds(PUBLISHED_TEMPERATURES)), ())
+    region = _region(
+        air_path,
+        rho | dict(air_path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})),
+        (),
+    )
     gain = certify_fixed_gain(problem_of(air_path, PUBLISHED_OUTPUTS, region), published_gain(), EPSILON)
     return _stored(f"Eq. (38), proven on Table 1, {column}", air_path, PUBLISHED_OUTPUTS, gain, {})
 

@@ -28,7 +28,9 @@ def test_the_new_file_takes_the_place_of_the_old(tmp_path):
     assert names(tmp_path) == ["result.h5"]
 
 
-@pytest.mark.parametrize("failure", [ValueError("no"), KeyboardInterrupt(), SystemExit(3), OSError(28, "No space left")])
+@pytest.mark.parametrize(
+    "failure", [ValueError("no"), KeyboardInterrupt(), SystemExit(3), OSError(28, "No space left")]
+)
 @pytest.mark.parametrize("before", ["old", None])
 def test_a_failure_inside_leaves_what_was_there(tmp_path, failure, before):
     target = tmp_path / "result.h5"

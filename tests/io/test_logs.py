@@ -8,7 +8,7 @@ import pytest
 
 from lpvobs.airpath.diesel import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.logs import LogPolicies, channel_units, read_log, read_references, write_log
+from lpvobs.io.logs import LogPolicies, channel_units, read_references, write_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 
@@ -39,7 +39,13 @@ def test_write_and_read_is_a_round_trip(tmp_path, columns, read):
     assert log.segments == ((0, 200),)
     np.testing.assert_array_equal(log.rows, np.arange(200))
     defects = log.defects
-    assert (defects.samples_read, defects.dropped, defects.dropped_rows, defects.gaps, defects.repeated) == (200, {}, 0, 0, 0)
+    assert (defects.samples_read, defects.dropped, defects.dropped_rows, defects.gaps, defects.repeated) == (
+        200,
+        {},
+        0,
+        0,
+        0,
+    )
     assert channel_units(path) == UNITS
 
 
@@ -58,7 +64,9 @@ def test_any_numbers_will_do(write, columns, read, kind):
 
 
 def test_references_are_never_read_with_the_log(write, columns, read):
-    path = write(columns | {"ref_W_c": columns["W_maf"], "ref_delta_W_c": 0 * columns["W_maf"], "ref_other": columns["n_e"]})
+    path = write(
+        columns | {"ref_W_c": columns["W_maf"], "ref_delta_W_c": 0 * columns["W_maf"], "ref_other": columns["n_e"]}
+    )
     log = read(path, auxiliary=True)
     assert not any(name.startswith("ref_") for name in (*log.channels, *log.auxiliary))
 
@@ -164,7 +172,10 @@ def test_a_channel_without_unit_is_refused(write, columns, read, name, unit):
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("p_im", "K"), ("time", "m"), ("W_maf", "l/min"), ("n_e", "Hz"), ("omega_t", "1/s"), ("u_delta", "mg"), ("T_im", "furlong?"), ("u_vgt", "V")],
+    [
+        ("p_im", "K"), ("time", "m"), ("W_maf", "l/min"), ("n_e", "Hz"), ("omega_t", "1/s"), ("u_delta", "mg"),
+        ("T_im", "furlong?"), ("u_vgt", "V"), ("p_em", "kPa)"),
+    ],
 )  # fmt: skip
 def test_a_unit_of_another_kind_is_refused(write, columns, read, name, unit):
     refusal(read, write(columns, {name: unit}), f"'{name}'", f"'{unit}'", f"'{UNITS[name]}'")
@@ -356,9 +367,9 @@ def test_a_channel_that_no_working_engine_shows_is_refused_as_a_wrong_unit_or_si
 # --- policies ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("policies", [{"gap_limit": 0.0}, {"gap_limit": -1.0}, {"gap_limit": np.nan}, {"backward_time": "sort"}])
+@pytest.mark.parametrize(
+    "policies", [{"gap_limit": 0.0}, {"gap_limit": -1.0}, {"gap_limit": np.nan}, {"backward_time": "sort"}]
+)
 def test_policies_that_are_none(policies):
     with pytest.raises(ValueError, match="must be"):
         LogPolicies(**policies)
-
-

@@ -79,7 +79,12 @@ def test_standing_on_a_node_informs_it_alone_for_as_long_as_it_lasts():
 
 @pytest.mark.parametrize(
     ("u_ends", "n_ends"),
-    [((0.5, 3.5), (700.0, 700.0)), ((2.0, 2.0), (550.0, 950.0)), ((0.3, 3.9), (520.0, 930.0)), ((1.0, 2.5), (990.0, 600.0))],
+    [
+        ((0.5, 3.5), (700.0, 700.0)),
+        ((2.0, 2.0), (550.0, 950.0)),
+        ((0.3, 3.9), (520.0, 930.0)),
+        ((1.0, 2.5), (990.0, 600.0)),
+    ],
 )
 def test_a_straight_line_through_a_cell_does_not_inform_its_four_nodes(u_ends, n_ends):
     s = np.linspace(0.0, 1.0, 5001)

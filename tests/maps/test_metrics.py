@@ -48,7 +48,9 @@ def test_no_map_comes_under_the_floor(seed):
     found = compare(TINY, rival, u, n, reference)
     assert found.floor_rms_ratio <= found.rms_ratio * (1 + 1e-7)  # the ridge
     # The floor is attained by the best map, up to the ridge.
-    assert compare(TINY, optimum.reshape(3, 2), u, n, reference).rms_ratio == pytest.approx(found.floor_rms_ratio, rel=1e-6)
+    assert compare(TINY, optimum.reshape(3, 2), u, n, reference).rms_ratio == pytest.approx(
+        found.floor_rms_ratio, rel=1e-6
+    )
 
 
 def test_best_fit_is_dense_least_squares_and_zero_where_no_sample_went():

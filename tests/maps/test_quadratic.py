@@ -96,7 +96,9 @@ def test_lack_of_fit_is_the_scatter_around_the_quadratic(grid, visited):
     rng = np.random.default_rng(6)
     covariance, draw = noise_of(grid, 7)
     found = [
-        fit(grid, on_nodes(grid, EQ_40) + 1e-3 * rng.standard_normal(grid.shape) + draw(), covariance, visited).lack_of_fit
+        fit(
+            grid, on_nodes(grid, EQ_40) + 1e-3 * rng.standard_normal(grid.shape) + draw(), covariance, visited
+        ).lack_of_fit
         for _ in range(40)
     ]
     # About 100 nodes know a standard deviation to 7 %, the mean of 40 fits to 1 %.

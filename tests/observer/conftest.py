@@ -11,7 +11,8 @@ from lpvobs.observer.settings import EstimateSettings
 
 EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])
 TOLERANCE = dict.fromkeys(
-    ("R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg", "V_d", "c_vol1", "c_vol3", "V_im", "A_egr_max", "k_reverse"), 0.01
+    ("R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg", "V_d", "c_vol1", "c_vol3", "V_im", "A_egr_max", "k_reverse"),
+    0.01,
 )
 
 
@@ -33,7 +34,7 @@ def other_drive(engine):
 
 @pytest.fixture(scope="session")
 def target(grid):
-    """Return a function: the nodes of the best bilinear fit to Eq. (40) along logs, which is what an estimate can be right about."""
+    """Return a function: the nodes of the best bilinear fit to Eq. (40) along logs, what an estimate can be right about."""
 
     def nodes(*logs):
         u, n = (np.concatenate([log[name] for log in logs]) for name in ("u_delta", "n_e"))

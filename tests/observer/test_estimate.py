@@ -78,7 +78,8 @@ def test_the_default_is_better_than_the_observer_as_published(air_path, grid, ga
         ),
     }
     error = {
-        name: compare(grid, found.theta, recorded["u_delta"], recorded["n_e"], reference) for name, found in maps.items()
+        name: compare(grid, found.theta, recorded["u_delta"], recorded["n_e"], reference)
+        for name, found in maps.items()
     }
     # Measured 1.3 % against 37 % of the rms of the surface; the floor of the grid and of the noise in the axes is 1 %.
     assert error["default"].rms_ratio < 0.03
@@ -173,7 +174,9 @@ def test_the_spread_over_wrong_constants_is_the_one_stated(engine, grid, gain, d
     for _ in range(40):
         wrong = off(engine, {name: rng.uniform(1 - half, 1 + half) for name, half in settings.tolerance.items()})
         draws.append(estimate_default(Diesel(wrong), grid, gain, [log], settings).theta[base.supported])
-    owed = np.sqrt(settings.constants_variance @ base.sensitivity.reshape(len(base.constants), -1) ** 2).reshape(grid.shape)
+    owed = np.sqrt(settings.constants_variance @ base.sensitivity.reshape(len(base.constants), -1) ** 2).reshape(
+        grid.shape
+    )
     ratio = np.std(draws, axis=0) / owed[base.supported]
     # 40 draws know a standard deviation to 11 %, and a dozen directions are shared by all nodes. The mixture turns to the other
     # balance when a constant is off, which takes some of the spread away.
@@ -212,7 +215,9 @@ def test_auxiliary_channels_change_nothing(air_path, grid, gain, drive, settings
 def test_published_is_eq_26_on_the_signals_as_recorded(air_path, grid, drive, other_drive, settings):
     logs = noisy(drive[0], 11), noisy(other_drive[0], 12)
     published = PublishedSettings()
-    found = estimate_published(air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), logs, published, settings)
+    found = estimate_published(
+        air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), logs, published, settings
+    )
     theta = np.zeros(grid.size)
     for log in logs:  # the map goes on from log to log
         x_0 = np.tile([9.8e4, 9.8e4, 0.0], (len(log.segments), 1))
@@ -228,7 +233,9 @@ def test_published_is_eq_26_on_the_signals_as_recorded(air_path, grid, drive, ot
 def test_a_log_without_two_neighbouring_samples_is_refused(air_path, grid, gain, drive, settings):
     """Every step longer than the gap limit: each sample is a segment of its own and stands for no time at all."""
     N = 50
-    alone = replace(drive[0], time=np.arange(len(drive[0])) * 2.0, segments=tuple((k, k + 1) for k in range(len(drive[0]))))
+    alone = replace(
+        drive[0], time=np.arange(len(drive[0])) * 2.0, segments=tuple((k, k + 1) for k in range(len(drive[0])))
+    )
     alone = log_of(alone.time[:N], {name: column[:N] for name, column in alone.channels.items()}, alone.segments[:N])
     with pytest.raises(DataError, match="gap") as refusal:
         estimate_default(air_path, grid, gain, [alone], settings)

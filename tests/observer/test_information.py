@@ -50,7 +50,9 @@ def test_two_logs_are_one():
     turned = informed(*b) + informed(*a)
     for name in ("H", "h", "coupling"):
         size = np.abs(getattr(whole, name)).max()
-        np.testing.assert_allclose(getattr(merged, name), getattr(whole, name), rtol=0, atol=1e-13 * size)  # order of sums
+        np.testing.assert_allclose(
+            getattr(merged, name), getattr(whole, name), rtol=0, atol=1e-13 * size
+        )  # order of sums
         np.testing.assert_array_equal(getattr(merged, name), getattr(turned, name))  # a + b = b + a, also in floats
 
 

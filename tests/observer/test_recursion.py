@@ -54,8 +54,13 @@ def exact_plant(log, trajectory, theta, x_0):
 
 @pytest.mark.parametrize(
     ("outputs", "L", "gamma"),
-    [(FOUR, L_FOUR, 200.0), (("p_im", "omega_t"), published_gain(), 200.0), (FOUR, L_FOUR, 0.5), (("p_im", "omega_t"), published_gain(), 0.0)],
-)  # fmt: skip
+    [
+        (FOUR, L_FOUR, 200.0),
+        (FOUR, L_FOUR, 0.5),
+        (("p_im", "omega_t"), published_gain(), 200.0),
+        (("p_im", "omega_t"), published_gain(), 0.0),
+    ],
+)
 def test_eq_26_and_eq_36_are_equal(air_path, outputs, L, gamma):
     log = scattered(21, 400)
     rng = np.random.default_rng(22)
@@ -146,11 +151,12 @@ def test_constant_rho_tends_to_the_matrix_exponential_at_first_order(air_path):
         time = np.linspace(0.0, horizon, N)
         y = C @ STEADY
         y[-1] += row @ theta
-        still = Trajectory(
-            np.tile(at.parameters, (N, 1)), np.tile(A, (N, 1, 1)), np.tile(-A @ STEADY, (N, 1)), np.tile(C, (N, 1, 1)), np.tile(y, (N, 1))
-        )  # fmt: skip
+        single = (at.parameters[0], A, -A @ STEADY, C, y)
+        still = Trajectory(*(np.tile(part, (N, *[1] * part.ndim)) for part in single))
         point = np.full(N, one["u_delta"][0]), np.full(N, one["n_e"][0])
-        found = observe(still, time, ((0, N),), point, GRID, L_FOUR, gamma, (STEADY + wrong)[None, :], np.zeros(GRID.size))
+        found = observe(
+            still, time, ((0, N),), point, GRID, L_FOUR, gamma, (STEADY + wrong)[None, :], np.zeros(GRID.size)
+        )
         error = np.concatenate((found.x[-1] - STEADY, found.theta - theta)) - exact
         return np.abs(error / np.concatenate((np.abs(wrong), np.abs(theta)))).max()
 
@@ -221,7 +227,9 @@ def test_no_error_whatever_is_amplified_at_any_corner(proven, which):
         for h in (1e-4, 1e-2, 1.0, 100.0):
             columns = []
             for unit in np.eye(3 + GRID.size):
-                found = observe(still, np.array([0.0, h]), ((0, 2),), place, GRID, gain.L, gamma, unit[None, :3], unit[3:])
+                found = observe(
+                    still, np.array([0.0, h]), ((0, 2),), place, GRID, gain.L, gamma, unit[None, :3], unit[3:]
+                )
                 columns.append(np.concatenate((found.x[-1], found.theta)))
             B = np.array(columns).T
             worst = scipy.linalg.eigh(B.T @ S @ B, S, eigvals_only=True)[-1]
@@ -256,8 +264,12 @@ def test_across_a_gap_the_map_is_carried_and_the_state_is_not(air_path):
     np.testing.assert_array_equal(both.x[120], starts[1])
     jump = log.time.copy()
     jump[120:] += 3600.0  # how long the gap was does not matter
-    late = observe(trajectory, jump, ((0, 120), (120, 300)), point_of(log), GRID, L_FOUR, 50.0, starts, np.zeros(GRID.size))
-    np.testing.assert_allclose(late.theta, both.theta, rtol=0, atol=1e-9)  # steps rounded at 3600 s: 5e-13 of 10 ms, amplified
+    late = observe(
+        trajectory, jump, ((0, 120), (120, 300)), point_of(log), GRID, L_FOUR, 50.0, starts, np.zeros(GRID.size)
+    )
+    np.testing.assert_allclose(
+        late.theta, both.theta, rtol=0, atol=1e-9
+    )  # steps rounded at 3600 s: 5e-13 of 10 ms, amplified
 
 
 def test_inputs_are_left_alone(air_path):

@@ -84,7 +84,8 @@ def test_order_of_logs_does_not_matter_to_batch(air_path, grid, drive, other_dri
 
 
 @pytest.mark.parametrize(
-    "change", [{"measurement_noise": {"p_im": 0.0}}, {"process_noise": {"p_im": -1.0}}, {"map_drift": -1e-9}, {"prior_map": 0.0}]
+    "change",
+    [{"measurement_noise": {"p_im": 0.0}}, {"process_noise": {"p_im": -1.0}}, {"map_drift": -1e-9}, {"prior_map": 0.0}],
 )
 def test_tuning_that_no_filter_can_have_is_refused(change):
     with pytest.raises(ValueError, match="must"):

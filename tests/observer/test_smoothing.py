@@ -50,7 +50,9 @@ def test_no_phase_on_even_sampling():
         values, _ = smooth(time, wave, whole(time), 0.047)  # no sample on the rim, where rounding would choose
         inner = slice(500, 1500)  # whole periods of every frequency
         in_phase, shifted = (values[0, inner] @ part[inner] / 500 for part in wave)
-        assert abs(shifted) < 1e-11  # a symmetric window turns a sine into a multiple of itself; time stamps round at 20 s
+        assert (
+            abs(shifted) < 1e-11
+        )  # a symmetric window turns a sine into a multiple of itself; time stamps round at 20 s
         assert 0.0 < in_phase <= 1.0
         np.testing.assert_allclose(values[0, inner], in_phase * wave[0, inner], rtol=0, atol=1e-10)
 
@@ -62,7 +64,9 @@ def test_derivative_of_a_sine():
     inside = slice(50, -50)
     # The cubic term left out of the fit: omega^3 w^2 / 6 at most for the slope; for the value uneven spacing leaves a part of
     # omega^3 w^3 / 6.
-    np.testing.assert_allclose(rates[0, inside], omega * np.cos(omega * time)[inside], rtol=0, atol=omega**3 * WIDTH**2 / 6)
+    np.testing.assert_allclose(
+        rates[0, inside], omega * np.cos(omega * time)[inside], rtol=0, atol=omega**3 * WIDTH**2 / 6
+    )
     np.testing.assert_allclose(values[0, inside], np.sin(omega * time)[inside], rtol=0, atol=omega**3 * WIDTH**3 / 6)
     halved = smooth(time, np.sin(omega * time)[None, :], whole(time), WIDTH / 2)[1]
     error = [np.abs(r[0, inside] - omega * np.cos(omega * time)[inside]).max() for r in (rates, halved)]

@@ -59,9 +59,7 @@ def integrated(engine, seed, *, legs=150, seconds=3.0, rate=100, surface=None, s
     }
 
     def slope(x, at):
-        return textbook.derivatives(
-            engine, {name: column[:, at] for name, column in inputs.items()} | _named(x)
-        )
+        return textbook.derivatives(engine, {name: column[:, at] for name, column in inputs.items()} | _named(x))
 
     x = np.stack([np.full(legs, 1.3e5), np.full(legs, 1.5e5), np.full(legs, 7000.0)])
     kept, at = [], []

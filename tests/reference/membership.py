@@ -4,13 +4,15 @@ u_delta has p_1 nodes, n_e has p_2. The printed Eq. (19) swaps them, and its las
 last row holds the last interval's rising weight and the half-line beyond it.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 
 def membership(nodes, value):
     """Return delta^0 .. delta^p of Eq. (16), (17): exactly one is 1, intervals open on the left, closed on the right."""
     edges = [-np.inf, *nodes, np.inf]
-    return [1.0 if low < value <= high else 0.0 for low, high in zip(edges, edges[1:], strict=False)]
+    return [1.0 if low < value <= high else 0.0 for low, high in pairwise(edges)]
 
 
 def psi_axis(nodes, value):
