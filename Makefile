@@ -82,7 +82,7 @@ lint: $(VENV)/.ready
 bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/accuracy.py
 	$(VENV)/bin/python benchmarks/mismatch.py
-	$(VENV)/bin/python benchmarks/coverage.py
+	$(VENV)/bin/python benchmarks/intervals.py
 
 clean:
 	rm -rf $(BUILD)

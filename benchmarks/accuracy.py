@@ -35,9 +35,9 @@ def methods(config: Config, grid: Grid, gain: StateGain) -> dict[str, Method]:
         "default": lambda d: estimate_default(engine, grid, gain, [d.log], settings).theta,
         "a) as published, Gamma = 200": published(200.0),
         **{f"b) Gamma = {gamma:g}": published(gamma) for gamma in GAMMAS[1:]},
-        "c) extended Kalman filter": lambda d: estimate_ekf(
-            engine, grid, gain.outputs, [d.log], config.ekf, settings
-        ).theta,
+        "c) extended Kalman filter": lambda d: (
+            estimate_ekf(engine, grid, gain.outputs, [d.log], config.ekf, settings).theta
+        ),
         "d) batch least squares": lambda d: estimate_batch(engine, grid, gain.outputs, [d.log], settings).theta,
         "e) mean per cell": lambda d: mean_per_cell(engine, grid, d.log, steady_only=False),
         "f) mean per cell, steady only": lambda d: mean_per_cell(engine, grid, d.log, steady_only=True),
@@ -47,7 +47,9 @@ def methods(config: Config, grid: Grid, gain: StateGain) -> dict[str, Method]:
 def score(grid: Grid, theta: Array, d: Drive) -> dict[str, float]:
     """Return the metrics of a map along a drive."""
     log = d.log
-    return asdict(compare(grid, theta, log["u_delta"], log["n_e"], d.delta_W_c)) | {"nodes": float(np.isfinite(theta).sum())}
+    return asdict(compare(grid, theta, log["u_delta"], log["n_e"], d.delta_W_c)) | {
+        "nodes": float(np.isfinite(theta).sum())
+    }
 
 
 def score_curve(engine: Diesel, d: Drive) -> dict[str, float]:

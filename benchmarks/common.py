@@ -43,7 +43,9 @@ def state_gain(config: Config) -> StateGain:
     return StateGain(stored.outputs, stored.gain.L)
 
 
-def drive(config: Config, cycle: str, seed: int, surface: Surface | None = None, engine: DieselEngine | None = None) -> Drive:
+def drive(
+    config: Config, cycle: str, seed: int, surface: Surface | None = None, engine: DieselEngine | None = None
+) -> Drive:
     """Return a simulated log of the configured engine, or of another one."""
     if config.simulation is None:
         raise ValueError("the configuration has no simulation")

@@ -20,7 +20,9 @@ def main() -> None:
     """Print and keep the table."""
     config = configuration()
     grid, gain = config.grid(), state_gain(config)
-    names = [name for name in Diesel(config.engine).engine_constants() if name not in GIVEN and not name.startswith("Q_")]
+    names = [
+        name for name in Diesel(config.engine).engine_constants() if name not in GIVEN and not name.startswith("Q_")
+    ]
     drives = {cycle: drive(config, cycle, 1) for cycle in CYCLES}
 
     def error(cycle: str, factors: dict[str, float]) -> tuple[float, float]:

@@ -31,7 +31,8 @@ def write_group(parent: h5py.Group, name: str, fields: Mapping[str, Field]) -> h
     group = parent.create_group(name)
     scales = {axis for field in fields.values() for axis in field.axes}
     for key, field in fields.items():
-        dataset = group.create_dataset(key, data=field.values)
+        large = np.size(field.values) > 10_000  # mostly nodes that no drive informs, which compress to nothing
+        dataset = group.create_dataset(key, data=field.values, compression="gzip" if large else None)
         dataset.attrs["units"] = field.units
         dataset.attrs["long_name"] = field.long_name
         for attribute, value in (field.attributes or {}).items():

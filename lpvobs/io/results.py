@@ -83,6 +83,8 @@ class StoredResult:
     theta: Array
     standard_error: Array
     covariance: Array
+    noise: Array
+    design: Array
     supported: NDArray[np.bool_]
     excitation: Array
     constants: tuple[str, ...]
@@ -206,7 +208,9 @@ def read_result(path: Path) -> StoredResult:
             grid=grid,
             theta=stored["delta_W_c"][()],
             standard_error=stored["standard_error"][()],
-            covariance=file["covariance/theta"][()],
+            covariance=file["nodes/covariance"][()],
+            noise=file["nodes/noise"][()],
+            design=file["nodes/design"][()],
             supported=stored["support"][()] == 1,
             excitation=file["excitation/delta_1"][()],
             constants=tuple(file["sensitivity/constant"].asstr()[()]),
@@ -263,11 +267,16 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) ->
     order = np.arange(grid.size, dtype=np.int32)
     write_group(
         file,
-        "covariance",
+        "nodes",
         {
             "node": Field(order, "1", "node in the order of Eq. (23): n_e block by n_e block"),
             "other_node": Field(order, "1", "the same"),
-            "theta": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes", ("node", "other_node")),
+            "term": Field(text(COEFFICIENTS), "1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
+            "covariance": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes", ("node", "other_node")),
+            "noise": Field(
+                estimate.noise, "kg^2/s^2", "part of it that no engine constant explains", ("node", "other_node")
+            ),
+            "design": Field(estimate.design, "1", "node values that stand for each term", ("node", "term")),
         },
     )
 

@@ -69,7 +69,20 @@ def evaluate(coefficients: Array, u: Array, n: Array) -> Array:
     return np.asarray(terms(np.asarray(u, dtype=float), np.asarray(n, dtype=float)) @ coefficients)
 
 
-def fit(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_]) -> QuadraticFit:
+def scaled_terms(grid: Grid, u: Array, n: Array) -> Array:
+    """Return the regressors of Eq. (37) in coordinates that run from -1 to 1 over the grid, shape (..., 6)."""
+    (u_0, u_s), (n_0, n_s) = _scale(grid.u_delta), _scale(grid.n_e)
+    return terms((u - u_0) / u_s, (n - n_0) / n_s)
+
+
+def fit(
+    grid: Grid,
+    theta: Array,
+    covariance: Array,
+    supported: NDArray[np.bool_],
+    noise: Array | None = None,
+    design: Array | None = None,
+) -> QuadraticFit:
     """Fit Eq. (37) to the supported nodes and fill the others.
 
     Parameters
@@ -80,6 +93,12 @@ def fit(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_
     covariance : ndarray, shape (p, p)
         Of theta, [kg^2/s^2]; read at supported nodes only.
     supported : ndarray of bool, shape (p_2, p_1)
+    noise : ndarray, shape (p, p), optional
+        The part of the covariance that nodes do not share through the engine's constants; by default all of it. What the
+        residuals have beyond it counts as lack of fit.
+    design : ndarray, shape (p, 6), optional
+        The node values that the estimator would find if the surface were each of `scaled_terms`; by default their values at the
+        nodes. They differ by the curvature of u^2 and n^2 within a cell, up to 0.1 g/s for Eq. (40).
 
     Raises
     ------
@@ -87,24 +106,24 @@ def fit(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_
         If fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not determined.
     """
     n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
-    (u_0, u_s), (n_0, n_s) = _scale(grid.u_delta), _scale(grid.n_e)
-    X_all = terms((u - u_0) / u_s, (n - n_0) / n_s).reshape(-1, 6)
+    X_all = scaled_terms(grid, u, n).reshape(-1, 6)
     chosen = np.flatnonzero(np.asarray(supported).reshape(-1))
-    X, z = X_all[chosen], np.asarray(theta).reshape(-1)[chosen]
+    X, z = (X_all if design is None else design)[chosen], np.asarray(theta).reshape(-1)[chosen]
     if chosen.size < 7 or np.linalg.matrix_rank(X) < 6:
         raise DataError(
             f"/map: {chosen.size} estimated nodes do not determine the six coefficients of Eq. (37), expected at least seven "
             f"that vary in both axes; estimate from logs that visit more operating points"
         )
     Sigma = covariance[np.ix_(chosen, chosen)]
+    own_noise = Sigma if noise is None else noise[np.ix_(chosen, chosen)]
     lack = 0.0
     for _ in range(LACK_PASSES):
         A = _fit_operator(X, np.diag(Sigma) + lack)
-        lack = _lack_of_fit(X, z, Sigma, A, np.diag(Sigma) + lack)
+        lack = _lack_of_fit(X, z, own_noise, A, np.diag(Sigma) + lack)
     A = _fit_operator(X, np.diag(Sigma) + lack)
     c = A @ z
     cov = A @ (Sigma + lack * np.eye(z.size)) @ A.T
-    back = _to_raw(u_0, u_s, n_0, n_s)
+    back = _to_raw(*_scale(grid.u_delta), *_scale(grid.n_e))
     filled = (X_all @ c).reshape(grid.shape)
     spread = np.sqrt(np.einsum("ij,jk,ik->i", X_all, cov, X_all) + lack).reshape(grid.shape)
     own = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(grid.shape)
@@ -134,15 +153,15 @@ def _fit_operator(X: Array, variances: Array) -> Array:
     return np.asarray(scipy.linalg.solve(X.T @ (weights[:, None] * X), X.T * weights, assume_a="pos"))
 
 
-def _lack_of_fit(X: Array, z: Array, Sigma: Array, A: Array, variances: Array) -> float:
-    """Return the variance, the same at every node, that the residuals have beyond what the nodes' covariance explains.
+def _lack_of_fit(X: Array, z: Array, noise: Array, A: Array, variances: Array) -> float:
+    """Return the variance, the same at every node, that the residuals have beyond what noise explains.
 
-    The expected weighted sum of squared residuals is tr(W M (Sigma + lack I) M^T), M = I - X A; solved for lack, not below zero.
+    The expected weighted sum of squared residuals is tr(W M (noise + lack I) M^T), M = I - X A; solved for lack, not below zero.
     """
     weights = 1.0 / variances if np.all(variances > 0) else np.ones_like(variances)
     M = np.eye(z.size) - X @ A
     residual = M @ z
-    excess = float(weights @ residual**2) - float(np.einsum("i,ij,jk,ik->", weights, M, Sigma, M))
+    excess = float(weights @ residual**2) - float(np.einsum("i,ij,jk,ik->", weights, M, noise, M, optimize=True))
     return max(excess / float(np.einsum("i,ij,ij->", weights, M, M)), 0.0)
 
 

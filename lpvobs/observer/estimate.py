@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lpvobs.airpath.base import AirPath
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.observer.balance_errors import cell_numbers, mix
 from lpvobs.observer.information import Information, assemble, empty, solve
 from lpvobs.observer.recursion import observe
@@ -78,6 +79,10 @@ class MapEstimate:
         [kg/s], NaN where nothing supports it.
     covariance : ndarray, shape (p, p)
         [kg^2/s^2], of all nodes.
+    noise : ndarray, shape (p, p)
+        [kg^2/s^2], the part of it that does not come from the engine's constants.
+    design : ndarray, shape (p, 6)
+        The node values that the method would find for each term of Eq. (37), see `lpvobs.maps.quadratic.fit`.
     supported : ndarray of bool, shape (p_2, p_1)
     excitation : ndarray, shape (p_2 - 1, p_1 - 1)
         [s], delta_1 of Eq. (29) of every cell.
@@ -92,6 +97,8 @@ class MapEstimate:
     grid: Grid
     theta: Array
     covariance: Array
+    noise: Array
+    design: Array
     supported: NDArray[np.bool_]
     excitation: Array
     runs: tuple[LogRun, ...]
@@ -117,24 +124,30 @@ def estimate_default(
     air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], settings: EstimateSettings
 ) -> MapEstimate:
     """Return the map from one or more logs by the default method."""
-    total = empty(grid.size, len(settings.tolerance))
+    total = empty(grid.size, len(settings.tolerance) + len(COEFFICIENTS))
     runs = []
     for log in logs:
         information, run = inform(air_path, grid, gain, log, settings)
         total += information
         runs.append(run)
     solution = solve(total, settings.prior_map)
-    estimate = finished(
-        "observer", grid, solution.theta, solution.covariance(settings.constants_variance), runs, settings
+    q = len(settings.tolerance)
+    sensitivity, design = solution.response[:, :q], solution.response[:, q:]
+    covariance = solution.covariance(np.concatenate([settings.constants_variance, np.zeros(len(COEFFICIENTS))]))
+    estimate = finished("observer", grid, solution.theta, covariance, runs, settings)
+    return replace(
+        estimate,
+        noise=solution.noise,
+        design=design,
+        constants=tuple(settings.tolerance),
+        sensitivity=sensitivity.T.reshape(-1, *grid.shape),
     )
-    sensitivity = solution.sensitivity.T.reshape(-1, *grid.shape)
-    return replace(estimate, constants=tuple(settings.tolerance), sensitivity=sensitivity)
 
 
 def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Log, settings: EstimateSettings
 ) -> tuple[Information, LogRun]:
-    """Return the information of one log about map and constants."""
+    """Return the information of one log about the map, coupled to the uncertain constants and to the terms of Eq. (37)."""
     calm, rates = calmed(air_path, log, settings.smoothing)
     trajectory = air_path.trajectory(calm, gain.outputs)
     point = operating_point(air_path, log)
@@ -150,9 +163,9 @@ def inform(
     residual = _about_own_map(excited, z, steps, nodes, weights)
     mixture = mix(grid, residual, balances.slope, settings.constants_variance, steps, cells, log.segments)
     share = mixture.share[cells].T
-    g = -np.einsum("bk,bik->ik", share, balances.slope)
+    responses = np.concatenate([-np.einsum("bk,bik->ik", share, balances.slope), scaled_terms(grid, *point).T])
     information = assemble(
-        grid.size, (nodes, weights), steps / mixture.density[cells], np.einsum("bk,bk->k", share, z), g
+        grid.size, (nodes, weights), steps / mixture.density[cells], np.einsum("bk,bk->k", share, z), responses
     )
     return information, run_of(log, excited, trajectory.parameters, steps)
 
@@ -194,12 +207,15 @@ def finished(
     excited = runs[0].excitation
     for run in runs[1:]:
         excited = excited + run.excitation
+    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
     supported = (excited.nodes() >= settings.least_information).reshape(grid.shape)
     return MapEstimate(
         method=method,
         grid=grid,
         theta=np.where(supported, theta.reshape(grid.shape), np.nan),
         covariance=covariance,
+        noise=covariance,
+        design=scaled_terms(grid, u, n).reshape(grid.size, -1),
         supported=supported,
         excitation=excited.cells(),
         runs=tuple(runs),

@@ -4,10 +4,10 @@ Along the log, with W_hat the flow that the balances agree on,
 
     z = W_maf - W_hat = Psi(v) theta + g beta + e,
 
-theta being the map, beta the relative deviations of the engine's constants from the configuration, known within their stated
-tolerance, and g = -dW_hat / dbeta. The map equation of the observer with the gain Gamma(t) = H(t)^-1, dH/dt = w Psi^T Psi, has the
-solution theta = H^-1 h with H and h the integrals of w Psi^T Psi and w Psi^T z, which is what is computed here. The integrals of
-several logs add up.
+theta being the map, beta what the map is not told of (the relative deviations of the engine's constants from the configuration,
+known within their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map equation of the observer with the gain
+Gamma(t) = H(t)^-1, dH/dt = w Psi^T Psi, has the solution theta = H^-1 h with H and h the integrals of w Psi^T Psi and w Psi^T z,
+which is what is computed here. The integrals of several logs add up.
 
 The constants are not fitted to the log: a disagreement of the balances of a few hundredths of a gram per second would move them
 by percents along directions that hardly change it, and the map with them. Their tolerance is carried into the covariance instead
@@ -26,7 +26,7 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Information:
-    """Normal equations of p map nodes, and their coupling to q constants.
+    """Normal equations of p map nodes, and their coupling to q other influences on z.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Information:
     h : ndarray, shape (p,)
         [s/kg]
     coupling : ndarray, shape (p, q)
-        [s/kg], integral of w Psi^T g.
+        Integral of w Psi^T g.
     """
 
     H: Array
@@ -66,7 +66,7 @@ def assemble(p: int, regressors: tuple[NDArray[np.int64], Array], weight: Array,
     z : ndarray, shape (N,)
         [kg/s], sensor minus flow.
     g : ndarray, shape (q, N)
-        [kg/s]
+        Influences on z.
     """
     found = empty(p, g.shape[0])
     _assemble(*regressors, weight, z, np.ascontiguousarray(g.T), found.H, found.h, found.coupling)
@@ -75,7 +75,7 @@ def assemble(p: int, regressors: tuple[NDArray[np.int64], Array], weight: Array,
 
 @dataclass(frozen=True)
 class Solution:
-    """The map, how noise spreads it, and what it owes to the constants.
+    """The map, how noise spreads it, and how it answers to what it is not told of.
 
     Attributes
     ----------
@@ -83,17 +83,17 @@ class Solution:
         [kg/s]
     noise : ndarray, shape (p, p)
         [kg^2/s^2], covariance from noise alone.
-    sensitivity : ndarray, shape (p, q)
-        [kg/s], change of the map per relative change of each constant from the configured value to the true one.
+    response : ndarray, shape (p, q)
+        How the map answers to each influence: the node values it would find if z were g alone.
     """
 
     theta: Array
     noise: Array
-    sensitivity: Array
+    response: Array
 
-    def covariance(self, constants_variance: Array) -> Array:
-        """Return the covariance of the map with constants of the given variances, shape (p, p), [kg^2/s^2]."""
-        return self.noise + (self.sensitivity * constants_variance) @ self.sensitivity.T
+    def covariance(self, variance: Array) -> Array:
+        """Return the covariance of the map, shape (p, p) [kg^2/s^2], with influences of the given variances, shape (q,)."""
+        return self.noise + (self.response * variance) @ self.response.T
 
 
 def solve(information: Information, prior_map: float) -> Solution:

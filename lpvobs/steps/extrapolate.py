@@ -19,7 +19,8 @@ def extrapolate_result(path: Path) -> QuadraticFit:
         If the file is not a result, or its estimated nodes do not determine the quadratic.
     """
     stored = read_result(path)
-    covariance = stored.covariance if np.isfinite(stored.covariance).all() else np.zeros_like(stored.covariance)
-    fitted = fit(stored.grid, stored.theta, covariance, stored.supported)
+    known = np.isfinite(stored.covariance).all()
+    covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
+    fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
     add_extrapolation(path, fitted)
     return fitted

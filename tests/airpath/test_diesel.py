@@ -69,6 +69,23 @@ def test_outputs_are_what_is_measured_sensor_last(air_path, log, outputs):
     np.testing.assert_allclose(predicted[:, -1], found.parameters[:, 0] * log["omega_t"], rtol=1e-15)
 
 
+def test_constant_temperatures_replace_those_of_the_log_in_a_1_and_a_2_alone(air_path, log, engine):
+    """The paper's a_1 and a_2 are constants; rho keeps the temperatures that were measured."""
+    T_im, T_em = 310.0, 750.0
+    free = air_path.trajectory(log, ("p_im", "omega_t"))
+    found = air_path.trajectory(log, ("p_im", "omega_t"), {"T_im": T_im, "T_em": T_em})
+    a_1, a_2 = engine.gas.R_a * T_im / engine.geometry.V_im, engine.gas.R_e * T_em / engine.geometry.V_em
+    np.testing.assert_array_equal(found.parameters[:, :5], free.parameters[:, :5])
+    np.testing.assert_allclose(found.parameters[:, 5:], np.tile([a_1, a_2], (len(log), 1)), rtol=1e-14)
+    w = textbook.flows(engine, log.channels)
+    x = np.stack([log[name] for name in air_path.state_names], axis=1)
+    rate = np.einsum("kij,kj->ki", found.A, x) + found.E
+    p_im, p_em = a_1 * (w["W_c"] + w["W_egr"] - w["W_ei"]), a_2 * (w["W_f"] + w["W_ei"] - w["W_t"] - w["W_egr"])
+    np.testing.assert_allclose(rate[:, 0], p_im, rtol=0, atol=ROUNDING * a_1)  # flows of a tenth of a kg/s
+    np.testing.assert_allclose(rate[:, 1], p_em, rtol=0, atol=ROUNDING * a_2)
+    np.testing.assert_array_equal(found.C, free.C)
+
+
 def test_E_needs_no_map_and_no_sensor(air_path, log):
     other = replace(log, channels={**log.channels, "W_maf": log["W_maf"] + 1.0})
     a, b = air_path.trajectory(log, ("p_im",)), air_path.trajectory(other, ("p_im",))

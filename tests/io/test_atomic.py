@@ -28,6 +28,18 @@ def test_the_new_file_takes_the_place_of_the_old(tmp_path):
     assert names(tmp_path) == ["result.h5"]
 
 
+def test_the_old_bytes_are_never_written_over(tmp_path):
+    """Who still has the old file open, or a second link to it, keeps the old file whole."""
+    target, link = tmp_path / "result.h5", tmp_path / "link.h5"
+    target.write_text("old")
+    link.hardlink_to(target)
+    with target.open() as reader:
+        with replacing(target) as temporary:
+            temporary.write_text("new and longer")
+        assert reader.read() == "old"
+    assert link.read_text() == "old"
+
+
 @pytest.mark.parametrize(
     "failure", [ValueError("no"), KeyboardInterrupt(), SystemExit(3), OSError(28, "No space left")]
 )

@@ -135,6 +135,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_one(changed, old, new, words
 @pytest.mark.parametrize(
     ("old", "place"),
     [
+        ("gap_limit = 1.0 ", "policies.gap_limit"),
         ("gamma = 200.0 ", "published.gamma"),
         ("R_e = 286.0 ", "engine.gas.R_e"),
         ("smoothing = 0.05 ", "estimate.smoothing"),
@@ -144,8 +145,8 @@ def test_an_unknown_key_is_refused_with_the_nearest_one(changed, old, new, words
 )
 def test_a_missing_key_is_named_unless_it_has_a_default(changed, old, place):
     path = changed(old, "# " + old)
-    if place == "published.gamma":
-        assert load_config(path)[0].published.gamma == 200.0
+    if place == "policies.gap_limit":
+        assert load_config(path)[0].policies.gap_limit == 1.0
     else:
         refusal(path, f"'{place}'", "missing")
 

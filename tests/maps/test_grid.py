@@ -66,6 +66,12 @@ def test_a_node_takes_part_alone_where_the_drive_stands_on_it():
             assert np.count_nonzero(row) == 1
 
 
+def test_a_point_on_a_grid_line_belongs_to_the_interval_below():
+    """Intervals are open on the left, Eq. (14) and (15); the weights are the same either way, the cell it counts for is not."""
+    nodes, _ = UNEVEN.regressors(np.array([4.0, 4.0 + 1e-9]), np.array([2000.0, 2000.0 + 1e-9]))
+    np.testing.assert_array_equal(nodes[:, 0], [1 * 5 + 1, 2 * 5 + 2])
+
+
 def test_theta_stacks_the_speed_blocks():
     theta = np.arange(UNEVEN.size, dtype=float).reshape(UNEVEN.shape)  # rows are speeds, Eq. (23)
     u, n = np.meshgrid(UNEVEN.u_delta, UNEVEN.n_e)

@@ -16,6 +16,7 @@ from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.synthesis.published import published_gain
 
 GRAM = 1e-3  # kg/s
+PUBLISHED = PublishedSettings(gamma=200.0, x_0=(9.8e4, 9.8e4, 0.0), temperatures={"T_im": 310.0, "T_em": 750.0})
 
 
 def with_sensor(log, flow):
@@ -74,7 +75,7 @@ def test_the_default_is_better_than_the_observer_as_published(air_path, grid, ga
     maps = {
         "default": estimate_default(air_path, grid, gain, [recorded], settings),
         "published": estimate_published(
-            air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), [recorded], PublishedSettings(), settings
+            air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), [recorded], PUBLISHED, settings
         ),
     }
     error = {
@@ -214,14 +215,13 @@ def test_auxiliary_channels_change_nothing(air_path, grid, gain, drive, settings
 
 def test_published_is_eq_26_on_the_signals_as_recorded(air_path, grid, drive, other_drive, settings):
     logs = noisy(drive[0], 11), noisy(other_drive[0], 12)
-    published = PublishedSettings()
     found = estimate_published(
-        air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), logs, published, settings
+        air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), logs, PUBLISHED, settings
     )
     theta = np.zeros(grid.size)
     for log in logs:  # the map goes on from log to log
         x_0 = np.tile([9.8e4, 9.8e4, 0.0], (len(log.segments), 1))
-        trajectory = air_path.trajectory(log, ("p_im", "omega_t"))
+        trajectory = air_path.trajectory(log, ("p_im", "omega_t"), {"T_im": 310.0, "T_em": 750.0})
         point = log["u_delta"], log["n_e"]
         theta = observe(trajectory, log.time, log.segments, point, grid, published_gain(), 200.0, x_0, theta).theta
     np.testing.assert_array_equal(found.theta[found.supported], theta.reshape(grid.shape)[found.supported])

@@ -37,7 +37,7 @@ def test_map_and_covariance_are_those_of_dense_weighted_least_squares():
     expected = np.linalg.lstsq(X, np.concatenate((z, padding)) * root, rcond=None)[0]
     np.testing.assert_allclose(found.theta, expected, rtol=1e-9)
     response = np.linalg.lstsq(X, np.concatenate((g.T, np.zeros((GRID.size, 2)))) * root[:, None], rcond=None)[0]
-    np.testing.assert_allclose(found.sensitivity, response, rtol=0, atol=1e-9 * np.abs(response).max())
+    np.testing.assert_allclose(found.response, response, rtol=0, atol=1e-9 * np.abs(response).max())
     dense = np.linalg.inv(X.T @ X) + response @ np.diag(VARIANCE) @ response.T
     # A normal matrix of condition 1e6.
     np.testing.assert_allclose(found.covariance(VARIANCE), dense, rtol=0, atol=1e-9 * dense.max())
@@ -68,7 +68,7 @@ def test_a_node_without_data_keeps_its_prior():
     away = np.flatnonzero(np.abs(rows(u, n)).max(axis=0) == 0)
     assert away.size == 6
     np.testing.assert_array_equal(found.theta[away], 0.0)
-    np.testing.assert_array_equal(found.sensitivity[away], 0.0)
+    np.testing.assert_array_equal(found.response[away], 0.0)
     np.testing.assert_allclose(np.diag(found.covariance(VARIANCE))[away], PRIOR**2, rtol=1e-12)
 
 

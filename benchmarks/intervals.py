@@ -1,4 +1,4 @@
-"""Do the intervals hold? `python benchmarks/coverage.py [SEEDS]`, default 50.
+"""Do the intervals hold? `python benchmarks/intervals.py [SEEDS]`, default 50.
 
 For every seed the plant's constants are redrawn uniformly within the tolerance of the configuration, the estimator keeps the
 configured ones. Judged: the share of estimated nodes whose 90 % interval contains the node of the best bilinear fit to the
@@ -46,7 +46,7 @@ def main(seeds: int) -> None:
                 found = estimate_default(engine, grid, gain, [d.log], settings)
                 regressors = grid.regressors(d.log["u_delta"], d.log["n_e"])
                 best = best_fit(grid, *regressors, d.delta_W_c).reshape(grid.shape)
-                filled = fit(grid, found.theta, found.covariance, found.supported)
+                filled = fit(grid, found.theta, found.covariance, found.supported, found.noise, found.design)
                 half = scipy.stats.norm.ppf(0.5 + LEVEL / 2) * found.standard_error
                 wide = interval_factor(filled.nodes, LEVEL) * filled.map_standard_error
                 on = found.supported
@@ -68,7 +68,7 @@ def main(seeds: int) -> None:
         "Share of nodes inside their 90 % interval [%], mean over the seeds with the 90 % interval of that mean: the nodes of one "
         "drive share the errors of the constants, so the seed is the unit.\n\n"
     )
-    publish("coverage", f"Coverage of the intervals, seeds 1 to {seeds}", text + markdown(header, rows))
+    publish("intervals", f"Coverage of the intervals, seeds 1 to {seeds}", text + markdown(header, rows))
 
 
 if __name__ == "__main__":
