@@ -114,6 +114,14 @@ class AirPath(Protocol):
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the scheduling parameters."""
 
+    @property
+    def temperature_names(self) -> tuple[str, ...]:
+        """Names of the temperatures that `rate_bounds` takes."""
+
+    @property
+    def rate_names(self) -> tuple[str, ...]:
+        """Names of the parameters that `rate_bounds` gives."""
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
 

@@ -52,6 +52,8 @@ class Diesel:
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
+    temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
+    rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
@@ -69,7 +71,7 @@ class Diesel:
         "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature"),
         "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
         "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
-        "W_maf": Channel("kg/s", -1.0, 2.0, (-0.05, 0.5), "mass air flow sensor"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
     }
 
     @property

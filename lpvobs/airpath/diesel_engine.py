@@ -5,6 +5,7 @@ The attributes bear the names of the configuration's `[engine.*]` tables.
 """
 
 from dataclasses import asdict, dataclass
+from math import isfinite
 from typing import NamedTuple
 
 
@@ -19,6 +20,9 @@ class Gas:
     gamma_a: float
     gamma_e: float
 
+    def __post_init__(self) -> None:
+        _check(self, "R_a", "R_e", "c_pa", "c_pe")
+
 
 @dataclass(frozen=True)
 class Geometry:
@@ -29,6 +33,9 @@ class Geometry:
     V_im: float  # m^3
     V_em: float  # m^3
 
+    def __post_init__(self) -> None:
+        _check(self, "V_d", "n_cyl", "V_im", "V_em")
+
 
 @dataclass(frozen=True)
 class Filling:
@@ -37,6 +44,9 @@ class Filling:
     c_vol1: float
     c_vol2: float
     c_vol3: float
+
+    def __post_init__(self) -> None:
+        _check(self)
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,9 @@ class Compressor:
     c_pi: float
     Q: tuple[float, float, float]  # Q_11, Q_12, Q_22
     eta_c_min: float
+
+    def __post_init__(self) -> None:
+        _check(self, "R_c", "psi_0", "phi_0", "eta_c_min")
 
 
 @dataclass(frozen=True)
@@ -76,6 +89,9 @@ class Turbine:
     k_exhaust: float  # Pa/(kg/s)^2
     J_t: float  # kg m^2
 
+    def __post_init__(self) -> None:
+        _check(self, "R_t", "A_vgt_max", "K_t", "c_vgt1", "eta_tm_min", "J_t")
+
 
 @dataclass(frozen=True)
 class Egr:
@@ -86,6 +102,9 @@ class Egr:
     c_egr2: float  # 1/%
     pi_egr_opt: float
     k_reverse: float
+
+    def __post_init__(self) -> None:
+        _check(self, "A_egr_max", "c_egr2", "pi_egr_opt")
 
 
 @dataclass(frozen=True)
@@ -158,3 +177,12 @@ def constants_of(engine: DieselEngine) -> DieselConstants:
         values |= asdict(part)
     values["Q_11"], values["Q_12"], values["Q_22"] = values.pop("Q")  # type: ignore[misc]
     return DieselConstants(**{name: float(value) for name, value in values.items()})
+
+
+def _check(part: object, *positive: str) -> None:
+    """Raise ValueError for a constant that is not finite, or not positive where it has to be."""
+    for name, value in vars(part).items():
+        if not all(map(isfinite, value if isinstance(value, tuple) else (value,))):
+            raise ValueError(f"{name} must be finite")
+        if name in positive and not value > 0:
+            raise ValueError(f"{name} must be positive")

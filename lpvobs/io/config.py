@@ -40,12 +40,15 @@ class Axis:
     def __post_init__(self) -> None:
         if not (np.isfinite([self.start, self.stop, self.step]).all() and self.step > 0 and self.stop > self.start):
             raise ValueError("an axis needs finite start < stop and step > 0")
-        if (self.stop - self.start) / self.step > 1000:
+        intervals = (self.stop - self.start) / self.step
+        if intervals > 1000:
             raise ValueError("an axis has at most 1000 intervals")
+        if abs(intervals - round(intervals)) > 1e-6:
+            raise ValueError(f"step {self.step:g} does not divide the axis from {self.start:g} to {self.stop:g}")
 
     def nodes(self) -> Any:
         """Return the nodes, shape (intervals + 1,)."""
-        intervals = max(1, round((self.stop - self.start) / self.step))
+        intervals = round((self.stop - self.start) / self.step)
         return self.start + (self.stop - self.start) * np.arange(intervals + 1) / intervals
 
 
@@ -93,6 +96,7 @@ def load_config(path: Path) -> tuple[Config, str]:
     wanted = {axis.channel for axis in config.engine_path().axes}
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
+    _check_names(path, config)
     return config, text
 
 
@@ -107,6 +111,38 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
     text, document = _parse(path)
     return _convert(path, document, Effects), text
+
+
+def _check_names(path: Path, config: Config) -> None:
+    """Refuse names that the engine does not have, in the tables whose keys are free."""
+    air_path = config.engine_path()
+    states, rates = air_path.state_names, air_path.temperature_names
+    rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
+    sums = [name for pair in config.gain.nonnegative_sums for name in pair]
+    for table, found, known in (
+        ("estimate.tolerance", config.estimate.tolerance, air_path.engine_constants()),
+        ("gain.outputs", config.gain.outputs, states),
+        ("gain.bounds", config.gain.bounds, rho),
+        ("gain.nonnegative_sums", sums, air_path.parameter_names),
+        ("gain.temperatures", config.gain.temperatures, rates),
+        ("published.temperatures", config.published.temperatures, rates),
+        ("ekf.process_noise", config.ekf.process_noise, states),
+        ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor)),
+    ):
+        for name in found:
+            if name not in known:
+                raise UsageError(f"{path}: {table}: '{name}' is unknown; expected some of {', '.join(known)}")
+    for table, found, needed in (
+        ("gain.temperatures", config.gain.temperatures, rates),
+        ("published.temperatures", config.published.temperatures, rates),
+        ("ekf.process_noise", config.ekf.process_noise, states),
+        ("ekf.measurement_noise", config.ekf.measurement_noise, (*config.gain.outputs, air_path.sensor)),
+    ):
+        for name in needed:
+            if name not in found:
+                raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
+    if len(set(config.gain.outputs)) < len(config.gain.outputs):
+        raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")
 
 
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:

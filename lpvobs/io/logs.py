@@ -86,6 +86,8 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     time = values.pop("time")
     if time.size == 0:
         raise DataError(f"{path}: the log has no rows; expected at least two samples; record or export it again")
+    for name, channel in channels.items():
+        _plausible(path, name, values[name], channel)
     keep, dropped = _usable(time, values, channels)
     rows = np.flatnonzero(keep)
     rows, repeated = _increasing(path, time, rows, policies)
@@ -95,8 +97,6 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
             f"{path}: {rows.size} of {time.size} samples are usable, expected at least two; "
             f"channel '{worst}' spoils the most, see `lpvobs inspect`"
         )
-    for name, channel in channels.items():
-        _plausible(path, name, values[name][rows], channel)
     time = time[rows]
     return Log(
         name=path.stem,
@@ -185,7 +185,7 @@ def _expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
     found = schema.get_all_field_indices(name)
     if len(found) != 1:
         state = "missing" if not found else f"there {len(found)} times"
-        present = ", ".join(schema.names[:20]) or "none"
+        present = " ".join(", ".join(schema.names[:20]).split()) or "none"
         raise DataError(f"{path}: channel '{name}' is {state}; expected once, in {wanted}; present: {present}")
     if not _unit(schema.field(found[0])):
         raise DataError(
@@ -247,7 +247,12 @@ def _increasing(
 
 def _plausible(path: Path, name: str, column: Array, channel: Channel) -> None:
     """Refuse a channel whose median no working engine shows: a wrong unit or sign."""
-    middle = float(np.median(column))
+    finite = column[np.isfinite(column)]
+    if finite.size == 0:
+        raise DataError(
+            f"{path}: channel '{name}' has no number in it; expected readings in {channel.unit}; record it again"
+        )
+    middle = float(np.median(finite))
     low, high = channel.typical
     if not low <= middle <= high:
         raise DataError(
@@ -281,7 +286,7 @@ def _as_floats(table: "pa.Table", name: str) -> Array:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    column = table.column(name).cast(pa.float64())
+    column = table.column(name).cast(pa.float64(), safe=False)  # large whole numbers are rounded
     if column.null_count:
         column = pc.fill_null(column, float("nan"))
     return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in column.chunks)])

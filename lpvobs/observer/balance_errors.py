@@ -21,6 +21,8 @@ LONGEST_VISIT = 2.0
 """[s]; a longer stay in a cell counts as several visits."""
 LEAST_TIME = 1e-2
 """[s] of the average over all cells that every cell is given, so that one far from any visit has a density, too."""
+LEAST_DENSITY = 1e-15
+"""[kg^2/s], some hundredths of a milligram per second over a second: far below any sensor; balances without errors need it."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ def mix(
         _visits(residual[:, part], steps[part], cells[part], LONGEST_VISIT, power, spent)
     time = _pool(spent, shape) + LEAST_TIME
     noise = (_pool(power, shape) + LEAST_TIME * power.sum(0) / spent.sum()) / time[:, None, None]
+    noise = noise + LEAST_DENSITY * np.eye(noise.shape[-1])
     mean_slope = _pool(_sums(slope, steps, cells, spent.size), shape) / time[:, None, None]
     constant = (mean_slope * constants_variance) @ mean_slope.swapaxes(-1, -2)
     share = _least_variance(noise / time[:, None, None] + constant)

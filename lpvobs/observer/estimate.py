@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.airpath.base import AirPath
+from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
@@ -113,10 +114,21 @@ class MapEstimate:
 
 
 def steps_of(log: Log) -> Array:
-    """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none."""
+    """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none.
+
+    Raises
+    ------
+    DataError
+        If no two samples are neighbours.
+    """
     steps = np.diff(log.time, prepend=log.time[0])
     for start, _ in log.segments:
         steps[start] = 0.0
+    if not steps.any():
+        raise DataError(
+            f"log '{log.name}': a gap after every sample, the first at {log.time[0]:.6g} s; "
+            f"expected samples closer than gap_limit in [policies]"
+        )
     return steps
 
 
@@ -148,6 +160,7 @@ def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Log, settings: EstimateSettings
 ) -> tuple[Information, LogRun]:
     """Return the information of one log about the map, coupled to the uncertain constants and to the terms of Eq. (37)."""
+    steps = steps_of(log)
     calm, rates = calmed(air_path, log, settings.smoothing)
     trajectory = air_path.trajectory(calm, gain.outputs)
     point = operating_point(air_path, log)
@@ -156,7 +169,6 @@ def inform(
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
     balances = air_path.balances(seen, rates, tuple(settings.tolerance))
     z = log[air_path.sensor] - balances.flow
-    steps = steps_of(log)
     nodes, weights = grid.regressors(*point)
     cells = cell_numbers(grid, nodes)
     excited = excitation(grid, *point, log.time, log.segments)

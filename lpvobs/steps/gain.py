@@ -41,7 +41,7 @@ def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[s
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)
     try:
-        gain = synthesise(problem, falling_gain=settings.falling_gain, cascade=settings.cascade)
+        gain = synthesise(problem, falling_gain=settings.falling_gain, cascade=settings.cascade, decay=settings.decay)
     except NotProven as refusal:
         raise NotProven(f"{refusal}; {_what_is_feasible(problem, settings)}") from None
     return _stored("synthesised", air_path, settings.outputs, gain, bounds), digests
@@ -54,7 +54,9 @@ def _what_is_feasible(problem: Problem, settings: GainSettings) -> str:
     region = problem.region
     centre = [0.5 * (low + high) for low, high in zip(region.lower, region.upper, strict=True)]
     try:
-        part = largest_feasible(problem, centre, falling_gain=settings.falling_gain, cascade=settings.cascade)
+        part = largest_feasible(
+            problem, centre, falling_gain=settings.falling_gain, cascade=settings.cascade, decay=settings.decay
+        )
     except (NotProven, UsageError):
         return "not even its centre has one"
     return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"

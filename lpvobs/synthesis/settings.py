@@ -20,6 +20,9 @@ class GainSettings:
         [K]; ranges of the temperatures behind a_1 and a_2; logs do not widen or narrow them.
     nonnegative_sums : tuple of (str, str)
         Pairs of parameters whose sum never is negative, which cuts the box.
+    decay : float
+        [1/s], least decay of the state error. A fast state stays with its measurements, which are good; a slow one leans on the
+        engine model, and its wrong constants then reach both balances at once.
     cascade : bool
         The sensor does not correct the state: the last column of L is zero.
     falling_gain : bool
@@ -30,6 +33,7 @@ class GainSettings:
     bounds: Mapping[str, tuple[float, float]]
     temperatures: Mapping[str, tuple[float, float]]
     margin: float = 0.05
+    decay: float = 0.0
     nonnegative_sums: tuple[tuple[str, str], ...] = ()
     cascade: bool = True
     falling_gain: bool = True
@@ -37,6 +41,8 @@ class GainSettings:
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin <= 1.0:
             raise ValueError("margin is a share between 0 and 1")
+        if not 0.0 <= self.decay < 1e6:
+            raise ValueError("decay is at least 0 and under 1e6 1/s")
         for name, (low, high) in {**self.bounds, **self.temperatures}.items():
             if not low <= high:
                 raise ValueError(f"the bounds of {name} are not in order")

@@ -39,7 +39,12 @@ class Shrunk:
 
 
 def synthesise(
-    problem: Problem, *, falling_gain: bool, cascade: bool, epsilon: tuple[float, float] | None = None
+    problem: Problem,
+    *,
+    falling_gain: bool,
+    cascade: bool,
+    decay: float = 0.0,
+    epsilon: tuple[float, float] | None = None,
 ) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
@@ -51,6 +56,9 @@ def synthesise(
         Demand 1 - eps_1 - eps_2 > 0, so that Gamma may fall with d Gamma^-1/dt = Psi^T Psi.
     cascade : bool
         L takes nothing from the map's output: the state estimate does not depend on theta, and P L G = 0.
+    decay : float
+        [1/s]; the state error is to decay at least as fast as exp(-decay t), whatever the parameters do inside the region. Asked
+        of the solver with A + decay I in place of A; the certificate is that of Theorem 1 and does not state it.
     epsilon : tuple of float, optional
         eps_1, eps_2. By default equal, 0.49 times the bound of their sum: no pair of that sum has a larger product.
 
@@ -73,7 +81,7 @@ def synthesise(
     A, C = problem.matrices()
     units = balance(A, C)
     T, S, rate = units.states, units.outputs, units.rate
-    A_balanced = np.round(A * T / T[:, None] / rate, DIGITS)
+    A_balanced = np.round((A * T / T[:, None] + decay * np.eye(T.size)) / rate, DIGITS)
     C_balanced = np.round(C * T / S[:, None], DIGITS)
     found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, eps_1 * eps_2, units.linked, cascade)
     if isinstance(found, str):
@@ -131,6 +139,7 @@ def largest_feasible(
     *,
     falling_gain: bool,
     cascade: bool,
+    decay: float = 0.0,
     epsilon: tuple[float, float] | None = None,
     resolution: float = 0.01,
 ) -> Shrunk:
@@ -142,7 +151,7 @@ def largest_feasible(
 
     def attempt(scale: float) -> tuple[Problem, Gain]:
         part = Problem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
-        return part, synthesise(part, falling_gain=falling_gain, cascade=cascade, epsilon=epsilon)
+        return part, synthesise(part, falling_gain=falling_gain, cascade=cascade, decay=decay, epsilon=epsilon)
 
     try:
         return Shrunk(1.0, None, *attempt(1.0))

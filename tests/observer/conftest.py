@@ -45,8 +45,8 @@ def target(grid):
 
 @pytest.fixture(scope="session")
 def gain():
-    """Return a gain of the size that synthesis finds for wide temperatures: nothing from the sensor to the state."""
-    L = np.array([[285.0, -1.3, 89.0, 0.0], [-54.0, 216.0, -49.0, 0.0], [26.0, -0.35, 178.0, 0.0]])
+    """Return a gain of the size that synthesis finds for wide temperatures and a decay of 1000 1/s: nothing from the sensor to the state."""
+    L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
     return StateGain(("p_im", "p_em", "omega_t"), L)
 
 

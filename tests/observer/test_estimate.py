@@ -162,8 +162,9 @@ def test_sensitivity_is_what_a_wrong_constant_does_to_the_map(engine, grid, gain
     moved = estimate_default(Diesel(off(engine, {name: 1.001})), grid, gain, [log], settings)
     change = (moved.theta - base.theta)[base.supported] / 0.001
     stated = base.sensitivity[base.constants.index(name)][base.supported]
-    # The shares of the mixture follow the constant, which the sensitivity leaves out: 1 to 6 % of the rms over the nodes.
-    assert np.sqrt(np.mean((change - stated) ** 2)) < 0.1 * np.sqrt(np.mean(stated**2))
+    # The shares of the mixture follow the constant, which the sensitivity leaves out: 1 to 6 % of the rms over the nodes. So does
+    # the state, unless pinned: up to 14 % at a decay of 1000 1/s.
+    assert np.sqrt(np.mean((change - stated) ** 2)) < (0.1 if factor > 1.0 else 0.2) * np.sqrt(np.mean(stated**2))
 
 
 def test_the_spread_over_wrong_constants_is_the_one_stated(engine, grid, gain, drive, settings):

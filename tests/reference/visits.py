@@ -30,7 +30,9 @@ def pooled(values, rows, columns):
     return out.reshape(np.asarray(values).shape)
 
 
-def covariances(residual, slope, constants_variance, steps, cells, segments, rows, columns, longest, least_time):
+def covariances(
+    residual, slope, constants_variance, steps, cells, segments, rows, columns, longest, least_time, least_density
+):
     """Return per cell the spectral density of the B residuals, and the covariance of their averages, constants included."""
     B, q, _ = slope.shape
     count = rows * columns
@@ -44,6 +46,7 @@ def covariances(residual, slope, constants_variance, steps, cells, segments, row
             mean[cell] += slope[:, :, at] @ steps[at]
     time = pooled(spent, rows, columns) + least_time
     density = (pooled(power, rows, columns) + least_time * power.sum(axis=0) / spent.sum()) / time[:, None, None]
+    density = density + least_density * np.eye(B)
     mean = pooled(mean, rows, columns) / time[:, None, None]
     constant = np.array([m @ np.diag(constants_variance) @ m.T for m in mean])
     return density, density / time[:, None, None] + constant
