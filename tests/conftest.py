@@ -1,8 +1,13 @@
 """What every room's tests share: the engine and grid of the shipped configuration, and how Hypothesis draws."""
 
+import os
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+
+# Before NumPy is loaded: for a few hundred rows threads of the linear algebra cost more than they give, above all on a machine
+# that has something else to do.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest

@@ -9,6 +9,9 @@ from numba import njit
 from lpvobs.maps.grid import Grid, local, locate
 from lpvobs.records import Array
 
+RIDGE = 1e-9
+"""Share of a node's own time that keeps nodes which nothing tells apart at zero, instead of failing."""
+
 
 @dataclass(frozen=True)
 class Excitation:
@@ -42,13 +45,21 @@ class Excitation:
         touched = np.flatnonzero(np.diag(self.gram) > 0)
         time = np.zeros(self.gram.shape[0])
         if touched.size:
-            gram = self.gram[np.ix_(touched, touched)]
-            ridge = 1e-9 * float(
-                np.max(np.diag(gram))
-            )  # keeps nodes that nothing tells apart at zero instead of failing
-            inverse = scipy.linalg.inv(gram + ridge * np.eye(touched.size), check_finite=False)
-            time[touched] = np.maximum(1.0 / np.diag(inverse) - ridge, 0.0)
+            stay = np.diag(self.gram)[touched]
+            gram = self.gram[np.ix_(touched, touched)] / np.sqrt(stay[:, None] * stay)
+            inverse = scipy.linalg.inv(gram + RIDGE * np.eye(touched.size), check_finite=False)
+            time[touched] = stay * np.maximum(1.0 / np.diag(inverse) - RIDGE, 0.0)
         return time
+
+
+def node_values(gram: Array, right: Array) -> Array:
+    """Return node values that solve gram theta = right, shape of `right`; zero for nodes without data.
+
+    A direction that the data leave open gets the smallest values, by the ridge of `Excitation.nodes`.
+    """
+    stay = np.diag(gram)
+    ridge = np.where(stay > 0, RIDGE * stay, 1.0)
+    return np.asarray(np.linalg.solve(gram + np.diag(ridge), right))
 
 
 def excitation(

@@ -62,14 +62,15 @@ class Grid:
 
     def regressors(self, u_delta: Array, n_e: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the four node numbers and weights Psi_l of Eq. (34), each of shape (N, 4)."""
-        return _regressors(self.u_delta, self.n_e, u_delta, n_e)
+        found: tuple[NDArray[np.int64], Array] = _regressors(self.u_delta, self.n_e, u_delta, n_e)
+        return found
 
 
 @njit(cache=True)
 def locate(nodes: Array, value: float) -> tuple[int, float]:
     """Return the interval i and eta of Eq. (35) with value in (node_i, node_i+1]; eta is clipped outside the grid."""
-    i = min(max(np.searchsorted(nodes, value) - 1, 0), nodes.size - 2)
-    eta = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
+    i: int = min(max(int(np.searchsorted(nodes, value)) - 1, 0), nodes.size - 2)
+    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
     return i, min(max(eta, 0.0), 1.0)
 
 

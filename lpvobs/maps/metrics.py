@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.maps.excitation import node_values
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 
@@ -87,8 +88,7 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
     pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
     gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)
-    ridge = 1e-9 * float(np.max(np.diag(gram)))
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(p), right), dtype=float)
+    return node_values(gram, right)
 
 
 def _mean_relative(error: Array, truth: Array) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lpvobs.airpath.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.maps.excitation import Excitation, excitation
+from lpvobs.maps.excitation import Excitation, excitation, node_values
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.observer.balance_errors import cell_numbers, mix
@@ -249,8 +249,7 @@ def _about_own_map(excited: Excitation, z: Array, steps: Array, nodes: NDArray[n
         [np.bincount(nodes.ravel(), (steps[:, None] * weights * row[:, None]).ravel(), minlength=p) for row in z],
         axis=1,
     )
-    ridge = 1e-9 * float(np.max(np.diag(excited.gram)))
-    own = np.linalg.solve(excited.gram + ridge * np.eye(p), right)
+    own = node_values(excited.gram, right)
     return np.stack([row - np.einsum("km,km->k", weights, theta[nodes]) for row, theta in zip(z, own.T, strict=True)])
 
 

@@ -138,7 +138,7 @@ def test_verify_proves_again_and_notices_a_changed_gain(lpvobs, chain, tmp_path)
     assert lpvobs("verify", chain.log).code == 3
 
 
-@pytest.mark.parametrize("verb", "simulate inspect synth-gain verify estimate extrapolate report".split())
+@pytest.mark.parametrize("verb", ["simulate", "inspect", "synth-gain", "verify", "estimate", "extrapolate", "report"])
 def test_every_verb_has_help_with_an_example(lpvobs, verb):
     done = lpvobs(verb, "--help")
     assert done.code == 0

@@ -95,6 +95,16 @@ def test_a_straight_line_through_a_cell_does_not_inform_its_four_nodes(u_ends, n
     assert excited.nodes().max() < 1e-4
 
 
+def test_hours_of_idling_elsewhere_do_not_make_up_for_a_line():
+    """What is left of a line must be small beside the line itself, not beside the longest stay of the drive."""
+    grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+    s = np.tile(np.linspace(0.0, 1.0, 1500), 20)
+    hours = np.full(360_000, 1.0)
+    u, n = np.concatenate((4.0 * hours, 20.0 + 3.9 * s)), np.concatenate((750.0 * hours, 1510.0 + 230.0 * s))
+    nodes = of(grid, u, n, 0.1 * np.arange(u.size)).nodes().reshape(grid.shape)
+    assert nodes[6:8, 5:7].max() < 0.02  # 3000 s on a line in this cell
+
+
 def test_a_curve_through_the_same_cell_does():
     s = np.linspace(0.0, 1.0, 5001)
     u, n = 2.0 + 2.0 * np.cos(6.28 * s), 750.0 + 250.0 * np.sin(12.0 * s)

@@ -45,7 +45,7 @@ def target(grid):
 
 @pytest.fixture(scope="session")
 def gain():
-    """Return a gain of the size that synthesis finds for wide temperatures and a decay of 1000 1/s: nothing from the sensor to the state."""
+    """Return a gain as synthesis finds it for wide temperatures and a decay of 1000 1/s, without the sensor."""
     L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
     return StateGain(("p_im", "p_em", "omega_t"), L)
 

@@ -1,4 +1,4 @@
-"""Small synthetic logs: scattered operating conditions, and drives integrated through Eq. (1) without a tester's plant."""
+"""Small synthetic logs: scattered operating conditions, and drives integrated through Eq. (1)."""
 
 from dataclasses import replace
 
