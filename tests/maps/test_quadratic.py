@@ -113,6 +113,19 @@ def test_intervals_cover_errors_that_all_nodes_share(grid, visited):
     assert 0.82 < hits / count < 0.98
 
 
+def test_errors_that_nodes_may_share_do_not_excuse_scatter(grid, visited):
+    """The constants could be wrong by more than what is seen; the scatter between nodes is a lack of fit all the same."""
+    noise, draw = noise_of(grid, 11)
+    rng = np.random.default_rng(12)
+    shape = 5e-3 * np.sin(np.repeat(grid.n_e / 150.0, grid.u_delta.size))  # far from any quadratic
+    found = [
+        fit(grid, theta, noise + np.outer(shape, shape), visited, noise).lack_of_fit
+        for theta in (on_nodes(grid, EQ_40) + draw() + 1e-3 * rng.standard_normal(grid.shape) for _ in range(20))
+    ]
+    # The mean of twenty values that are each good to about 7 %.
+    assert np.mean(found) == pytest.approx(1e-3, rel=0.06)
+
+
 def test_what_the_bilinear_grid_does_to_a_quadratic_is_taken_back(grid, visited):
     """Nodes of the best bilinear fit along a drive lie off the surface; told so by the design, the coefficients are exact."""
     rng = np.random.default_rng(10)
