@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
 
+MOST_BACKWARD = 0.1
+"""Share of the samples that may be dropped for their time; more is not a repair."""
+
 
 @dataclass(frozen=True)
 class LogPolicies:
@@ -241,6 +244,11 @@ def _increasing(
             f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
             f"{kept[first - 1]:.6g} s (row {rows[first]}); expected strictly increasing; "
             f'repair the log or set backward_time = "drop" in [policies]'
+        )
+    if wrong > MOST_BACKWARD * kept.size:
+        raise DataError(
+            f"{path}: channel 'time' repeats or runs backward at {wrong} of {kept.size} samples, expected at most "
+            f"{100 * MOST_BACKWARD:.0f} %; one stamp far in the future does that: repair the log"
         )
     return rows[later], wrong
 

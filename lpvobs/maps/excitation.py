@@ -36,6 +36,15 @@ class Excitation:
         """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""
         return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))
 
+    def leverage(self) -> Array:
+        """Return how many nodes the data of each cell determine, shape (p_2 - 1, p_1 - 1); the sum is that of informed nodes."""
+        p_2, p_1 = self.cell_gram.shape[0] + 1, self.cell_gram.shape[1] + 1
+        hat = node_values(self.gram, np.eye(self.gram.shape[0]))
+        first = (np.arange(p_2 - 1)[:, None] * p_1 + np.arange(p_1 - 1)).ravel()
+        nodes = first[:, None] + np.array([0, 1, p_1, p_1 + 1])
+        shares = hat[nodes[:, :, None], nodes[:, None, :]] * self.cell_gram.reshape(-1, 4, 4)
+        return np.asarray(shares.sum((-1, -2)).reshape(p_2 - 1, p_1 - 1))
+
     def nodes(self) -> Array:
         """Return the time that informs each node when all others are unknown, shape (p,), [s].
 

@@ -3,7 +3,7 @@
 The errors are correlated in time (smoothing, transients that the model follows badly), so a variance per sample would promise too
 much. What counts for an average is the spectral density at low frequency: the squared integral of the residual over a visit to a
 cell, per time of the visit. It is computed from residuals about each balance's own map, which takes out any constant error, and
-averaged over neighbouring cells. Beside it stand the errors that no time averages out: those of the engine's constants.
+averaged over neighbouring cells; visits that the own map has used up to fit its nodes are not counted as evidence. Beside it stand the errors that no time averages out: those of the engine's constants.
 No weight depends on the noise of the sample it weighs: weights that correlate with errors bias.
 """
 
@@ -23,6 +23,9 @@ LEAST_TIME = 1e-2
 """[s] of the average over all cells that every cell is given, so that one far from any visit has a density, too."""
 LEAST_DENSITY = 1e-15
 """[kg^2/s], some hundredths of a milligram per second over a second: far below any sensor; balances without errors need it."""
+
+LEAST_LEFT = 0.05
+"""Share of the visits to a cell that count as evidence even if the own map has used up all of them."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ def mix(
     steps: Array,
     cells: NDArray[np.int64],
     segments: tuple[tuple[int, int], ...],
+    leverage: Array,
 ) -> Mixture:
     """Return the mixture of B balances with the least variance, random and constant errors together, in every cell.
 
@@ -70,14 +74,20 @@ def mix(
         [s]
     cells : ndarray of int, shape (N,)
     segments : tuple of (start, stop)
+    leverage : ndarray, shape (p_2 - 1, p_1 - 1)
+        Nodes that the own map has fitted to the data of each cell.
     """
     shape = (grid.n_e.size - 1, grid.u_delta.size - 1)
-    power, spent = np.zeros((shape[0] * shape[1], residual.shape[0], residual.shape[0])), np.zeros(shape[0] * shape[1])
+    count = shape[0] * shape[1]
+    power, spent = np.zeros((count, residual.shape[0], residual.shape[0])), np.zeros(count)
+    visits = np.zeros(count)
     for start, stop in segments:
         part = slice(start, stop)
-        _visits(residual[:, part], steps[part], cells[part], LONGEST_VISIT, power, spent)
+        _visits(residual[:, part], steps[part], cells[part], LONGEST_VISIT, power, spent, visits)
+    left = spent * np.clip(1.0 - leverage.ravel() / np.maximum(visits, 1.0), LEAST_LEFT, 1.0)
     time = _pool(spent, shape) + LEAST_TIME
-    noise = (_pool(power, shape) + LEAST_TIME * power.sum(0) / spent.sum()) / time[:, None, None]
+    evidence = _pool(left, shape) + LEAST_TIME
+    noise = (_pool(power, shape) + LEAST_TIME * power.sum(0) / left.sum()) / evidence[:, None, None]
     noise = noise + LEAST_DENSITY * np.eye(noise.shape[-1])
     mean_slope = _pool(_sums(slope, steps, cells, spent.size), shape) / time[:, None, None]
     constant = (mean_slope * constants_variance) @ mean_slope.swapaxes(-1, -2)
@@ -120,7 +130,7 @@ def _sums(slope: Array, steps: Array, cells: NDArray[np.int64], count: int) -> A
 
 
 @njit(cache=True)
-def _visits(residual, steps, cells, longest, power, spent):  # type: ignore[no-untyped-def]
+def _visits(residual, steps, cells, longest, power, spent, visits):  # type: ignore[no-untyped-def]
     B, N = residual.shape
     integral = np.zeros(B)
     stay = 0.0
@@ -133,5 +143,6 @@ def _visits(residual, steps, cells, longest, power, spent):  # type: ignore[no-u
                 for b in range(B):
                     power[cells[k], a, b] += integral[a] * integral[b]
             spent[cells[k]] += stay
+            visits[cells[k]] += 1.0
             integral[:] = 0.0
             stay = 0.0

@@ -173,7 +173,9 @@ def inform(
     cells = cell_numbers(grid, nodes)
     excited = excitation(grid, *point, log.time, log.segments)
     residual = _about_own_map(excited, z, steps, nodes, weights)
-    mixture = mix(grid, residual, balances.slope, settings.constants_variance, steps, cells, log.segments)
+    mixture = mix(
+        grid, residual, balances.slope, settings.constants_variance, steps, cells, log.segments, excited.leverage()
+    )
     share = mixture.share[cells].T
     responses = np.concatenate([-np.einsum("bk,bik->ik", share, balances.slope), scaled_terms(grid, *point).T])
     information = assemble(

@@ -4,8 +4,8 @@ Along the log, with W_hat the flow that the balances agree on,
 
     z = W_maf - W_hat = Psi(v) theta + g beta + e,
 
-theta being the map, beta what the map is not told of (the relative deviations of the engine's constants from the configuration,
-known within their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map equation of the observer with the gain
+theta being the map, beta what the map is not told of (the relative errors of the engine's configured constants, known to lie within
+their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map equation of the observer with the gain
 Gamma(t) = H(t)^-1, dH/dt = w Psi^T Psi, has the solution theta = H^-1 h with H and h the integrals of w Psi^T Psi and w Psi^T z,
 which is what is computed here. The integrals of several logs add up.
 

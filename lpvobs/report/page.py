@@ -1,0 +1,192 @@
+"""Content and figures into one self-contained HTML page."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+
+from lpvobs import __version__
+from lpvobs.io.atomic import replacing
+from lpvobs.report import figures
+from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
+from lpvobs.report.names import method_title, paper_error
+from lpvobs.report.tables import (
+    Table,
+    bounds_table,
+    coefficient_rows,
+    gain_line,
+    grams,
+    percent,
+    report_rows,
+)
+
+TEMPLATE = "report.html.j2"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption."""
+
+    svg: Markup
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with pictures under it."""
+
+    title: str
+    pictures: tuple[Picture, ...]
+
+
+def write_page(path: Path, report: Report) -> None:
+    """Write the page; at any instant the target is absent, the old file, or the complete new one."""
+    text = page(report)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def page(report: Report) -> str:
+    """Return the page as text; the same content gives the same text."""
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True).from_string(
+        (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
+    )
+    named = [(view.name, view.stored) for view in report.results]
+    fits = [(view.name, view.stored.extrapolation) for view in report.results if view.stored.extrapolation is not None]
+    return template.render(
+        version=__version__,
+        verdicts=[verdict(view) for view in report.results],
+        summary=report_rows(named),
+        cycles=[_cycle(cycle, number) for number, cycle in enumerate(report.cycles)],
+        quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
+        bounds=_bounds(report),
+        coefficients=coefficient_rows(fits) if fits else None,
+        gains=[(view.name, gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
+        defects=defect_rows(report),
+        origins=[(view.name, view.origin, view.stored.provenance) for view in report.results],
+    )
+
+
+def verdict(view: ResultView) -> str:
+    """Return one sentence on how far the corrected sensor is from the truth, for each log of a result."""
+    return " ".join(_sentence(view, log) for log in view.stored.logs)
+
+
+def _sentence(view: ResultView, log) -> str:  # type: ignore[no-untyped-def]
+    nodes = f"{int(view.stored.supported.sum())} of {view.stored.grid.size} nodes estimated"
+    if log.metrics is None:
+        return (
+            f"{view.name} ({method_title(view.stored.method)}): {nodes}; the log {log.name} has no references, "
+            f"so the standard errors are all that is known of the map's accuracy."
+        )
+    m = log.metrics
+    beside = paper_error(log.name)
+    paper = f"; the paper reports {percent(beside)}" if beside is not None else ""
+    return (
+        f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
+        f"{percent(m.mean_relative_error)} on average (floor of the grid {percent(m.floor_mean_relative_error)}{paper}), "
+        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples inside the certificate."
+    )
+
+
+def gain_rows(view: ResultView) -> Table:
+    """Return L with the names of its rows and columns."""
+    gain = view.stored.gain
+    rows = [[state, *(f"{value:.5g}" for value in row)] for state, row in zip(gain.states, gain.gain.L, strict=True)]
+    return ["L", *gain.outputs, "sensor"], rows
+
+
+def defect_rows(report: Report) -> Table:
+    """Return what was found wrong with every log and dropped."""
+    header = ["log", "samples used", "of", "dropped", "because of", "gaps", "repeated or backward", "duration s"]
+    rows = {}
+    for view in report.results:
+        for log in view.stored.logs:
+            causes = ", ".join(f"{name} {count}" for name, count in log.dropped.items()) or "-"
+            counts = [str(log.samples), str(log.samples_read), str(log.dropped_rows), causes, str(log.gaps)]
+            rows[log.sha256] = [log.name, *counts, str(log.repeated), f"{log.duration:.1f}"]
+    return header, list(rows.values())
+
+
+def _bounds(report: Report) -> Table:
+    """Return Table 1 for the gain that saw the most logs."""
+    view = max(report.results, key=lambda item: len(item.stored.gain.log_bounds))
+    return bounds_table(view.stored.gain, view.stored.logs)
+
+
+def _cycle(cycle: CycleView, number: int) -> Section:
+    return Section(cycle.title, tuple(_pictures(cycle, f"c{number}")))
+
+
+def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:
+    """Yield what corresponds to the paper's Figures 3 to 9, as far as the content has it."""
+    shown = [correction.result.estimated for correction in cycle.corrections]
+    drive = cycle.drive
+    limit = figures.error_limit([*shown, *([drive.surface] if drive and drive.surface else [])])
+    if drive is not None:
+        yield from _drive(cycle, drive, name, limit)
+    for index, correction in enumerate(cycle.corrections):
+        yield from _correction(cycle, correction, f"{name}-r{index}", limit)
+
+
+def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[Picture]:
+    title = cycle.title
+    if drive.surface is not None:
+        yield _picture(
+            figures.error_map(f"{name}-ref", f"reference error, {title}", drive.surface, limit),
+            "Reference error where the drive goes, as the best bilinear map shows it (the paper's Figure 3).",
+        )
+    yield _picture(
+        figures.drive_series(f"{name}-drive", f"fuel and speed over time, {title}", cycle, drive),
+        "Fuel quantity and engine speed over time (Figures 4a, 7a).",
+    )
+    surface = cycle.corrections[0].result.estimated
+    yield _picture(
+        figures.trajectory(f"{name}-path", f"operating points, {title}", cycle, drive, surface),
+        "Path of the operating point over the grid; cells without it are the area S (Figures 4b, 7b).",
+    )
+
+
+def _correction(cycle: CycleView, correction: Correction, name: str, limit: float) -> Iterator[Picture]:
+    view, drive = correction.result, cycle.drive
+    what = f"{cycle.title}, {method_title(view.stored.method)}"
+    yield _picture(
+        figures.error_map(f"{name}-map", f"estimated map, {what}", view.estimated, limit),
+        f"Estimated error map, {what} (Figures 5a, 8a): empty nodes were not informed by the drive.",
+    )
+    if view.extrapolated is not None:
+        yield _picture(
+            figures.error_map(f"{name}-full", f"extrapolated map, {what}", view.extrapolated, limit),
+            f"The same, filled from the quadratic of Eq. (37), {what} (Figures 5b, 8b): hatched nodes are extrapolated.",
+        )
+    if drive is None or correction.estimate is None:
+        return
+    if drive.reference is not None:
+        yield _picture(
+            figures.error_series(f"{name}-error", f"errors over time, {what}", drive, correction),
+            f"Reference and estimated error along the drive, {what} (Figures 6a, 9a).",
+        )
+    yield _picture(
+        figures.flow_series(f"{name}-flow", f"flows over time, {what}", drive, correction),
+        f"True flow where known, reading, and reading after correction, {what} (Figures 6b, 9b).",
+    )
+
+
+def _quality(view: ResultView, number: int) -> Iterator[Picture]:
+    errors = Surface(view.stored.grid, view.axes, view.stored.standard_error, ~view.stored.supported)
+    if (view.stored.standard_error > 0).any():
+        yield _picture(
+            figures.standard_error_map(f"q{number}-se", f"standard error, {view.name}", errors),
+            "Standard error of every estimated node, tolerance of the engine's constants included.",
+        )
+    yield _picture(
+        figures.excitation_map(f"q{number}-pe", f"excitation, {view.name}", view.estimated, view.stored.excitation),
+        "Persistency of excitation of every cell: smallest eigenvalue of the integral of Eq. (29).",
+    )
+
+
+def _picture(svg: str, caption: str) -> Picture:
+    return Picture(Markup(svg), caption)  # noqa: S704 every name in it was escaped when it was drawn
