@@ -34,7 +34,7 @@ STYLE = {
 } | dict.fromkeys(
     ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color", "hatch.color"), INK
 )
-RASTER_DPI = 110
+RASTER_DPI = 80
 """Of the parts that are drawn as images: too dense for lines."""
 
 
