@@ -1,12 +1,12 @@
 """Writes cycles/etc_surrogate.csv, the ETC surrogate; run it as `python data/make_etc_surrogate.py`.
 
-The European Transient Cycle's own table is not reproduced here. The surrogate has its outline: 1800 s in three parts of 600 s, town,
-country road, motorway. It is made of short trips: idling, pulling through the gears at a torque that differs from pull to pull, a
-change of gear without fuel, cruising at changing torque, overrun to the next stop. All that varies comes from low-discrepancy sequences
-(van der Corput), so torque and speed are spread evenly and every run writes the same bytes.
+The European Transient Cycle's own table is not reproduced here. The surrogate has its outline: 1800 s in three parts of 600
+s, town, country road, motorway. It is made of short trips: idling, pulling through the gears at a torque that differs from
+pull to pull, a change of gear without fuel, cruising at changing torque, overrun to the next stop. All that varies comes from
+low-discrepancy sequences (van der Corput), so torque and speed are spread evenly and every run writes the same bytes.
 
-Speed is normalised to 0 at idle and 100 at the reference speed of the ETC, torque to the full load at that speed. The highest speed is
-68 %, which is 3100 rpm for the engine in configs/diesel.toml.
+Speed is normalised to 0 at idle and 100 at the reference speed of the ETC, torque to the full load at that speed. The highest
+speed is 68 %, which is 3100 rpm for the engine in configs/diesel.toml.
 """
 
 from collections.abc import Iterator
@@ -106,7 +106,9 @@ def cut(part: Iterator[Row], standing: bool) -> list[Row]:
 def table() -> str:
     """Return the CSV text, a row per second from 0 to 1800."""
     rows = [(0.0, 0.0, False), *cut(town(13), True), *cut(country_road(7), True), *cut(motorway(8), True)]
-    lines = [f"{second},{speed:.1f},{torque:.1f},{int(motoring)}" for second, (speed, torque, motoring) in enumerate(rows)]
+    lines = [
+        f"{second},{speed:.1f},{torque:.1f},{int(motoring)}" for second, (speed, torque, motoring) in enumerate(rows)
+    ]
     return "\n".join(["time_s,speed_norm_pct,torque_norm_pct,motoring", *lines, ""])
 
 

@@ -88,7 +88,7 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
     pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
     gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)
-    return node_values(gram, right)
+    return node_values(gram.astype(float), right.astype(float))
 
 
 def _mean_relative(error: Array, truth: Array) -> tuple[float, float]:

@@ -3,8 +3,9 @@
 The errors are correlated in time (smoothing, transients that the model follows badly), so a variance per sample would promise too
 much. What counts for an average is the spectral density at low frequency: the squared integral of the residual over a visit to a
 cell, per time of the visit. It is computed from residuals about each balance's own map, which takes out any constant error, and
-averaged over neighbouring cells; visits that the own map has used up to fit its nodes are not counted as evidence. Beside it stand the errors that no time averages out: those of the engine's constants.
-No weight depends on the noise of the sample it weighs: weights that correlate with errors bias.
+averaged over neighbouring cells; visits that the own map has used up to fit its nodes are not counted as evidence. Beside it stand
+the errors that no time averages out: those of the engine's constants. No weight depends on the noise of the sample it weighs:
+weights that correlate with errors bias.
 """
 
 from dataclasses import dataclass

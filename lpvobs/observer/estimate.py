@@ -247,10 +247,8 @@ def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
 def _about_own_map(excited: Excitation, z: Array, steps: Array, nodes: NDArray[np.int64], weights: Array) -> Array:
     """Return the residual of each balance about the map that fits it best, shape (B, N)."""
     p = excited.gram.shape[0]
-    right = np.stack(
-        [np.bincount(nodes.ravel(), (steps[:, None] * weights * row[:, None]).ravel(), minlength=p) for row in z],
-        axis=1,
-    )
+    weighted = ((steps[:, None] * weights * row[:, None]).ravel() for row in z)
+    right: Array = np.stack([np.bincount(nodes.ravel(), part, minlength=p) for part in weighted], axis=1).astype(float)
     own = node_values(excited.gram, right)
     return np.stack([row - np.einsum("km,km->k", weights, theta[nodes]) for row, theta in zip(z, own.T, strict=True)])
 

@@ -132,15 +132,19 @@ def _view(name: str, stored: StoredResult, origin: Origin) -> ResultView:
     axes = air_path_of(stored).axes
     estimated = Surface(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
     fitted = stored.extrapolation
-    extrapolated = fitted and Surface(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
+    extrapolated = None
+    if fitted is not None:
+        extrapolated = Surface(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
     return ResultView(name, stored, origin, estimated, extrapolated)
 
 
 def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog | None) -> CycleView:
     pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
     first = pairs[0][0].stored
-    drive = given and _drive(air_path_of(first), first.grid, given)
-    corrections = tuple(Correction(view, log, drive and _along(view.stored, drive)) for view, log in pairs)
+    drive = None if given is None else _drive(air_path_of(first), first.grid, given)
+    corrections = tuple(
+        Correction(view, log, None if drive is None else _along(view.stored, drive)) for view, log in pairs
+    )
     return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
 
 
@@ -152,7 +156,7 @@ def _along(result: StoredResult, drive: Drive) -> Array:
 def _drive(air_path: AirPath, grid: Grid, given: LoadedLog) -> Drive:
     log, references = given.log, given.references
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
-    reference = references and references.delta_W_c
+    reference = None if references is None else references.delta_W_c
     return Drive(
         time=log.time,
         fuel=fuel,
@@ -160,7 +164,7 @@ def _drive(air_path: AirPath, grid: Grid, given: LoadedLog) -> Drive:
         measured=log[air_path.sensor],
         segments=log.segments,
         reference=reference,
-        true_flow=references and references.W_c,
+        true_flow=None if references is None else references.W_c,
         surface=None if reference is None else _reference_surface(air_path, grid, log, reference),
     )
 

@@ -9,12 +9,13 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
+from numpy.typing import NDArray
 
 from lpvobs.airpath.base import MapAxis
 from lpvobs.records import Array
 from lpvobs.report.content import Correction, CycleView, Drive, Surface
 from lpvobs.report.series import busiest, thin, window
-from lpvobs.report.svg import INK, RASTER_DPI, render
+from lpvobs.report.svg import INK, render
 
 TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
@@ -115,9 +116,7 @@ def flow_series(name: str, alt: str, drive: Drive, correction: Correction) -> st
     return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="mass air flow [g/s]"))
 
 
-def _two_scales(
-    figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array | None, str, str]], label: str
-) -> None:
+def _two_scales(figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array | None, str, str]], label: str) -> None:
     """Draw lines over the whole time, and below over the stretch in which the reading moves most."""
     whole, detail = figure.subplots(2, 1)
     start, stop = busiest(drive.time, drive.measured, DETAIL)
@@ -157,8 +156,8 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
             red, green, blue, _ = image.cmap(scale(value))
             dark = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 < 0.179  # where white contrasts more
             axes.text(
-                grid.u_delta[i],
-                grid.n_e[j],
+                float(grid.u_delta[i]),
+                float(grid.n_e[j]),
                 _value(value, digits),
                 ha="center",
                 va="center_baseline",
@@ -171,7 +170,7 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
     axes.set_yticks(grid.n_e[::2])
 
 
-def _hatched(u_edges: Array, n_edges: Array, filled: Array) -> PathPatch:
+def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
     """Return the extrapolated nodes as one hatched area."""
     corners = [
         Outline(

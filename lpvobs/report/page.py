@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from lpvobs import __version__
 from lpvobs.io.atomic import replacing
+from lpvobs.io.results import LogSummary
 from lpvobs.report import figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
 from lpvobs.report.names import method_title, paper_error
@@ -75,7 +76,7 @@ def verdict(view: ResultView) -> str:
     return " ".join(_sentence(view, log) for log in view.stored.logs)
 
 
-def _sentence(view: ResultView, log) -> str:  # type: ignore[no-untyped-def]
+def _sentence(view: ResultView, log: LogSummary) -> str:
     nodes = f"{int(view.stored.supported.sum())} of {view.stored.grid.size} nodes estimated"
     if log.metrics is None:
         return (
@@ -189,4 +190,4 @@ def _quality(view: ResultView, number: int) -> Iterator[Picture]:
 
 
 def _picture(svg: str, caption: str) -> Picture:
-    return Picture(Markup(svg), caption)  # noqa: S704 every name in it was escaped when it was drawn
+    return Picture(Markup(svg), caption)  # every name in it was escaped when it was drawn

@@ -1,5 +1,7 @@
 """Long time series drawn with few points: what the eye sees of them at a given width."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from lpvobs.records import Array
@@ -40,7 +42,7 @@ def _thin_segment(time: Array, values: Array, columns: int) -> Array:
         return np.stack([time, values])
     column = np.minimum((time - time[0]) * (columns / (time[-1] - time[0])), columns - 1).astype(int)
     starts = np.searchsorted(column, np.arange(columns + 1))
-    points = [_extremes(time[a:b], values[a:b]) for a, b in zip(starts, starts[1:], strict=False) if b > a]
+    points = [_extremes(time[a:b], values[a:b]) for a, b in pairwise(starts) if b > a]
     return np.concatenate(points, axis=1)
 
 
@@ -76,6 +78,6 @@ def busiest(time: Array, values: Array, width: float) -> tuple[float, float]:
 
 def window(time: Array, segments: Segments, start: float, stop: float) -> tuple[slice, Segments]:
     """Return the samples in a window of time, and the segments among them counted from its first sample."""
-    first, last = np.searchsorted(time, start), np.searchsorted(time, stop, side="right")
+    first, last = int(np.searchsorted(time, start)), int(np.searchsorted(time, stop, side="right"))
     inside = [(max(a, first) - first, min(b, last) - first) for a, b in segments]
-    return slice(int(first), int(last)), tuple((int(a), int(b)) for a, b in inside if b > a)
+    return slice(first, last), tuple((a, b) for a, b in inside if b > a)

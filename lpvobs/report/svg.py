@@ -4,6 +4,7 @@ import html
 import io
 import re
 from collections.abc import Callable
+from typing import Any, cast
 
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -12,7 +13,7 @@ from matplotlib.figure import Figure
 INK = "#0d0e0f"
 """Stands for the page's text colour while a figure is drawn, so that one figure serves light and dark."""
 FONT = "DejaVu Sans"
-STYLE = {
+STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "font.family": FONT,
     "font.size": 9.0,
@@ -53,7 +54,7 @@ def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figur
         Draws into an empty figure.
     """
     stream = io.StringIO()
-    with mpl.rc_context(STYLE | {"svg.hashsalt": name}):
+    with mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):
         figure = Figure(figsize=size, dpi=RASTER_DPI, layout="constrained")
         figure.patch.set_visible(False)
         draw(figure)

@@ -27,7 +27,8 @@ def grams(value: float | None) -> str:
 
 def log_rows(logs: Sequence[LogSummary]) -> Table:
     """Return one row per log: samples, metrics and the share that the certificate covers."""
-    header = ["log", "samples", "dropped", "gaps", "mean rel. error", "floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "certified"]
+    header = ["log", "samples", "dropped", "gaps", "mean rel. error", "floor"]
+    header += ["rms ratio", "rmse g/s", "bias g/s", "cells", "certified"]
     rows = []
     for log in logs:
         m = log.metrics
@@ -37,11 +38,11 @@ def log_rows(logs: Sequence[LogSummary]) -> Table:
                 str(log.samples),
                 str(log.dropped_rows),
                 str(log.gaps),
-                percent(m and m.mean_relative_error),
-                percent(m and m.floor_mean_relative_error),
-                percent(m and m.rms_ratio),
-                grams(m and m.rmse),
-                grams(m and m.bias),
+                percent(None if m is None else m.mean_relative_error),
+                percent(None if m is None else m.floor_mean_relative_error),
+                percent(None if m is None else m.rms_ratio),
+                grams(None if m is None else m.rmse),
+                grams(None if m is None else m.bias),
                 str(m.visited_cells) if m else NONE,
                 percent(log.share_certified, 1),
             ]
@@ -65,15 +66,15 @@ def logs_content(logs: Sequence[LogSummary]) -> list[dict[str, Any]]:
                 "repeated": log.repeated,
                 "duration": log.duration,
                 "share_certified": log.share_certified,
-                "mean_relative_error": m and m.mean_relative_error,
-                "share_left_out": m and m.share_left_out,
-                "rms_ratio": m and m.rms_ratio,
-                "rmse": m and m.rmse,
-                "bias": m and m.bias,
-                "visited_cells": m and m.visited_cells,
-                "compared_samples": m and m.samples,
-                "floor_mean_relative_error": m and m.floor_mean_relative_error,
-                "floor_rms_ratio": m and m.floor_rms_ratio,
+                "mean_relative_error": None if m is None else m.mean_relative_error,
+                "share_left_out": None if m is None else m.share_left_out,
+                "rms_ratio": None if m is None else m.rms_ratio,
+                "rmse": None if m is None else m.rmse,
+                "bias": None if m is None else m.bias,
+                "visited_cells": None if m is None else m.visited_cells,
+                "compared_samples": None if m is None else m.samples,
+                "floor_mean_relative_error": None if m is None else m.floor_mean_relative_error,
+                "floor_rms_ratio": None if m is None else m.floor_rms_ratio,
             }
         )
     return content
@@ -142,12 +143,12 @@ def report_rows(results: Sequence[tuple[str, StoredResult]]) -> Table:
                     result.method,
                     cycle_title(log.name),
                     str(log.samples),
-                    percent(m and m.mean_relative_error),
+                    percent(None if m is None else m.mean_relative_error),
                     percent(paper_error(log.name)),
-                    percent(m and m.floor_mean_relative_error),
-                    percent(m and m.rms_ratio),
-                    grams(m and m.rmse),
-                    grams(m and m.bias),
+                    percent(None if m is None else m.floor_mean_relative_error),
+                    percent(None if m is None else m.rms_ratio),
+                    grams(None if m is None else m.rmse),
+                    grams(None if m is None else m.bias),
                     str(m.visited_cells) if m else NONE,
                     percent(log.share_certified, 1),
                 ]

@@ -79,8 +79,8 @@ def targets_of(parameters: SimulationParameters, n_cyl: int) -> Targets:
 @njit(cache=True)
 def look_up(rows: Array, columns: Array, values: Array, row: float, column: float) -> float:
     """Return the bilinear value of a table, held outside its axes."""
-    i = min(max(np.searchsorted(rows, row) - 1, 0), rows.size - 2)
-    j = min(max(np.searchsorted(columns, column) - 1, 0), columns.size - 2)
+    i = min(max(int(np.searchsorted(rows, row)) - 1, 0), rows.size - 2)
+    j = min(max(int(np.searchsorted(columns, column)) - 1, 0), columns.size - 2)
     a = min(max((row - rows[i]) / (rows[i + 1] - rows[i]), 0.0), 1.0)
     b = min(max((column - columns[j]) / (columns[j + 1] - columns[j]), 0.0), 1.0)
     low = (1.0 - b) * values[i, j] + b * values[i, j + 1]

@@ -112,7 +112,9 @@ def _run(
                 after = samples.after[done]
                 work[5] = x
                 runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
-                record(plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done])
+                record(
+                    plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done]
+                )
                 done += 1
             runge_kutta(plant, course, commands, targets.period, action, start, step, x, work)
     return commands, done
@@ -129,7 +131,15 @@ def inputs_at(course: Course, commands: Commands, period: float, action: int, af
 
 @njit(cache=True)
 def runge_kutta(
-    plant: Plant, course: Course, commands: Commands, period: float, action: int, start: float, step: float, x: Array, work: Array
+    plant: Plant,
+    course: Course,
+    commands: Commands,
+    period: float,
+    action: int,
+    start: float,
+    step: float,
+    x: Array,
+    work: Array,
 ) -> None:
     """Move the state x on by one step [s] that begins `start` seconds after an action; `work` holds the slopes."""
     middle = inputs_at(course, commands, period, action, start + 0.5 * step)

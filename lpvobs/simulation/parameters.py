@@ -5,6 +5,7 @@ SI units unless a name or a comment says otherwise; speeds in rpm, fuel in mg pe
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite
 
 Row = tuple[float, ...]
@@ -293,7 +294,7 @@ def _not_negative(record: object, *names: str) -> None:
 
 
 def _check_axis(axis: Sequence[float], name: str) -> None:
-    rising = all(low < high for low, high in zip(axis, axis[1:], strict=False))
+    rising = all(low < high for low, high in pairwise(axis))
     _require(len(axis) >= 2 and rising and all(map(isfinite, axis)), f"{name} needs at least two rising numbers")
 
 

@@ -89,7 +89,9 @@ def simulate(
         For an unknown cycle or an impossible rate or seed.
     """
     if not 0 < rate <= 1.0 / parameters.step:
-        raise UsageError(f"--rate {rate:g}: expected more than 0 and at most {1.0 / parameters.step:g} Hz, a sample per step")
+        raise UsageError(
+            f"--rate {rate:g}: expected more than 0 and at most {1.0 / parameters.step:g} Hz, a sample per step"
+        )
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
     course = course_of(engine, parameters, cycle)

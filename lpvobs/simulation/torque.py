@@ -55,6 +55,6 @@ def fuel(work: Work, n_e: float, wanted: float) -> float:
 @njit(cache=True)
 def interpolate(x: Array, y: Array, at: float) -> float:
     """Return y at one point of a rising x, held outside."""
-    i = min(max(np.searchsorted(x, at) - 1, 0), x.size - 2)
+    i = min(max(int(np.searchsorted(x, at)) - 1, 0), x.size - 2)
     share = min(max((at - x[i]) / (x[i + 1] - x[i]), 0.0), 1.0)
     return (1.0 - share) * y[i] + share * y[i + 1]

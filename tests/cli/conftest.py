@@ -78,7 +78,8 @@ def rewritten():
 
     def write(table, path, **units):
         fields = [
-            pa.field(f.name, f.type, metadata={"unit": units.get(f.name, f.metadata[b"unit"].decode())}) for f in table.schema
+            pa.field(f.name, f.type, metadata={"unit": units.get(f.name, f.metadata[b"unit"].decode())})
+            for f in table.schema
         ]
         pq.write_table(pa.table(table.columns, schema=pa.schema(fields)), path)
 

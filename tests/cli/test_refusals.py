@@ -64,7 +64,11 @@ def test_truncated_log(lpvobs, config, chain, tmp_path):
 def test_a_refusal_keeps_the_old_result(lpvobs, config, chain, tmp_path):
     out = tmp_path / "old.h5"
     out.write_bytes(b"precious")
-    refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, tmp_path / "no.parquet", "--out", out), 3, "no such")
+    refused(
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, tmp_path / "no.parquet", "--out", out),
+        3,
+        "no such",
+    )
     assert out.read_bytes() == b"precious"
 
 
@@ -95,13 +99,19 @@ def test_a_gain_for_another_engine(lpvobs, config, chain, tmp_path):
 def test_usage(lpvobs, config, chain, tmp_path):
     out = tmp_path / "r.h5"
     refused(
-        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", out, "--method", "magic"), 2, "magic"
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", out, "--method", "magic"),
+        2,
+        "magic",
     )
-    refused(lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out), 2, "same name")
+    refused(
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out), 2, "same name"
+    )
     refused(lpvobs("estimate", "--config", config, "--gain", chain.log, chain.log, "--out", out), 3, str(chain.log))
     refused(lpvobs("simulate", "--config", config, "--cycle", "le_mans", "--out", out), 2, "le_mans")
     refused(
-        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "none" / "r.h5"), 3, "none"
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "none" / "r.h5"),
+        3,
+        "none",
     )
     assert lpvobs("estimate").code == 2
     assert not out.exists()

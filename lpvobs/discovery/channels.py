@@ -1,0 +1,108 @@
+"""The log's own channels as causes: a gain or an offset of the sensor, or a flow of the engine, that follows one of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvobs.discovery.candidates import Candidate, fit_candidate, slope_of
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.plant import Effect, Scene
+from lpvobs.records import Array
+
+KNOTS = (0.0, 1 / 3, 2 / 3, 1.0)
+"""Quantiles of the channel between which a curve is straight."""
+MOST_LEVELS = 3
+"""A channel with at most so many values is a switch."""
+COST = 8.0
+"""What each coefficient of a curve must gain."""
+RATE_WINDOW = 11
+"""Instants over which a channel's rate is averaged."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A dependence on a channel, straight between knots.
+
+    Attributes
+    ----------
+    channel, of : str
+        Name, and `value` or `rate`.
+    carrier : str
+        Effect whose size follows it.
+    knots, values : ndarray, shape (k,)
+        Of the channel (or its rate), and of the deviation of the carrier's size.
+    """
+
+    channel: str
+    of: str
+    carrier: str
+    knots: Array
+    values: Array
+
+
+def rate_of(values: Array) -> Array:
+    """Return the change per instant, averaged over a second."""
+    kernel = np.full(RATE_WINDOW, 1.0 / RATE_WINDOW)
+    calm = np.convolve(np.pad(values, RATE_WINDOW // 2, mode="edge"), kernel, mode="valid")
+    return np.asarray(np.gradient(calm))
+
+
+def basis(values: Array) -> tuple[Array, Array]:
+    """Return knots, shape (k,), and hat functions, shape (k, K), along a channel."""
+    levels = np.unique(values)
+    knots = levels if levels.size <= MOST_LEVELS else np.unique(np.quantile(values, KNOTS))
+    return knots, np.stack([np.interp(values, knots, np.eye(knots.size)[i]) for i in range(knots.size)])
+
+
+def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
+    """Yield every auxiliary channel and, where it is no switch, its rate."""
+    for name, values in linear.problem.auxiliary.items():
+        yield name, "value", values
+        if np.unique(values).size > MOST_LEVELS:
+            yield name, "rate", rate_of(values)
+
+
+def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
+    """Return the best curve of every channel as a candidate, none that does not pay its coefficients."""
+    problem = linear.problem
+    carriers = [effect for effect in problem.plant.catalogue if effect.id in problem.plant.carriers]
+    slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
+    best: dict[str, tuple[float, Curve, Effect]] = {}
+    for name, of, values in shapes(linear):
+        knots, hats = basis(values)
+        for effect in carriers:
+            columns = np.stack([slopes[effect.id] * hat for hat in hats[1:] - hats[1:].mean(1, keepdims=True)])
+            gain, coefficients = _joint(linear, columns)
+            if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
+                curve = Curve(name, of, effect.id, knots, np.concatenate([[0.0], coefficients]))
+                best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, values))
+    ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
+    found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
+    return [(replace(c, gain=c.gain - COST * (curve.knots.size - 1)), curve) for c, curve in found]
+
+
+def driven(curve: Curve, carrier: Effect, values: Array) -> Effect:
+    """Return the effect whose size follows the curve; its parameter is the multiple of the curve."""
+    along = np.interp(values, curve.knots, curve.values)
+    along = along - along.mean()
+    shape = np.tile(along, 2)
+
+    def apply(scene: Scene, amplitude: float) -> Scene:
+        return carrier.apply(scene, carrier.null + amplitude * shape)
+
+    return Effect(
+        f"channel:{curve.channel}", "amplitude", "1", 0.0, 0.2, -5.0, 5.0, carrier.place, apply,
+        f"drives on which {curve.channel} changes by itself",
+    )  # fmt: skip
+
+
+def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
+    """Return the gain of several directions together, and their coefficients."""
+    products = np.stack([linear.products(column) for column in columns])
+    answers = np.stack([linear.project(row) for row in products])
+    normal = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
+    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.pull
+    normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
+    coefficients = -np.linalg.solve(normal, gradient)
+    return float(-0.5 * gradient @ coefficients), coefficients

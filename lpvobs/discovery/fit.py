@@ -1,0 +1,195 @@
+"""Gauss-Newton on map, constants and effects together."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from lpvobs.discovery.linear import (
+    Linear,
+    Nodes,
+    Term,
+    covariance_root,
+    map_normal,
+    operating_nodes,
+    residual_of,
+    scatter,
+    views,
+    whiten,
+)
+from lpvobs.discovery.plant import Scene
+from lpvobs.discovery.problem import Problem
+from lpvobs.records import Array
+
+STEP = 1e-4
+"""Relative step of the difference quotients by constants."""
+SHARE = 0.02
+"""Step of the difference quotients by an effect, as a share of its noticeable size."""
+WIDEST = 100.0
+"""Prior standard deviation of an accepted effect in noticeable sizes: none to speak of."""
+PIN = 1e6
+"""Precision of a pinned constant in units of its prior's."""
+FARTHEST = 2.0
+"""A constant is sought within this many standard deviations of its prior, which is 15 % beyond its tolerance."""
+
+
+def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Linear | None = None) -> Linear:
+    """Return the model with the given terms at its optimum, its weights made from its own residual."""
+    theta = problem.prior.mean if start is None else start.theta
+    beta = np.zeros(len(problem.names))
+    whitener = None if start is None else start.whitener
+    linear = linearised(problem, tuple(terms), theta, beta, whitener)
+    for _ in range(passes):
+        linear = _stepped(linear)
+        nodes = linear.nodes
+        root = covariance_root(problem, nodes, linear.raw[0])
+        linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned)
+    return linear
+
+
+def linearised(
+    problem: Problem,
+    terms: tuple[Term, ...],
+    theta: Array,
+    beta: Array,
+    whitener: Array | None,
+    pinned: NDArray[np.bool_] | None = None,
+) -> Linear:
+    """Return the linear model at a point; without a whitener every balance counts alike."""
+    scene = problem.scene
+    for term in terms:
+        scene = term.put(scene)
+    nodes = operating_nodes(problem, scene)
+    constants = _constants(problem, beta)
+    raw = residual_of(problem, scene, constants, theta, nodes)
+    if whitener is None:
+        whitener = np.tile(np.eye(raw.shape[1]) / 1e-3, (problem.K, 1, 1))
+    columns = np.concatenate([_by_constants(problem, scene, beta), _by_terms(problem, terms, constants, theta, nodes)])
+    white = whiten(whitener, columns.reshape(-1, *raw.shape[1:])).reshape(columns.shape)
+    residual = whiten(whitener, raw)
+    pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
+    prior = _prior(problem, terms)
+    deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])
+    bare = Linear(
+        problem,
+        terms,
+        theta,
+        beta,
+        scene,
+        nodes,
+        constants,
+        pinned,
+        whitener,
+        raw,
+        residual,
+        white,
+        prior,
+        prior,
+        deviation,
+        deviation,
+    )
+    normal = normal_of(bare) + prior + _pins(problem, pinned, prior.shape[0])
+    factor = cholesky(normal)
+    gradient = bare.products(residual) + prior @ deviation
+    pull = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
+    return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
+
+
+def refit(linear: Linear, terms: Sequence[Term], passes: int = 3) -> Linear:
+    """Return a model with other terms at its optimum, with the weights of this one."""
+    begin = np.zeros(linear.beta.size)
+    found = linearised(linear.problem, tuple(terms), linear.theta, begin, linear.whitener)
+    for _ in range(passes):
+        found = _stepped(found)
+    return found
+
+
+def _stepped(linear: Linear) -> Linear:
+    problem, p, q = linear.problem, linear.p, linear.beta.size
+    bound = FARTHEST * problem.spread
+    wanted = linear.beta - linear.pull[p : p + q]
+    beta = np.clip(wanted, -bound, bound)
+    terms = tuple(
+        replace(t, size=float(np.clip(t.size - d, t.effect.low, t.effect.high)))
+        for t, d in zip(linear.terms, linear.pull[p + q :], strict=True)
+    )
+    theta = linear.theta - linear.pull[:p]
+    outward = -linear.gradient[p : p + q] * np.sign(linear.beta) > 0.0
+    pinned = (np.abs(wanted) > bound) | (linear.pinned & outward)
+    return linearised(problem, terms, theta, beta, linear.whitener, pinned)
+
+
+def _constants(problem: Problem, beta: Array) -> object:
+    base = problem.plant.constants
+    return base._replace(**{n: getattr(base, n) * (1.0 + b) for n, b in zip(problem.names, beta, strict=True)})
+
+
+def _by_constants(problem: Problem, scene: Scene, beta: Array) -> Array:
+    plant = problem.plant
+    at = plant.imbalances(_constants(problem, beta), scene.value, scene.rate, scene.lacks)
+    found = np.empty((beta.size, 2, len(plant.balances), problem.K))
+    for i in range(beta.size):
+        moved = beta.copy()
+        moved[i] += STEP
+        found[i] = views(
+            (plant.imbalances(_constants(problem, moved), scene.value, scene.rate, scene.lacks) - at) / STEP
+        )
+    return found
+
+
+def _by_terms(problem: Problem, terms: tuple[Term, ...], constants: object, theta: Array, nodes: Nodes) -> Array:
+    found = np.empty((len(terms), 2, len(problem.plant.balances), problem.K))
+    for i, term in enumerate(terms):
+        h = SHARE * term.effect.size
+        ends = []
+        for shift in (h, -h):
+            scene = problem.scene
+            for j, other in enumerate(terms):
+                scene = (replace(term, size=term.size + shift) if j == i else other).put(scene)
+            at = operating_nodes(problem, scene) if term.effect.moves_point else nodes
+            ends.append(residual_of(problem, scene, constants, theta, at))
+        found[i] = (ends[0] - ends[1]) / (2.0 * h)
+    return found
+
+
+def _prior(problem: Problem, terms: tuple[Term, ...]) -> Array:
+    """Return the precision of what is known beforehand, shape (n, n)."""
+    P, S = problem.prior.precision, problem.prior.sensitivity
+    known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + np.diag(problem.spread**-2.0)]])
+    own = np.array([(WIDEST * t.effect.size) ** -2.0 for t in terms])
+    return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
+
+
+def _pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
+    """Return what holds pinned constants where they are, shape (n, n)."""
+    held = np.zeros(n)
+    p = problem.grid.size
+    held[p : p + pinned.size] = np.where(pinned, PIN * problem.spread**-2.0, 0.0)
+    return np.diag(held)
+
+
+def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:
+    """Return the products of all columns with each other over some instants, shape (n, n)."""
+    column = (linear.whitener[instants] @ linear.problem.plant.mapped).T
+    nodes = linear.nodes[0][instants], linear.nodes[1][instants]
+    H = map_normal(linear.p, *nodes, (column**2).sum(0))
+    J = np.ascontiguousarray(linear.columns[..., instants]).reshape(linear.columns.shape[0], 2, -1)
+    between = np.zeros((J.shape[0], linear.p))
+    one = np.zeros(column.shape[1], dtype=np.int64)
+    for i in range(J.shape[0]):
+        scatter(between[i : i + 1], one, *nodes, -(column * linear.columns[i, 0][:, instants]).sum(0))
+    dense = J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T
+    return np.block([[H, between.T], [between, dense]])
+
+
+def cholesky(matrix: Array) -> Array:
+    """Return the lower Cholesky factor; a matrix that noise made indefinite gets the smallest ridge that mends it."""
+    scale = np.diag(np.abs(np.diag(matrix)))
+    for ridge in (0.0, 1e-8, 1e-4, 1e-2, 1e-1):
+        try:
+            return np.asarray(scipy.linalg.cholesky(matrix + ridge * scale, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    return np.sqrt(scale)

@@ -1,0 +1,243 @@
+"""Logs laid out for the search: instants, two independent views of the signals, blocks, and what is known beforehand."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.plant import Plant, Scene
+from lpvobs.discovery.signals import at, instants
+from lpvobs.errors import DataError
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Array, Log
+
+SPACING = 0.1
+"""[s] between instants."""
+HALF_WIDTH = 0.1
+"""[s] of the windows around instants; narrower ones blur fast transients less and let more noise through."""
+LEAST_SAMPLES = 14
+"""Samples that a window must hold: seven for each half of the samples."""
+PAUSE = 60.0
+"""[s] between two logs on the common clock."""
+WIDE = 0.5
+"""[s], half width of the windows for rates of slow signals."""
+BLOCK = 2.0
+"""[s], resolution of the search for onsets."""
+MOST_BLOCKS = 400
+"""Longer logs get longer blocks: the search over pairs of onset and end grows with their square."""
+
+
+@dataclass(frozen=True)
+class MapPrior:
+    """The map before these logs: theta = mean + sensitivity beta + error.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (p,)
+        [kg/s]
+    precision : ndarray, shape (p, p)
+        [s^2/kg^2], inverse covariance of the error.
+    sensitivity : ndarray, shape (p, q)
+        [kg/s], what the map owes to the relative error of each constant.
+    free : bool
+        Whether the map is made from these very logs.
+    """
+
+    mean: Array
+    precision: Array
+    sensitivity: Array
+    free: bool
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that stays the same during a search.
+
+    Attributes
+    ----------
+    plant : Plant
+    grid : Grid
+    names : tuple of str
+        q uncertain constants.
+    spread : ndarray, shape (q,)
+        Standard deviation of the relative error of each.
+    prior : MapPrior
+    scene : Scene
+        Of 2K columns.
+    block : ndarray of int, shape (K,)
+        Rising numbers of the blocks; none spans two logs.
+    first : ndarray of int, shape (blocks,)
+        The first instant of each.
+    begins : ndarray, shape (blocks,)
+        [s], beginning of each on the clock.
+    per_coarse : int
+        Blocks whose sums are taken as independent.
+    haste : ndarray of int, shape (K,)
+        Class of how fast the inputs change, from 0.
+    auxiliary : mapping of str to ndarray, shape (K,)
+        The logs' own channels, where all have them.
+    """
+
+    plant: Plant
+    grid: Grid
+    names: tuple[str, ...]
+    spread: Array
+    prior: MapPrior
+    scene: Scene
+    block: NDArray[np.int64]
+    first: NDArray[np.int64]
+    begins: Array
+    per_coarse: int
+    haste: NDArray[np.int64]
+    auxiliary: Mapping[str, Array]
+
+    @property
+    def K(self) -> int:
+        """The number of instants."""
+        return self.block.size
+
+
+def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
+    """Return what is known of a map that these logs make: nothing beyond a wide prior [kg/s]."""
+    p = grid.size
+    return MapPrior(np.zeros(p), np.eye(p) / prior_map**2, np.zeros((p, q)), True)
+
+
+def lay_out(
+    plant: Plant, grid: Grid, tolerance: Mapping[str, float], prior: MapPrior, logs: Sequence[Log], coarse: float = 10.0
+) -> Problem:
+    """Return the problem of one or more logs.
+
+    Raises
+    ------
+    DataError
+        If a log has no stretch that is long enough.
+    """
+    views = [_view(plant, log) for log in logs]
+    K = sum(view.time.size for view in views)
+    length = max(BLOCK, np.ceil(K * SPACING / MOST_BLOCKS / BLOCK) * BLOCK)
+    block = _blocks(views, length)
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    scene = _joined(plant, logs, views)
+    common = set.intersection(*(set(log.auxiliary) for log in logs))
+    return Problem(
+        plant=plant,
+        grid=grid,
+        names=tuple(tolerance),
+        spread=np.array(list(tolerance.values())) / np.sqrt(3.0),
+        prior=prior,
+        scene=scene,
+        block=block,
+        first=first,
+        begins=scene.clock[first],
+        per_coarse=max(1, round(coarse / length)),
+        haste=_haste(plant, scene),
+        auxiliary={
+            name: np.concatenate([_steadied(log, name, view.time) for log, view in zip(logs, views, strict=True)])
+            for name in sorted(common)
+            if all(_usable(log.auxiliary[name]) for log in logs)
+        },
+    )
+
+
+@dataclass(frozen=True)
+class _View:
+    time: Array
+    half_width: float
+    value: Array
+    rate: Array
+
+
+def _view(plant: Plant, log: Log) -> _View:
+    if len(log) < 2 * LEAST_SAMPLES:
+        raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
+    half_width = max(HALF_WIDTH, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))))
+    time = instants(log, SPACING, half_width)
+    if time.size < 600:
+        raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
+    value, rate = at(log, np.stack([log[name] for name in plant.channels]), time, half_width)
+    return _View(time, half_width, value, rate)
+
+
+def starts(logs: Sequence[Log]) -> Array:
+    """Return where each log begins on the common clock [s]."""
+    lengths = [log.time[-1] - log.time[0] + PAUSE for log in logs]
+    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+
+
+def place_in_logs(logs: Sequence[Log], clock: float) -> float | None:
+    """Return the time since the start of its log [s] of an instant of the clock, None for none."""
+    if not np.isfinite(clock):
+        return None
+    begins = starts(logs)
+    return float(clock - begins[max(int(np.searchsorted(begins, clock, side="right")) - 1, 0)])
+
+
+def _halves(values: Array) -> Array:
+    """Return (2, m, K) as (m, 2K): the first view, then the second."""
+    return np.concatenate([values[0], values[1]], axis=-1)
+
+
+def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
+    def through(channel: str, shift: float, half_width: float | None) -> tuple[Array, Array]:
+        seen = []
+        for log, view in zip(logs, views, strict=True):
+            width = half_width or view.half_width
+            time = np.clip(view.time + shift, log.time[0] + view.half_width, log.time[-1] - view.half_width)
+            seen.append(at(log, log[channel][None], time, width))
+        value, rate = (_halves(np.concatenate(parts, axis=-1))[0] for parts in zip(*seen, strict=True))
+        return value, rate
+
+    time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
+    clock = np.concatenate(
+        [view.time - log.time[0] + start for log, view, start in zip(logs, views, starts(logs), strict=True)]
+    )
+    value, rate = (
+        _halves(np.concatenate([getattr(view, name) for view in views], axis=-1)) for name in ("value", "rate")
+    )
+    return Scene(
+        time=np.tile(time, 2),
+        clock=np.tile(clock, 2),
+        value=value,
+        rate=rate,
+        lacks=np.tile(np.array(plant.lacks)[:, None], (1, 2 * time.size)),
+        later=lambda shift: through(plant.sensor, shift, None),
+        slow=lambda channel: through(channel, 0.0, WIDE),
+        channels=plant.channels,
+    )
+
+
+def _blocks(views: Sequence[_View], length: float) -> NDArray[np.int64]:
+    """Return the number of the block of every instant."""
+    numbers, offset = [], 0
+    for view in views:
+        raw = np.floor((view.time - view.time[0]) / length).astype(np.int64)
+        held, own = np.unique(raw, return_inverse=True)
+        numbers.append(own + offset)
+        offset += held.size
+    return np.concatenate(numbers)
+
+
+def _haste(plant: Plant, scene: Scene) -> NDArray[np.int64]:
+    """Return the class of each instant: fast changes blur the balances, whatever the cause."""
+    K = scene.time.size // 2
+    total = np.zeros(K)
+    for name in plant.hurried:
+        rate = 0.5 * (scene.rate_of(name)[:K] + scene.rate_of(name)[K:])
+        total += (rate / max(float(np.std(scene[name])), 1e-9)) ** 2
+    return np.searchsorted(np.quantile(total, HASTE), total)
+
+
+HASTE = (0.7, 0.85, 0.93, 0.97, 0.99)
+"""Quantiles that part the classes of haste."""
+
+
+def _usable(values: Array) -> bool:
+    known = np.isfinite(values)
+    return bool(known.mean() > 0.95 and np.ptp(values[known]) > 0)
+
+
+def _steadied(log: Log, name: str, time: Array) -> Array:
+    known = np.isfinite(log.auxiliary[name])
+    return np.interp(time, log.time[known], log.auxiliary[name][known])

@@ -1,0 +1,266 @@
+"""Forward selection: the effect that explains most, then map, constants and effects anew, until nothing is left worth a name."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvobs.discovery.candidates import (
+    LEAST_LENGTH,
+    Candidate,
+    best_intervals,
+    fit_candidate,
+    gains_of_intervals,
+    in_place,
+    loss_of,
+    p_value,
+    penalty,
+    score,
+    slope_of,
+    with_best_interval,
+)
+from lpvobs.discovery.channels import Curve, channel_candidates
+from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.heldout import compare
+from lpvobs.discovery.linear import Linear, Term, residual_with
+from lpvobs.discovery.plant import Effect
+from lpvobs.discovery.problem import Problem
+
+MOST_EFFECTS = 4
+SHORTLIST = 4
+SIGNIFICANT = 1e-3
+"""Probability of naming anything by chance on a log without effects; all candidates and intervals together."""
+LEAST_SHARE = 0.008
+"""Of the noise's sum of squares: an effect that explains less is within what smoothing and a bilinear map leave."""
+MOST_UNEVEN = 0.35
+"""Of its gain: what a size of its own for every block would gain beside it. A cause has one size."""
+WEAKEST = 15.1
+"""Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
+AGAIN = 0.05
+"""Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
+ALIKE = 1.645
+"""Standard deviations of the difference of losses by block within which two effects cannot be told apart."""
+
+
+Named = tuple[Candidate, Curve | None]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """An effect that became part of the model.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        As fitted beside all the others, with the final weights.
+    p_value : float
+    share : float
+        Of the half sum of squares above noise that was there before any effect.
+    alike : tuple of str
+        Effects that explain it as well.
+    curve : Curve or None
+        For a channel.
+    """
+
+    candidate: Candidate
+    p_value: float
+    share: float
+    alike: tuple[str, ...]
+    curve: Curve | None
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the search found.
+
+    Attributes
+    ----------
+    verdict : str
+        `effect`, `none` or `unexplained`.
+    accepted : tuple of Accepted
+    before, after : Linear
+    ranking : tuple of Candidate
+        Of the first round.
+    """
+
+    verdict: str
+    accepted: tuple[Accepted, ...]
+    before: Linear
+    after: Linear
+    ranking: tuple[Candidate, ...]
+
+
+def uneven_share(candidate: Candidate, per_coarse: int) -> float:
+    """Return what a size of its own for every block would gain, over what the one size gains."""
+    blocks = candidate.loss.size / per_coarse
+    return 0.5 * (candidate.unevenness - 1.0) * blocks / max(candidate.gain, 1e-9)
+
+
+def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
+    """Return the effects, each on its best interval where it is among the most promising, best first."""
+    blocks = linear.problem.first.size
+    free = linear.problem.prior.free
+    whole = [fit_candidate(linear, effect) for effect in effects]
+    if not intervals or blocks < 3 * LEAST_LENGTH:
+        return sorted((c for c in whole if not (free and c.term.effect.in_map)), key=score, reverse=True)
+    promise = []
+    for c in whole:
+        gains = gains_of_intervals(linear, slope_of(linear, c.term.effect, c.term.size))
+        tops = [
+            float(gains[k, l]) - penalty(1 + (k > 0 and l < blocks), blocks, float(gains[k, l]))
+            for k, l in best_intervals(gains)
+        ]
+        own = 0.0 if free and c.term.effect.in_map else c.gain
+        promise.append(max(own, *tops))
+    found = []
+    for i in np.argsort(promise)[::-1]:
+        c = whole[int(i)]
+        absorbed = free and c.term.effect.in_map
+        if len(found) < SHORTLIST:
+            found.append(with_best_interval(linear, c, not absorbed))
+        elif not absorbed:
+            found.append(c)
+    return sorted(found, key=score, reverse=True)
+
+
+def tried(problem: Problem) -> int:
+    """Return how many hypotheses compete."""
+    return len(problem.plant.catalogue) + 2 * len(problem.plant.carriers) * len(problem.auxiliary)
+
+
+def worth(candidate: Candidate, linear: Linear) -> bool:
+    """Return whether a candidate is neither chance nor too small to matter."""
+    noise = 0.5 * linear.residual[0].size
+    return candidate.gain >= LEAST_SHARE * noise and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
+
+
+def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
+    """Return what the logs hold that the model lacks."""
+    before = linear = fit(problem)
+    ranking: list[Candidate] = []
+    accepted: list[Named] = []
+    verdict = "none"
+    for step in range(MOST_EFFECTS):
+        progress(0.05 + 0.85 * step / MOST_EFFECTS)
+        found, curve = best_of(linear)
+        ranking = ranking or found
+        best = found[0]
+        if not worth(best, linear):
+            break
+        if any(c.id == best.id for c, _ in accepted):
+            verdict = "unexplained" if _comes_and_goes(best, accepted) else verdict
+            break
+        trial = fit(problem, [*linear.terms, best.term], start=linear)
+        named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
+        if not _holds_out(linear, trial):
+            break
+        if uneven_share(named[0], problem.per_coarse) > MOST_UNEVEN:
+            verdict = "unexplained"
+            break
+        verdict, linear, accepted = "effect", trial, [*accepted, named]
+    accepted, linear = _pruned(linear, accepted)
+    if verdict == "effect" and not accepted:
+        verdict = "none"
+    final = tuple(_finished(linear, i, c, curve) for i, (c, curve) in enumerate(accepted))
+    progress(1.0)
+    return Selection(verdict, final, before, linear, tuple(ranking))
+
+
+def _holds_out(before: Linear, after: Linear) -> bool:
+    """Return whether blocks that an effect was not fitted to are predicted better with it."""
+    return compare(refit(after, before.terms), after).ratio_ci90[1] < 1.0
+
+
+def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
+    """Return the effects that the others have not made superfluous, and the model without the rest."""
+    while accepted:
+        accepted = [(in_place(linear, i, c), curve) for i, (c, curve) in enumerate(accepted)]
+        weakest = int(np.argmin([wald(c) for c, _ in accepted]))
+        if wald(accepted[weakest][0]) >= WEAKEST:
+            break
+        accepted = [item for i, item in enumerate(accepted) if i != weakest]
+        terms = [t for i, t in enumerate(linear.terms) if i != weakest]
+        linear = fit(linear.problem, terms, start=linear)
+    return accepted, linear
+
+
+def wald(candidate: Candidate) -> float:
+    """Return the squared distance of a size from none, over its variance."""
+    away = candidate.term.size - candidate.term.effect.null
+    return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
+
+
+def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:
+    """Return all candidates, best first, channels among them where they beat the catalogue."""
+    found = rank(linear, linear.problem.plant.catalogue)
+    curves = channel_candidates(linear) if linear.problem.auxiliary else []
+    if not curves:
+        return found, None
+    best, curve = max(curves, key=lambda item: score(item[0]))
+    if score(best) > 1.05 * max(score(found[0]), 0.0):
+        return [best, *found], curve
+    return [*found[:1], best, *found[1:]], curve
+
+
+def _comes_and_goes(candidate: Candidate, accepted: Sequence[Named]) -> bool:
+    """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that."""
+    return any(c.id == candidate.id and candidate.gain > AGAIN * c.gain for c, _ in accepted)
+
+
+def _without(linear: Linear, index: int) -> Linear:
+    terms = tuple(t for i, t in enumerate(linear.terms) if i != index)
+    return refit(linear, terms)
+
+
+def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[Named, Linear]:
+    """Return the newest effect judged again with weights that it no longer inflates, exchanged if another one fits better."""
+    problem, newest = linear.problem, len(linear.terms) - 1
+    bare = _without(linear, newest)
+    again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
+    if curve is None:
+        absorbed = problem.prior.free and again.term.effect.in_map
+        rivals = [again, with_best_interval(bare, again, not absorbed)]
+        for rival in rank(bare, problem.plant.catalogue, intervals=False)[:SHORTLIST]:
+            rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
+        again = max(rivals, key=score)
+        if again.term != linear.terms[newest]:
+            linear = fit(problem, [*bare.terms, again.term], start=linear)
+    if again.changes:
+        linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
+    return (in_place(linear, newest, again), curve), linear
+
+
+def sharpened(linear: Linear, index: int) -> Term:
+    """Return a term with its onset and end moved to where, instant by instant, it begins and ceases to explain."""
+    term = linear.terms[index]
+    others = [t for i, t in enumerate(linear.terms) if i != index]
+    off = residual_with(linear, others)
+    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
+    better = np.cumsum(0.5 * ((off[0] ** 2).sum(0) - (on[0] ** 2).sum(0)))  # of acting up to an instant
+    clock = linear.problem.scene.clock[: linear.problem.K]
+    reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
+
+    def near(at: float, sign: float) -> float:
+        window = np.flatnonzero(np.abs(clock - at) <= reach)
+        return float(clock[window[np.argmax(sign * better[window])]]) if window.size else at
+
+    begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
+    end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
+    return replace(term, begin=begin, end=end) if end - begin > reach else term
+
+
+def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | None) -> Accepted:
+    problem, bare = linear.problem, _without(linear, index)
+    term = linear.terms[index]
+    own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
+    absorbing = problem.prior.free and own.changes == 0
+    others = [e for e in problem.plant.catalogue if e.id != own.id and not (absorbing and e.in_map)]
+    rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in others), key=score, reverse=True)
+    alike = tuple(c.id for c in rivals if _cannot_be_told(own, c, problem.per_coarse))
+    share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
+    return Accepted(own, p_value(own, tried(problem)), share, alike, curve)
+
+
+def _cannot_be_told(best: Candidate, other: Candidate, per_coarse: int) -> bool:
+    difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
+    return bool(difference.sum() <= ALIKE * np.sqrt((difference**2).sum()) and other.gain > 0.5 * best.gain)

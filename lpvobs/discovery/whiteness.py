@@ -1,0 +1,125 @@
+"""Whether a residual is noise: autocorrelation of its block means, a portmanteau test, the periodogram, and what it follows.
+
+Neighbouring instants share samples, so tests run on the sums over blocks, whose products have the variance that the data show:
+nothing is assumed about how the noise changes along the drive.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
+
+LAGS = 10
+"""Blocks up to which correlation is sought, on both sides for other signals."""
+SIGNIFICANT = 1e-3
+"""Probability that white noise is called coloured."""
+NOTABLE = 0.15
+"""Correlation that is reported; a weaker one explains under a fortieth of the power."""
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Structure of the residual.
+
+    Attributes
+    ----------
+    white : bool
+        Whether no balance fails the portmanteau test with a correlation that matters.
+    autocorrelation : ndarray, shape (B, LAGS)
+        Of block sums, from lag one.
+    band : ndarray, shape (B, LAGS)
+        95 % half width of it for white noise of the same uneven variance.
+    p_values : ndarray, shape (B,)
+        Of the portmanteau tests.
+    periodogram_distance : ndarray, shape (B,)
+        Largest distance of the cumulated periodogram from the straight line, and
+    periodogram_band : float
+        its 95 % limit for white noise.
+    correlated_with : mapping of str to float
+        Signals with a significant, notable correlation, and that correlation; none where the residual is white.
+    """
+
+    white: bool
+    autocorrelation: Array
+    band: Array
+    p_values: Array
+    periodogram_distance: Array
+    periodogram_band: float
+    correlated_with: Mapping[str, float]
+
+
+def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> Whiteness:
+    """Return the structure of a whitened residual.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (B, K)
+    first : ndarray of int, shape (blocks,)
+        The first instant of every block.
+    signals : mapping of str to ndarray, shape (K,)
+        What it may follow.
+    """
+    sums = np.add.reduceat(residual, first, axis=1)
+    counts = np.diff(np.append(first, residual.shape[1]))
+    sums = sums / np.sqrt(counts)
+    found = [portmanteau(row) for row in sums]
+    rho, band, p = (np.array([item[i] for item in found]) for i in range(3))
+    distance = np.array([periodogram_distance(row) for row in sums])
+    means = {name: np.add.reduceat(values, first) / counts for name, values in signals.items()}
+    coloured = (p < SIGNIFICANT) & (np.abs(rho).max(1) > NOTABLE)
+    return Whiteness(
+        white=not bool(coloured.any()),
+        autocorrelation=rho,
+        band=band,
+        p_values=p,
+        periodogram_distance=distance,
+        periodogram_band=1.36 / np.sqrt(max(sums.shape[1] // 2 - 1, 1)),
+        correlated_with=_followed(sums, means) if coloured.any() else {},
+    )
+
+
+def portmanteau(x: Array) -> tuple[Array, Array, float]:
+    """Return autocorrelation and band at lags 1..LAGS, and the p-value of their joint test."""
+    x = x - x.mean()
+    power = max(float(x @ x), 1e-300)
+    lags = range(1, LAGS + 1)
+    products = np.array([x[lag:] @ x[:-lag] for lag in lags])
+    variance = np.array([(x[lag:] ** 2) @ (x[:-lag] ** 2) for lag in lags])
+    statistic = float(np.sum(products**2 / np.maximum(variance, 1e-300)))
+    return products / power, 1.96 * np.sqrt(variance) / power, float(scipy.stats.chi2.sf(statistic, LAGS))
+
+
+def periodogram_distance(x: Array) -> float:
+    """Return the largest distance of the cumulated periodogram from that of white noise."""
+    power = np.abs(np.fft.rfft(x - x.mean())[1:-1]) ** 2
+    if power.size < 2 or power.sum() == 0.0:
+        return 0.0
+    line = np.arange(1, power.size + 1) / power.size
+    return float(np.max(np.abs(np.cumsum(power) / power.sum() - line)))
+
+
+def _followed(sums: Array, signals: Mapping[str, Array]) -> dict[str, float]:
+    tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
+    limit = float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / tests))
+    found = {}
+    for name, values in signals.items():
+        strongest = max(
+            (correlation(row, values, lag, limit) for row in sums for lag in range(-LAGS, LAGS + 1)), key=abs
+        )
+        if abs(strongest) > NOTABLE:
+            found[name] = strongest
+    return dict(sorted(found.items(), key=lambda item: -abs(item[1])))
+
+
+def correlation(x: Array, y: Array, lag: int, limit: float) -> float:
+    """Return the correlation of x with y `lag` blocks earlier, zero where noise of x's own variance would give as much."""
+    a, b = (x[lag:], y[: y.size - lag]) if lag >= 0 else (x[:lag], y[-lag:])
+    a, b = a - a.mean(), b - b.mean()
+    size = np.sqrt((a @ a) * (b @ b))
+    spread = np.sqrt((a**2) @ (b**2))
+    product = float(a @ b)
+    return product / size if size > 0.0 and abs(product) > limit * spread else 0.0
