@@ -79,6 +79,7 @@ lint: $(VENV)/.ready
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
+bench: export OPENBLAS_NUM_THREADS = 1
 bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/accuracy.py
 	$(VENV)/bin/python benchmarks/mismatch.py

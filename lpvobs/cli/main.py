@@ -1,5 +1,6 @@
 """The `lpvobs` command: one short file per verb, joined here."""
 
+import os
 import sys
 from typing import Annotated
 
@@ -43,6 +44,9 @@ def main(
 
 def run() -> None:
     """Run the command line; the console script."""
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        # The matrices are small: threads would cost more than they gain, and sum in another order on another machine.
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     catch_sigterm()
     try:
         app()

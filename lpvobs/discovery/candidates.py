@@ -90,7 +90,7 @@ def fit_candidate(
     """Return the effect at its best size in an interval: Gauss-Newton in the size, map and constants projected out."""
     on = within(linear, begin, end)
     size = effect.null if size is None else size
-    best: tuple[float, float, Array, Array, Array] = (-np.inf, size, on, on, on)
+    best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
     for _ in range(PASSES):
         change = change_of(linear, effect, size) * on
         products = linear.products(change)
@@ -104,7 +104,7 @@ def fit_candidate(
         slope = slope_of(linear, effect, size, change) * on
         against = linear.products(slope)
         own = linear.project(against)
-        best = (gain, size, change, slope, answer)
+        best = (float(gain), float(size), change, slope, answer)
         information = dot(slope, slope) - against @ own
         gradient = dot(slope, linear.residual + change) - against @ (answer + linear.pull)
         if not information > STRONG * np.sqrt(_blur(linear, slope).sum()):

@@ -93,7 +93,10 @@ BOOST = "the same operating points at low and at high boost"
 EGR = "the same operating points with the EGR valve open and shut"
 ALTITUDE = "drives at other ambient pressures or temperatures"
 CATALOGUE = (
-    Effect("maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor", reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True),
+    Effect(
+        "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
+        reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True,
+    ),
     Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True),
     Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 0.5, "sensor", lag, TRANSIENTS),
     Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS),

@@ -104,5 +104,5 @@ def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
     normal = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
     gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.pull
     normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
-    coefficients = -np.linalg.solve(normal, gradient)
+    coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
     return float(-0.5 * gradient @ coefficients), coefficients

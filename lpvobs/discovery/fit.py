@@ -192,4 +192,4 @@ def cholesky(matrix: Array) -> Array:
             return np.asarray(scipy.linalg.cholesky(matrix + ridge * scale, lower=True, check_finite=False))
         except np.linalg.LinAlgError:
             continue
-    return np.sqrt(scale)
+    return np.asarray(np.sqrt(scale))

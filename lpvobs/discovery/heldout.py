@@ -39,7 +39,7 @@ class Comparison:
     ratio_ci90: tuple[float, float]
 
 
-def held_out_losses(linear: Linear) -> tuple[Array, Array]:
+def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     """Return the squared whitened residual at every instant, predicted from other blocks, and which of them count.
 
     Map, constants and sizes are estimated anew without the blocks, by one step of the linear model from where it stands.
@@ -62,7 +62,7 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, shape (K,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    return np.all((time[nodes] >= SUPPORT) | (weights < NOTHING), axis=1)
+    return np.asarray(np.all((time[nodes] >= SUPPORT) | (weights < NOTHING), axis=1), dtype=bool)
 
 
 def compare(before: Linear, after: Linear) -> Comparison:
@@ -92,7 +92,7 @@ def carried_over(before: Linear, after: Linear, unseen: Problem) -> Comparison:
     by its mean weight.
     """
     weight = np.sqrt(np.mean((after.whitener**2).sum(1), axis=0))[:, None]
-    losses = []
+    losses, nodes = [], after.nodes
     for linear in (before, after):
         scene = unseen.scene
         for term in linear.terms:
@@ -104,4 +104,5 @@ def carried_over(before: Linear, after: Linear, unseen: Problem) -> Comparison:
     known = np.all((time[nodes[0]] >= SUPPORT) | (nodes[1] < NOTHING), axis=1)
     coarse = unseen.block // unseen.per_coarse
     scale = float(1.0 / np.sqrt(np.sum(weight**2)))
-    return compared(coarse, scale, *(np.where(known, loss, 0.0) for loss in losses), int(known.sum()))
+    lost, left = (np.where(known, loss, 0.0) for loss in losses)
+    return compared(coarse, scale, lost, left, int(known.sum()))

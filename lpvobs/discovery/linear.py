@@ -98,11 +98,12 @@ class Linear:
 
     def project(self, products: Array) -> Array:
         """Return the step of map, constants and terms that answers a gradient, shape (n,)."""
-        return np.asarray(scipy.linalg.cho_solve((self.factor, True), products, check_finite=False))
+        return np.asarray(scipy.linalg.cho_solve((self.factor, True), products, check_finite=False), dtype=float)
 
     def products(self, y: Array) -> Array:
         """Return the products of a whitened vector with every unknown's column, shape (n,)."""
-        return _products(self, y, np.zeros(self.problem.K, dtype=np.int64), np.zeros(1, dtype=np.int64))[0]
+        one = np.zeros(self.problem.K, dtype=np.int64)
+        return np.asarray(_products(self, y, one, one[:1])[0])
 
     def products_by_block(self, y: Array) -> Array:
         """Return the same, block by block, shape (blocks, n)."""

@@ -107,12 +107,12 @@ def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> l
     for c in whole:
         gains = gains_of_intervals(linear, slope_of(linear, c.term.effect, c.term.size))
         tops = [
-            float(gains[k, l]) - penalty(1 + (k > 0 and l < blocks), blocks, float(gains[k, l]))
-            for k, l in best_intervals(gains)
+            float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
+            for first, last in best_intervals(gains)
         ]
         own = 0.0 if free and c.term.effect.in_map else c.gain
         promise.append(max(own, *tops))
-    found = []
+    found: list[Candidate] = []
     for i in np.argsort(promise)[::-1]:
         c = whole[int(i)]
         absorbed = free and c.term.effect.in_map

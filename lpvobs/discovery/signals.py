@@ -1,46 +1,13 @@
-"""Calm signals at a few instants per second: what every balance is computed from."""
+"""Calm signals at a few instants per second, seen twice: by the even samples of a log, and by the odd ones.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+A window around each instant and the parabola through it give value and rate. The two views show the same signal, and where the
+noise of a sensor is independent from sample to sample, theirs is independent, too.
+"""
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from lpvobs.records import Array, Log
-
-Index = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Signals:
-    """Values and rates of channels at K instants.
-
-    Attributes
-    ----------
-    time : ndarray, shape (K,)
-        [s], instants, never closer to a gap than the window's half width.
-    names : tuple of str
-        m channels.
-    value, rate : ndarray, shape (m, K)
-        In the channel's unit, and per second: a local quadratic around each instant.
-    block : ndarray of int, shape (K,)
-        Number of the stretch of the log to which each instant belongs; rising.
-    """
-
-    time: Array
-    names: tuple[str, ...]
-    value: Array
-    rate: Array
-    block: Index
-
-    def __getitem__(self, name: str) -> Array:
-        """Return the values of one channel, shape (K,)."""
-        return self.value[self.names.index(name)]
-
-    def rate_of(self, name: str) -> Array:
-        """Return the rates of one channel, shape (K,)."""
-        return self.rate[self.names.index(name)]
 
 
 def instants(log: Log, spacing: float, half_width: float) -> Array:
@@ -64,14 +31,6 @@ def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array,
         every = np.ascontiguousarray(columns[:, half::2], dtype=float)
         _quadratics(np.ascontiguousarray(log.time[half::2]), every, edges, time, half_width, value[half], rate[half])
     return value, rate
-
-
-def calm(log: Log, names: Sequence[str], spacing: float, half_width: float, block: float) -> Signals:
-    """Return the needed channels of a log at instants `spacing` seconds apart, in blocks of `block` seconds."""
-    time = instants(log, spacing, half_width)
-    value, rate = at(log, np.stack([log[name] for name in names]), time, half_width)
-    number = np.floor((time - log.time[0]) / block).astype(np.int64)
-    return Signals(time, tuple(names), value, rate, np.unique(number, return_inverse=True)[1])
 
 
 @njit(cache=True)
