@@ -128,6 +128,7 @@ def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bo
     """
     columns = _columns(path)
     if set(columns) >= set(ENGINE_COLUMNS):
+        columns["torque_norm_pct"] = _without_motoring(columns["torque_norm_pct"], columns["motoring"])
         time, speed, torque, motoring = (_numbers(path, columns, name) for name in ENGINE_COLUMNS)
         keep = _kept(path, time, end)
         _check_range(path, "speed_norm_pct", speed[keep], -20.0, 150.0)
@@ -147,6 +148,14 @@ def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bo
         gear = _numbers(path, columns, "gear")[keep].astype(np.int64)
         engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])[keep]
     return SpeedCycle(title, time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
+
+
+def _without_motoring(torque: list[str], motoring: list[str]) -> list[str]:
+    """Return the torque column with zero where the table says motoring and, as regulations do, leaves the torque open."""
+    return [
+        "0" if not wanted.strip() and driven.strip() == "1" else wanted
+        for wanted, driven in zip(torque, motoring, strict=True)
+    ]
 
 
 def _columns(path: Path) -> dict[str, list[str]]:

@@ -1,0 +1,68 @@
+"""One simulated drive for the whole room, a small problem made from it, and effects put into logs without the room's formulas."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.discovery.catalogue import diesel_plant
+from lpvobs.discovery.fit import fit
+from lpvobs.discovery.problem import free_map, lay_out
+from lpvobs.io.config import load_config
+from lpvobs.records import Defects, Log
+from lpvobs.simulation.simulate import simulate
+
+SECONDS = 300.0
+
+
+@pytest.fixture(scope="session")
+def config():
+    return load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0]
+
+
+@pytest.fixture(scope="session")
+def record(config):
+    """Return a function from an engine to its log over the first minutes of a cycle, seed fixed."""
+
+    def drive(engine=None):
+        made = dict(simulate(engine or config.engine, config.simulation, "etc_part1", seed=5).channels)
+        keep = made["time"] < SECONDS
+        channels = {name: made[name][keep] for name in Diesel.channels}
+        N = int(keep.sum())
+        return Log("drive", "", made["time"][keep], channels, {}, ((0, N),), np.arange(N), Defects(N))
+
+    return drive
+
+
+@pytest.fixture(scope="session")
+def clean(record):
+    return record()
+
+
+@pytest.fixture(scope="session")
+def plant(config):
+    return diesel_plant(config.engine)
+
+
+@pytest.fixture(scope="session")
+def laid_out(plant, config):
+    """Return a function from logs to the problem with a free map."""
+    tolerance = config.estimate.tolerance
+    return lambda *logs: lay_out(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), logs)
+
+
+@pytest.fixture(scope="session")
+def linear(laid_out, clean):
+    return fit(laid_out(clean))
+
+
+@pytest.fixture(scope="session")
+def misread():
+    """Return a function that puts another reading of the sensor into a log, and auxiliary channels."""
+
+    def change(log, reading, auxiliary=None):
+        return replace(log, channels={**log.channels, "W_maf": reading}, auxiliary=auxiliary or {})
+
+    return change

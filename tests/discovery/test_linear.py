@@ -1,0 +1,84 @@
+"""Products across views, block by block and whole; intervals and left-out blocks against direct solutions."""
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery.candidates import gains_of_intervals, in_place, loss_of, slope_of
+from lpvobs.discovery.fit import fit, normal_of, refit
+from lpvobs.discovery.heldout import FOLDS, compare, held_out_losses
+from lpvobs.discovery.linear import Term, dot, views
+
+
+def test_noise_that_two_factors_share_drops_out_of_their_product():
+    rng = np.random.default_rng(2)
+    signal, noise = rng.standard_normal((1, 40000)), rng.standard_normal((1, 2, 40000))
+    seen = views(np.concatenate([signal + noise[:, 0], signal + noise[:, 1]], axis=1))
+    plain = float(np.vdot(seen[0], seen[0])) / 40000
+    assert plain == pytest.approx(1.5, abs=0.05)  # the mean of two views keeps half of the noise power
+    assert dot(seen, seen) / 40000 == pytest.approx(1.0, abs=0.04)  # four standard deviations of the mean of products
+
+
+def test_blocks_add_up_to_the_whole(linear):
+    y = linear.residual
+    np.testing.assert_allclose(linear.products_by_block(y).sum(0), linear.products(y), rtol=1e-8, atol=1e-6)
+    assert linear.by_block(y, y).sum() == pytest.approx(dot(y, y), rel=1e-9)
+
+
+def test_whitened_residual_has_unit_variance(linear):
+    power = (linear.residual[0] ** 2).mean(1)
+    assert np.all(
+        (power > 0.7) & (power < 1.3)
+    )  # pooled over neighbouring cells: near one in each balance, not exactly
+
+
+def test_the_optimum_needs_no_further_step(linear):
+    shift = np.abs(linear.pull) * np.sqrt(np.diag(linear.normal))
+    assert shift.max() < 0.3  # of each unknown's own standard deviation: weights change from pass to pass
+
+
+def test_gain_of_an_interval_is_that_of_a_direct_solution(linear):
+    one = next(e for e in linear.problem.plant.catalogue if e.id == "maf.lag")
+    direction = slope_of(linear, one, one.null)
+    gains = gains_of_intervals(linear, direction)
+    for first, last in ((0, gains.shape[0] - 1), (20, 90), (60, gains.shape[0] - 1)):
+        on = ((linear.problem.block >= first) & (linear.problem.block < last)).astype(float)
+        column = direction * on
+        across = linear.products(column)
+        bordered = np.block([[linear.normal, across[:, None]], [across[None], np.array([[dot(column, column)]])]])
+        right = np.append(linear.gradient, dot(column, linear.residual))
+        both = 0.5 * right @ np.linalg.solve(bordered, right)
+        alone = 0.5 * linear.gradient @ np.linalg.solve(linear.normal, linear.gradient)
+        assert gains[first, last] == pytest.approx(both - alone, rel=1e-5, abs=1e-5)
+
+
+def test_left_out_blocks_are_predicted_from_the_others(linear):
+    losses, _ = held_out_losses(linear)
+    problem = linear.problem
+    out = problem.block // problem.per_coarse % FOLDS == 2
+    rest = np.where(out, 0.0, 1.0)
+    gradient = linear.gradient - linear.products(linear.residual) + linear.products(linear.residual * rest)
+    step = np.linalg.solve(linear.normal - normal_of(linear, np.flatnonzero(out)), gradient)
+    left = linear.moved(linear.residual, step)[0][:, out]
+    np.testing.assert_allclose(losses[out], (left**2).sum(0), rtol=1e-5, atol=1e-8)
+
+
+def test_a_model_compared_with_itself_is_no_better(linear):
+    same = compare(linear, linear)
+    assert same.ratio == 1.0
+    assert same.ratio_ci90 == (1.0, 1.0)
+    assert 0.0 < same.before < 1e-3  # kg/s: what is left is noise of sensors, tenths of a gram per second
+
+
+def test_an_absent_effect_is_fitted_as_absent(linear):
+    one = next(e for e in linear.problem.plant.catalogue if e.id == "maf.lag")
+    with_lag = fit(linear.problem, [Term(one, 0.03)])
+    assert abs(with_lag.terms[0].size) < 2e-3  # s; smoothing leaves a millisecond, not the 20 ms of shared noise
+    candidate = in_place(with_lag, 0, _like(with_lag, one))
+    assert candidate.information**-0.5 < 1e-3
+    assert loss_of(refit(with_lag, ())).sum() >= loss_of(with_lag).sum() - 1e-6
+
+
+def _like(linear, one):
+    from lpvobs.discovery.candidates import Candidate
+
+    return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size))
