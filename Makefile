@@ -82,6 +82,7 @@ lint: $(VENV)/.ready
 bench: export OPENBLAS_NUM_THREADS = 1
 bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/accuracy.py
+	$(VENV)/bin/python benchmarks/surfaces.py
 	$(VENV)/bin/python benchmarks/mismatch.py
 	$(VENV)/bin/python benchmarks/intervals.py
 

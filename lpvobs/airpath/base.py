@@ -119,6 +119,10 @@ class AirPath(Protocol):
         """Names of the temperatures that `rate_bounds` takes."""
 
     @property
+    def balance_constants(self) -> tuple[str, ...]:
+        """Names of the engine constants that a balance depends on."""
+
+    @property
     def rate_names(self) -> tuple[str, ...]:
         """Names of the parameters that `rate_bounds` gives."""
 

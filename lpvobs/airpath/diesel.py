@@ -54,6 +54,7 @@ class Diesel:
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
     temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
     rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
+    balance_constants: ClassVar[tuple[str, ...]] = tuple(dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1]))
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),

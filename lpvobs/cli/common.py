@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -14,7 +14,7 @@ from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
-from lpvobs.errors import LpvobsError
+from lpvobs.errors import LpvobsError, UsageError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -71,6 +71,13 @@ def catch_sigterm() -> None:
         raise Terminated
 
     signal.signal(signal.SIGTERM, handler)
+
+
+def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
+    """Raise UsageError if the file to write is one of those to read."""
+    for path in inputs:
+        if out.exists() and path.exists() and out.samefile(path):
+            raise UsageError(f"--out {out}: is also an input and would be lost; name another file")
 
 
 def say(message: str) -> None:

@@ -8,7 +8,7 @@ import typer
 
 from lpvobs import __version__
 from lpvobs.cli import estimate, extrapolate, inspect, report, simulate, synth_gain, verify
-from lpvobs.cli.common import SIGINT_CODE, catch_sigterm
+from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
 
 app = typer.Typer(
     name="lpvobs",
@@ -52,3 +52,5 @@ def run() -> None:
         app()
     except KeyboardInterrupt:
         sys.exit(SIGINT_CODE)
+    except Terminated:
+        sys.exit(SIGTERM_CODE)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, say
+from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, refuse_overwriting, say
 
 
 @guarded
@@ -35,6 +35,7 @@ def simulate(
     from lpvobs.io.logs import write_log
     from lpvobs.simulation.simulate import simulate as drive
 
+    refuse_overwriting(out, [path for path in (config, effects, Path(cycle)) if path is not None])
     configuration, _ = load_config(config)
     if configuration.simulation is None:
         raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, table
+from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, refuse_overwriting, table
 
 
 @guarded
@@ -37,6 +37,7 @@ def synth_gain(
     from lpvobs.report.tables import bounds_table
     from lpvobs.steps.gain import make_gain, make_published_gain
 
+    refuse_overwriting(out, [config, *(logs or [])])
     configuration, text = load_config(config)
     if published is not None and logs:
         raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")

@@ -32,7 +32,11 @@ SIGNIFICANT = 1e-3
 """Probability of naming anything by chance on a log without effects; all candidates and intervals together."""
 LEAST_SHARE = 0.008
 """Of the noise's sum of squares: an effect that explains less is within what smoothing and a bilinear map leave."""
-MOST_UNEVEN = 0.35
+MOST_STRUCTURE = 0.02
+"""Of the noise's sum of squares: what sizes that change from block to block may gain before a residual counts as unexplained."""
+STRUCTURE_LEFT = 0.2
+"""Of the structure that was there before; named effects that leave more do not explain it."""
+MOST_UNEVEN = 0.15
 """Of its gain: what a size of its own for every block would gain beside it. A cause has one size."""
 WEAKEST = 15.1
 """Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
@@ -139,7 +143,6 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     before = linear = fit(problem)
     ranking: list[Candidate] = []
     accepted: list[Named] = []
-    verdict = "none"
     for step in range(MOST_EFFECTS):
         progress(0.05 + 0.85 * step / MOST_EFFECTS)
         found, curve = best_of(linear)
@@ -147,23 +150,39 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         best = found[0]
         if not worth(best, linear):
             break
+        if _comes_and_goes(best, accepted):
+            return Selection("unexplained", (), before, before, tuple(ranking))
         if any(c.id == best.id for c, _ in accepted):
-            verdict = "unexplained" if _comes_and_goes(best, accepted) else verdict
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
         named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
         if not _holds_out(linear, trial):
             break
         if uneven_share(named[0], problem.per_coarse) > MOST_UNEVEN:
-            verdict = "unexplained"
-            break
-        verdict, linear, accepted = "effect", trial, [*accepted, named]
+            return Selection("unexplained", (), before, before, tuple(ranking))
+        linear, accepted = trial, [*accepted, named]
     accepted, linear = _pruned(linear, accepted)
-    if verdict == "effect" and not accepted:
-        verdict = "none"
+    if _left_over(before, linear):
+        return Selection("unexplained", (), before, before, tuple(ranking))
+    verdict = "effect" if accepted else "none"
     final = tuple(_finished(linear, i, c, curve) for i, (c, curve) in enumerate(accepted))
     progress(1.0)
     return Selection(verdict, final, before, linear, tuple(ranking))
+
+
+def structure(linear: Linear) -> float:
+    """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
+    blocks = linear.problem.first.size / linear.problem.per_coarse
+    carriers = [e for e in linear.problem.plant.catalogue if e.id in linear.problem.plant.carriers]
+    return max(0.5 * (fit_candidate(linear, effect).unevenness - 1.0) * blocks for effect in carriers)
+
+
+def _left_over(before: Linear, after: Linear) -> bool:
+    """Return whether the residual has a structure in time that the named effects do not explain."""
+    left = structure(after)
+    if left < MOST_STRUCTURE * 0.5 * after.residual[0].size:
+        return False
+    return after is before or left > STRUCTURE_LEFT * structure(refit(after, ()))
 
 
 def _holds_out(before: Linear, after: Linear) -> bool:
@@ -203,8 +222,16 @@ def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:
 
 
 def _comes_and_goes(candidate: Candidate, accepted: Sequence[Named]) -> bool:
-    """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that."""
-    return any(c.id == candidate.id and candidate.gain > AGAIN * c.gain for c, _ in accepted)
+    """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that.
+
+    The second time it is the same effect, or one that starts and stops beside one with an onset.
+    """
+    stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
+    return any(
+        (c.id == candidate.id or (c.term.effect.place == candidate.term.effect.place and c.changes > 0 and stops))
+        and candidate.gain > AGAIN * c.gain
+        for c, _ in accepted
+    )
 
 
 def _without(linear: Linear, index: int) -> Linear:

@@ -18,8 +18,9 @@ def replacing(target: Path) -> Iterator[Path]:
     Raises
     ------
     DataError
-        If the folder does not exist or cannot be written.
+        If the folder does not exist or cannot be written, or the target is a folder, a device or a pipe.
     """
+    target = _regular(target)
     try:
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     except OSError as error:
@@ -39,6 +40,18 @@ def replacing(target: Path) -> Iterator[Path]:
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
+
+
+def _regular(target: Path) -> Path:
+    """Return the file behind symbolic links; refuse what must not be replaced, and names that other readers cannot open."""
+    try:
+        str(target).encode()
+    except UnicodeEncodeError:
+        raise DataError(f"{str(target)!a}: the name is not UTF-8; choose another") from None
+    resolved = target.resolve()
+    if resolved.exists() and not resolved.is_file():
+        raise DataError(f"{target}: is not a regular file, and would be replaced by one; name a file")
+    return resolved
 
 
 def _umask() -> int:

@@ -27,6 +27,7 @@ from lpvobs.synthesis.settings import GainSettings
 
 Record = TypeVar("Record")
 SCHEMA = 1
+MOST_NODES = 3000  # the information matrix of more does not fit a small machine
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,9 @@ def load_config(path: Path) -> tuple[Config, str]:
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
     _check_names(path, config)
+    nodes = config.grid().size
+    if nodes > MOST_NODES:
+        raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; widen the steps")
     return config, text
 
 
@@ -120,7 +124,7 @@ def _check_names(path: Path, config: Config) -> None:
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
     sums = [name for pair in config.gain.nonnegative_sums for name in pair]
     for table, found, known in (
-        ("estimate.tolerance", config.estimate.tolerance, air_path.engine_constants()),
+        ("estimate.tolerance", config.estimate.tolerance, air_path.balance_constants),
         ("gain.outputs", config.gain.outputs, states),
         ("gain.bounds", config.gain.bounds, rho),
         ("gain.nonnegative_sums", sums, air_path.parameter_names),

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from lpvobs.errors import DataError
+from lpvobs.errors import DataError, UsageError
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,20 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     except OSError:
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
     with file:
-        schema = file.attrs.get("schema", "")
+        schema = str(file.attrs.get("schema", ""))
         if schema != f"lpvobs/{kind}/1":
             found = f"schema '{schema}'" if schema else "no lpvobs schema"
             raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")
         try:
             yield file
-        except (KeyError, OSError, ValueError, TypeError, RuntimeError) as error:
+        except (
+            KeyError,
+            IndexError,
+            AttributeError,
+            OSError,
+            ValueError,
+            TypeError,
+            RuntimeError,
+            UsageError,
+        ) as error:
             raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None

@@ -160,6 +160,11 @@ def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Log, settings: EstimateSettings
 ) -> tuple[Information, LogRun]:
     """Return the information of one log about the map, coupled to the uncertain constants and to the terms of Eq. (37)."""
+    if np.any(gain.L[:, -1] != 0.0):
+        raise DataError(
+            "gain: the sensor corrects the state (last column of L is not zero), expected a cascade for the default method; "
+            "synthesise with cascade = true in [gain], or use --method published"
+        )
     steps = steps_of(log)
     calm, rates = calmed(air_path, log, settings.smoothing)
     trajectory = air_path.trajectory(calm, gain.outputs)

@@ -31,8 +31,8 @@ class EstimateSettings:
 
     def __post_init__(self) -> None:
         for name in ("smoothing", "least_information", "prior_map"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive")
+            if not 0 < getattr(self, name) < 1e6:
+                raise ValueError(f"{name} must be positive, and not more than any drive")
         if not all(0.0 <= value < 0.5 for value in self.tolerance.values()):
             raise ValueError("a tolerance is a fraction of at least 0 and under 0.5")
 

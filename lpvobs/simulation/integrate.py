@@ -69,17 +69,17 @@ def drive(
     Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
     """
     substeps = round(targets.period / step)
-    commands = Commands(0.0, float(x[U_VGT]), 0.0, float(x[U_VGT]))
+    commands = np.array([0.0, x[U_VGT], 0.0, x[U_VGT]])
     recorded = np.empty((samples.step.size, len(RECORDED)))
     actions = course.n_e.size - 1
     done = 0
     for first in range(0, actions, CHUNK):
         last = min(first + CHUNK, actions)
-        commands, done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded)
+        done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded)
         if progress is not None:
             progress(last / actions)
     if done < samples.step.size:  # the last sample may lie on the end of the course
-        end = inputs_at(course, commands, targets.period, actions - 1, targets.period)
+        end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
         record(plant, end, x, recorded[done])
     return recorded
 
@@ -95,11 +95,16 @@ def _run(
     first: int,
     last: int,
     x: Array,
-    commands: Commands,
+    memory: Array,
     done: int,
     recorded: Array,
-) -> tuple[Commands, int]:
-    """Run the actions first..last, record the samples on the way; return the last commands and the number of samples done."""
+) -> int:
+    """Run the actions first..last and record the samples on the way; return the number of samples done.
+
+    The last commands stay in `memory`, shape (4,). They are not returned as `Commands`: numba makes that in Python, where a signal
+    that arrived meanwhile is raised, and numba does not expect it there.
+    """
+    commands = Commands(memory[0], memory[1], memory[2], memory[3])
     work = np.empty((6, x.size))
     for action in range(first, last):
         n_e, u_demand = course.n_e[action], course.u_demand[action]
@@ -117,7 +122,9 @@ def _run(
                 )
                 done += 1
             runge_kutta(plant, course, commands, targets.period, action, start, step, x, work)
-    return commands, done
+    for index in range(4):
+        memory[index] = commands[index]
+    return done
 
 
 @njit(cache=True)

@@ -1,12 +1,14 @@
 """`estimate`: logs in, map and metrics out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from lpvobs.airpath.base import AirPath
-from lpvobs.errors import UsageError
+from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.config import Config
-from lpvobs.io.gains import StoredGain
+from lpvobs.io.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.logs import read_log, read_references
 from lpvobs.io.provenance import Provenance
 from lpvobs.io.results import LogSummary, write_result
@@ -27,8 +29,8 @@ def estimate_logs(
     out: Path,
     method: str,
     progress: Callable[[float], None],
-) -> tuple[MapEstimate, tuple[LogSummary, ...]]:
-    """Estimate the map from logs and write the result.
+) -> tuple[MapEstimate, tuple[LogSummary, ...], tuple[str, ...]]:
+    """Estimate the map from logs and write the result; return it, what it keeps of each log, and why others were left out.
 
     The reference channels are read after the map is final, by `_metrics`, and by nothing else.
 
@@ -37,28 +39,84 @@ def estimate_logs(
     UsageError
         For an unknown method or two logs of the same name.
     DataError
-        If a log or the gain cannot be used.
+        If the gain or none of the logs can be used, or they inform no node.
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     _refuse_doubles(paths)
     air_path, grid = config.engine_path(), config.grid()
-    logs = []
+    logs: dict[Path, Log] = {}
+    refused: list[str] = []
     for done, path in enumerate(paths):
-        logs.append(read_log(path, air_path.channels, config.policies))
+        try:
+            logs[path] = read_log(path, air_path.channels, config.policies)
+        except DataError as error:
+            refused.append(str(error))
         progress(0.5 * (done + 1) / len(paths))
+    if not logs:
+        raise DataError("; ".join(refused))
+    _refuse_copies(logs)
     gain = StateGain(stored.outputs, stored.gain.L)
-    estimate = _estimate(config, air_path, grid, gain, logs, method)
+    estimate = _estimate(config, air_path, grid, gain, list(logs.values()), method)
+    _refuse_empty(estimate)
     progress(0.9)
     summaries = tuple(
         _summary(stored, run, _metrics(air_path, estimate, path, log))
-        for path, log, run in zip(paths, logs, estimate.runs, strict=True)
+        for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
-    provenance = Provenance({path.name: log.sha256 for path, log in zip(paths, logs, strict=True)}, config_text)
+    provenance = Provenance({path.name: log.sha256 for path, log in logs.items()}, config_text)
     write_result(out, air_path.name, axes, air_path.parameter_names, estimate, summaries, stored, provenance)
     progress(1.0)
-    return estimate, summaries
+    return estimate, summaries, tuple(refused)
+
+
+def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: str) -> StoredGain:
+    """Return the gain to estimate with: the given one, proven again, or else one made for the method.
+
+    Raises
+    ------
+    DataError
+        If the gain is for another engine.
+    NotProven
+        If its certificate does not hold.
+    """
+    if gain is None:
+        from lpvobs.steps.gain import make_gain, make_published_gain
+
+        return make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths)[0]
+    from lpvobs.steps.gain import check_again
+
+    stored = read_gain(gain)
+    air_path = config.engine_path()
+    expect_engine(gain, stored, air_path.name, air_path.engine_constants())
+    certificate = check_again(stored)
+    if not certificate.proven:
+        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+    return stored
+
+
+def _refuse_copies(logs: Mapping[Path, Log]) -> None:
+    """Raise for two logs of the same bytes, which would count twice."""
+    seen: dict[str, Path] = {}
+    for path, log in logs.items():
+        if log.sha256 in seen:
+            raise UsageError(
+                f"{path}: same bytes as {seen[log.sha256]}; the same drive would count twice, leave one out"
+            )
+        seen[log.sha256] = path
+
+
+def _refuse_empty(estimate: MapEstimate) -> None:
+    """Raise where no node is informed, or a value is not a number."""
+    if not estimate.supported.any():
+        names = ", ".join(run.name for run in estimate.runs)
+        raise DataError(
+            f"{names}: no node of the map is informed for least_information in [estimate]; "
+            f"drive longer and over more operating points"
+        )
+    if not np.isfinite(estimate.theta[estimate.supported]).all():
+        raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
 
 
 def _estimate(
@@ -77,6 +135,12 @@ def _estimate(
 def _refuse_doubles(paths: Sequence[Path]) -> None:
     seen: dict[str, Path] = {}
     for path in paths:
+        try:
+            usable = path.stem.strip(".") and str(path).encode()
+        except UnicodeEncodeError:
+            usable = None
+        if not usable:
+            raise UsageError(f"{str(path)!a}: results keep logs by name, and this is none; rename the file")
         if path.stem in seen:
             raise UsageError(f"{path}: same name as {seen[path.stem]}; results keep logs by name, rename one")
         seen[path.stem] = path

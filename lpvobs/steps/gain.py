@@ -94,7 +94,13 @@ def check_again(stored: StoredGain) -> Certificate:
     """
     if stored.air_path not in AIR_PATHS:
         raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(AIR_PATHS)}")
-    gain, system = stored.gain, AIR_PATHS[stored.air_path].system
+    gain, known = stored.gain, AIR_PATHS[stored.air_path]
+    if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
+        raise DataError(
+            f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
+            f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
+        )
+    system = known.system
     problem = Problem(partial(system, outputs=stored.outputs), gain.region, len(stored.outputs))
     return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
 

@@ -1,5 +1,6 @@
 """What gain is wanted: the configuration's `[gain]` table."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -44,5 +45,8 @@ class GainSettings:
         if not 0.0 <= self.decay < 1e6:
             raise ValueError("decay is at least 0 and under 1e6 1/s")
         for name, (low, high) in {**self.bounds, **self.temperatures}.items():
-            if not low <= high:
-                raise ValueError(f"the bounds of {name} are not in order")
+            if not -math.inf < low <= high < math.inf:
+                raise ValueError(f"the bounds of {name} are not finite and in order")
+        for name, (low, _) in self.temperatures.items():
+            if not low > 0:
+                raise ValueError(f"{name} must be above zero, in K")

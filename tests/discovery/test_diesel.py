@@ -10,7 +10,7 @@ from lpvobs.discovery.diesel import BALANCES, CHANNELS, IN_ORDER, Lacks, escape,
 
 def columns(log, seed=0):
     rng = np.random.default_rng(seed)
-    rate = {name: 0.0 * log.time for name in CHANNELS}
+    rate = dict.fromkeys(CHANNELS, 0.0 * log.time)
     rate |= {
         "p_im": rng.normal(0, 2e4, len(log)),
         "T_im": rng.normal(0, 5, len(log)),

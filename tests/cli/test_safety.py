@@ -1,0 +1,85 @@
+"""What nobody should lose: inputs, other people's files, trust in a gain, and the exit code of a signal."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import pytest
+
+
+def test_an_input_is_not_overwritten(lpvobs, config, chain, tmp_path):
+    log, gain = shutil.copy(chain.log, tmp_path), shutil.copy(chain.gain, tmp_path)
+    for out in (log, gain):
+        before = open(out, "rb").read()  # noqa: PTH123, SIM115
+        done = lpvobs("estimate", "--config", config, "--gain", gain, log, "--out", out)
+        assert done.code == 2
+        assert "input" in done.err
+        assert open(out, "rb").read() == before  # noqa: PTH123, SIM115
+    assert lpvobs("synth-gain", "--config", config, log, "--out", log).code == 2
+
+
+def test_good_logs_are_done_and_bad_ones_listed(lpvobs, config, chain, tmp_path):
+    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
+    bad.write_bytes(b"nothing")
+    done = lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, bad, "--out", out, "--json")
+    assert done.code == 3
+    assert [log["log"] for log in done.json["logs"]] == ["ftp75_cold"]
+    assert str(bad) in done.json["refused"][0]
+    assert out.exists()
+
+
+def test_the_same_drive_does_not_count_twice(lpvobs, config, chain, tmp_path):
+    copy = shutil.copy(chain.log, tmp_path / "other_name.parquet")
+    done = lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, copy, "--out", tmp_path / "r.h5")
+    assert done.code == 2
+    assert "same bytes" in done.err
+
+
+def test_a_gain_is_proven_again_before_it_is_trusted(lpvobs, config, chain, tmp_path):
+    broken, out = shutil.copy(chain.gain, tmp_path / "broken.h5"), tmp_path / "r.h5"
+    with h5py.File(broken, "r+") as file:
+        file["gain/L"][0, 0] = -1e5
+    done = lpvobs("estimate", "--config", config, "--gain", broken, chain.log, "--out", out)
+    assert done.code == 1
+    assert "not proven" in done.err
+    assert not out.exists()
+
+
+def test_verify_notices_exchanged_parameters(lpvobs, chain, tmp_path):
+    swapped = shutil.copy(chain.gain, tmp_path / "swapped.h5")
+    with h5py.File(swapped, "r+") as file:
+        names = file["gain/parameter"][()]
+        names[[0, 1]] = names[[1, 0]]
+        file["gain/parameter"][()] = names
+    assert lpvobs("verify", swapped).code == 3
+
+
+def test_the_default_method_refuses_a_gain_that_is_no_cascade(lpvobs, config, chain, tmp_path):
+    published, out = tmp_path / "published.h5", tmp_path / "r.h5"
+    assert lpvobs("synth-gain", "--config", config, "--published", "FTP75", "--out", published).code == 0
+    done = lpvobs("estimate", "--config", config, "--gain", published, chain.log, "--out", out)
+    assert done.code == 3
+    assert "cascade" in done.err
+    assert (
+        lpvobs(
+            "estimate", "--config", config, "--gain", published, chain.log, "--out", out, "--method", "published"
+        ).code
+        == 0
+    )
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signals_end_a_simulation_cleanly(config, tmp_path, sent, code):
+    call = ["simulate", "--config", str(config), "--cycle", "wltc", "--out", str(tmp_path / "log.parquet")]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *call], stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(3.0)  # in the middle of the plant's course: it takes longer than that, even compiled before
+    process.send_signal(sent)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == code, err
+    assert len(err.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
