@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli import estimate, extrapolate, inspect, report, simulate, synth_gain, verify
+from lpvobs.cli import estimate, extrapolate, inspect, report, simulate, synth_gain, trace, verify
 from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app.command("synth-gain", short_help="Find the observer gain and prove it.")(syn
 app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)
 app.command("estimate", short_help="Estimate the error map of the sensor from logs.")(estimate.estimate)
 app.command("extrapolate", short_help="Fill the nodes that no log visited.")(extrapolate.extrapolate)
+app.command("trace", short_help="Find what the model lacks, from its residual.")(trace.trace)
 app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
 
 

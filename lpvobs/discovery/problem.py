@@ -13,14 +13,18 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
 SPACING = 0.1
-"""[s] between instants."""
+"""[s] between instants, and"""
+MOST_INSTANTS = 15000
+"""how many there are at most: beyond 25 minutes they lie farther apart."""
+LEAST_TIME = 60.0
+"""[s] of driving that a log must hold."""
 HALF_WIDTH = 0.1
 """[s] of the windows around instants; narrower ones blur fast transients less and let more noise through."""
 LEAST_SAMPLES = 14
 """Samples that a window must hold: seven for each half of the samples."""
 PAUSE = 60.0
 """[s] between two logs on the common clock."""
-WIDE = 0.5
+WIDE = 0.25
 """[s], half width of the windows for rates of slow signals."""
 BLOCK = 2.0
 """[s], resolution of the search for onsets."""
@@ -114,9 +118,11 @@ def lay_out(
     DataError
         If a log has no stretch that is long enough.
     """
-    views = [_view(plant, log) for log in logs]
+    driven = sum(float(log.time[-1] - log.time[0]) for log in logs)
+    spacing = max(SPACING, driven / MOST_INSTANTS)
+    views = [_view(plant, log, spacing) for log in logs]
     K = sum(view.time.size for view in views)
-    length = max(BLOCK, np.ceil(K * SPACING / MOST_BLOCKS / BLOCK) * BLOCK)
+    length = max(BLOCK, np.ceil(K * spacing / MOST_BLOCKS / BLOCK) * BLOCK)
     block = _blocks(views, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     scene = _joined(plant, logs, views)
@@ -149,12 +155,12 @@ class _View:
     rate: Array
 
 
-def _view(plant: Plant, log: Log) -> _View:
+def _view(plant: Plant, log: Log, spacing: float) -> _View:
     if len(log) < 2 * LEAST_SAMPLES:
         raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
     half_width = max(HALF_WIDTH, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))))
-    time = instants(log, SPACING, half_width)
-    if time.size < 600:
+    time = instants(log, spacing, half_width)
+    if time.size * spacing < LEAST_TIME:
         raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
     value, rate = at(log, np.stack([log[name] for name in plant.channels]), time, half_width)
     return _View(time, half_width, value, rate)

@@ -9,6 +9,9 @@ from numba import njit
 
 from lpvobs.records import Array, Log
 
+NEAR = 0.1
+"""Of a half width: distance of the two values whose difference is a rate."""
+
 
 def instants(log: Log, spacing: float, half_width: float) -> Array:
     """Return the middles of windows that fit between the gaps of a log, shape (K,) [s]."""
@@ -21,21 +24,29 @@ def instants(log: Log, spacing: float, half_width: float) -> Array:
 
 
 def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array, Array]:
-    """Return value and rate of local quadratic fits around each instant, both of shape (2, m, K).
+    """Return values and rates around each instant, both of shape (2, m, K).
 
-    The first of two is made from the even samples, the second from the odd ones: same signal, independent noise.
+    The first of two is made from the even samples, the second from the odd ones: same signal, independent noise. A value is that of
+    a local quadratic fit; a rate is the derivative of the smoothed signal, not the slope of the fit, so that a balance of
+    smoothed signals stays the balance that it was.
     """
-    value, rate = (np.empty((2, columns.shape[0], time.size)) for _ in range(2))
+    shape = (2, columns.shape[0], time.size)
+    value, rate = np.empty(shape), np.empty(shape)
+    h = NEAR * half_width
     for half in (0, 1):
         edges = np.array([(start + 1 - half) // 2 for start, _ in log.segments] + [(log.time.size + 1 - half) // 2])
         every = np.ascontiguousarray(columns[:, half::2], dtype=float)
-        _quadratics(np.ascontiguousarray(log.time[half::2]), every, edges, time, half_width, value[half], rate[half])
+        sampled = np.ascontiguousarray(log.time[half::2])
+        value[half] = _quadratics(sampled, every, edges, time, half_width)
+        later, earlier = (_quadratics(sampled, every, edges, time + shift, half_width) for shift in (h, -h))
+        rate[half] = (later - earlier) / (2.0 * h)
     return value, rate
 
 
 @njit(cache=True)
-def _quadratics(t, columns, edges, time, half_width, value, rate):  # type: ignore[no-untyped-def]
+def _quadratics(t, columns, edges, time, half_width):  # type: ignore[no-untyped-def]
     m = columns.shape[0]
+    value = np.zeros((m, time.size))
     for k in range(time.size):
         lo = np.searchsorted(t, time[k] - half_width)
         hi = np.searchsorted(t, time[k] + half_width, side="right")
@@ -54,16 +65,10 @@ def _quadratics(t, columns, edges, time, half_width, value, rate):  # type: igno
             s3 += w * tau**3
             s4 += w * tau**4
         c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-        c11, c12 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
         determinant = s0 * c00 + s1 * c01 + s2 * c02
-        for c in range(m):
-            value[c, k] = 0.0
-            rate[c, k] = 0.0
         for i in range(lo, hi):
             tau = (t[i] - time[k]) / reach
-            w = (1.0 - tau * tau) ** 2 / determinant
-            wv = w * (c00 + c01 * tau + c02 * tau * tau)
-            wr = w * (c01 + c11 * tau + c12 * tau * tau) / reach
+            w = (1.0 - tau * tau) ** 2 / determinant * (c00 + c01 * tau + c02 * tau * tau)
             for c in range(m):
-                value[c, k] += wv * columns[c, i]
-                rate[c, k] += wr * columns[c, i]
+                value[c, k] += w * columns[c, i]
+    return value

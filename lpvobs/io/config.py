@@ -86,8 +86,13 @@ def load_config(path: Path) -> tuple[Config, str]:
     UsageError
         If the file cannot be read, has a key that nothing knows, lacks one, or holds an impossible value.
     """
-    text, document = _parse(path)
-    config = _convert(path, document, Config)
+    text = _read(path)
+    return config_of(text, path), text
+
+
+def config_of(text: str, path: Path) -> Config:
+    """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
+    config = _convert(path, _parse(text, path), Config)
     if config.schema != SCHEMA:
         raise UsageError(
             f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
@@ -101,7 +106,7 @@ def load_config(path: Path) -> tuple[Config, str]:
     nodes = config.grid().size
     if nodes > MOST_NODES:
         raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; widen the steps")
-    return config, text
+    return config
 
 
 @dataclass(frozen=True)
@@ -113,8 +118,8 @@ class Effects:
 
 def load_effects(path: Path) -> tuple[Effects, str]:
     """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
-    text, document = _parse(path)
-    return _convert(path, document, Effects), text
+    text = _read(path)
+    return _convert(path, _parse(text, path), Effects), text
 
 
 def _check_names(path: Path, config: Config) -> None:
@@ -149,14 +154,18 @@ def _check_names(path: Path, config: Config) -> None:
         raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")
 
 
-def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+def _read(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
-        return text, tomllib.loads(text)
+        return path.read_text(encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror}); name a TOML file") from None
     except UnicodeDecodeError:
         raise UsageError(f"{path}: is not UTF-8 text; name a TOML file") from None
+
+
+def _parse(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
 

@@ -5,19 +5,20 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import h5py
 import pytest
 
 
 def test_an_input_is_not_overwritten(lpvobs, config, chain, tmp_path):
-    log, gain = shutil.copy(chain.log, tmp_path), shutil.copy(chain.gain, tmp_path)
+    log, gain = (Path(shutil.copy(path, tmp_path)) for path in (chain.log, chain.gain))
     for out in (log, gain):
-        before = open(out, "rb").read()  # noqa: PTH123, SIM115
+        before = out.read_bytes()
         done = lpvobs("estimate", "--config", config, "--gain", gain, log, "--out", out)
         assert done.code == 2
         assert "input" in done.err
-        assert open(out, "rb").read() == before  # noqa: PTH123, SIM115
+        assert out.read_bytes() == before
     assert lpvobs("synth-gain", "--config", config, log, "--out", log).code == 2
 
 
