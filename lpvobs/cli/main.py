@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli import estimate, extrapolate, inspect, report, simulate, synth_gain, trace, verify
+from lpvobs.cli import estimate, extrapolate, inspect, refine, report, simulate, synth_gain, trace, verify
 from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app.command("verify", short_help="Prove a gain again, without the solver.")(veri
 app.command("estimate", short_help="Estimate the error map of the sensor from logs.")(estimate.estimate)
 app.command("extrapolate", short_help="Fill the nodes that no log visited.")(extrapolate.extrapolate)
 app.command("trace", short_help="Find what the model lacks, from its residual.")(trace.trace)
+app.command("refine", short_help="Add what is proven, estimate again, error before and after.")(refine.refine)
 app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
 
 

@@ -1,24 +1,29 @@
 """`lpvobs trace`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lpvobs.cli.common import JsonOption, guarded, print_json, progress, say, table
+
+if TYPE_CHECKING:
+    from lpvobs.discovery.outcome import Trace
+
+MapOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--freeze-map/--free-map",
+        help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
+    ),
+]
 
 
 @guarded
 def trace(
     result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /trace is written.")],
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
-    freeze_map: Annotated[
-        bool | None,
-        typer.Option(
-            "--freeze-map/--free-map",
-            help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
-        ),
-    ] = None,
+    freeze_map: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.
@@ -32,6 +37,12 @@ def trace(
     if as_json:
         print_json("trace", {"map_frozen": frozen, **found.as_json(refined=False)})
         return
+    show(found, frozen)
+    say(f"held-out residual {1e3 * found.comparison.before:.3f} g/s rms; /trace written into {result}")
+
+
+def show(found: "Trace", frozen: bool) -> None:
+    """Print the verdict, the effects and the ranking."""
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
     for finding in found.findings:
         sizes = ", ".join(
@@ -44,4 +55,3 @@ def trace(
     rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in found.ranking[:8]]
     if rows:
         print(table(["candidate alone", "size", "unit", "evidence"], rows))
-    say(f"held-out residual {1e3 * found.comparison.before:.3f} g/s rms; /trace written into {result}")

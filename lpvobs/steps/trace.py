@@ -1,20 +1,24 @@
-"""`trace`: what the model lacks, from a stored result and logs."""
+"""`trace` and `refine`: what the model lacks, from a stored result and logs, and the model that has it."""
 
 import json
+import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from lpvobs.discovery.catalogue import diesel_plant
-from lpvobs.discovery.closing import nominal_map, trace
+from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.outcome import Trace
 from lpvobs.discovery.problem import MapPrior, free_map
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
+from lpvobs.io.hdf import reading
 from lpvobs.io.logs import read_log
-from lpvobs.io.results import StoredResult, read_result, update
+from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update
 from lpvobs.records import Log
 
 
@@ -41,19 +45,9 @@ def trace_result(
     UsageError
         If some of the logs made the map and others did not, and nothing says what holds.
     """
-    stored = read_result(path)
-    config = config_of(stored.provenance.config, path)
-    logs = [read_log(item, config.engine_path().channels, config.policies, auxiliary=True) for item in log_paths]
-    frozen = _stands(stored, logs) if freeze_map is None else freeze_map
-    found = trace(
-        diesel_plant(config.engine),
-        config.grid(),
-        config.estimate.tolerance,
-        _prior(config, stored, frozen),
-        logs,
-        progress,
-    )
-    content = json.dumps({"logs": [log.name for log in logs], "map_frozen": frozen, **found.as_json(refined=False)})
+    closed = _close(path, log_paths, freeze_map, progress)
+    found = closed.refinement.trace
+    content = closed.content(refined=False)
 
     def change(file: h5py.File) -> None:
         if "trace" in file:
@@ -61,7 +55,70 @@ def trace_result(
         file.create_group("trace").attrs["json"] = content
 
     update(path, change)
-    return found, frozen
+    return found, closed.frozen
+
+
+def refine_result(
+    path: Path, log_paths: Sequence[Path], out: Path, freeze_map: bool | None, progress: Callable[[float], None]
+) -> tuple[Trace, bool]:
+    """Add the effects that the logs prove to a stored model, estimate again, write the refined model.
+
+    Without a finding the model of before is written, byte for byte. Parameters and errors as for `trace_result`; DataError also
+    for a result that has been refined already: its effects are stored, but not yet part of the model that is traced.
+    """
+    closed = _close(path, log_paths, freeze_map, progress)
+    refinement, stored = closed.refinement, closed.stored
+    found = refinement.trace
+    content = closed.content(refined=True)
+
+    def change(file: h5py.File) -> None:
+        error = np.sqrt(np.maximum(np.diag(refinement.covariance), 0.0)).reshape(stored.grid.shape)
+        file["map/delta_W_c"][()] = np.where(stored.supported, refinement.theta, np.nan)
+        file["map/standard_error"][()] = np.where(stored.supported, error, np.nan)
+        file["nodes/covariance"][()] = refinement.covariance
+        file["nodes/noise"][()] = refinement.covariance
+        for group in ("extrapolation", "metrics", "trace", "refinement"):
+            if group in file:
+                del file[group]
+        file.create_group("metrics")
+        file.create_group("refinement").attrs["json"] = content
+
+    with replacing(out) as temporary:
+        shutil.copyfile(path, temporary)
+        if found.findings:
+            with h5py.File(temporary, "r+") as file:
+                change(file)
+    return found, closed.frozen
+
+
+@dataclass(frozen=True)
+class _Closed:
+    """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
+
+    stored: StoredResult
+    logs: tuple[str, ...]
+    refinement: Refinement
+    frozen: bool
+
+    def content(self, refined: bool) -> str:
+        """Return the contract's object as JSON text."""
+        head = {"logs": list(self.logs), "map_frozen": self.frozen}
+        return json.dumps(head | self.refinement.trace.as_json(refined=refined))
+
+
+def _close(
+    path: Path, log_paths: Sequence[Path], freeze_map: bool | None, progress: Callable[[float], None]
+) -> _Closed:
+    stored = read_result(path)
+    with reading(path, KIND, REMEDY) as file:
+        if "refinement" in file:
+            raise DataError(f"{path}: has been refined already; trace or refine the result that it was made from")
+    config = config_of(stored.provenance.config, path)
+    logs = [read_log(item, config.engine_path().channels, config.policies, auxiliary=True) for item in log_paths]
+    frozen = _stands(stored, logs) if freeze_map is None else freeze_map
+    prior, tolerance = _prior(config, stored, frozen), config.estimate.tolerance
+    refinement = refine(diesel_plant(config.engine), config.grid(), tolerance, prior, logs, progress)
+    return _Closed(stored, tuple(log.name for log in logs), refinement, frozen)
 
 
 def _stands(stored: StoredResult, logs: Sequence[Log]) -> bool:

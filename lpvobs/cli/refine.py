@@ -1,0 +1,39 @@
+"""`lpvobs refine`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, progress, refuse_overwriting, say
+from lpvobs.cli.trace import MapOption, show
+
+
+@guarded
+def refine(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
+    out: Annotated[Path, typer.Option(metavar="REFINED.h5", help="The refined result to write.")],
+    freeze_map: MapOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
+
+    Example: lpvobs refine nominal.h5 nedc.parquet --out refined.h5
+    """
+    from lpvobs.steps.trace import refine_result
+
+    refuse_overwriting(out, [result, *logs])
+    with progress("refining") as report:
+        found, frozen = refine_result(result, logs, out, freeze_map, report)
+    if as_json:
+        print_json("refine", {"map_frozen": frozen, **found.as_json(refined=True)})
+        return
+    show(found, frozen)
+    error = found.comparison
+    low, high = error.ratio_ci90
+    say(
+        f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "
+        f"ratio {error.ratio:.3f} ({low:.3f} to {high:.3f})"
+    )
+    say(f"{out}: " + ("written with the effects" if found.findings else "the model of before, nothing was proven"))
