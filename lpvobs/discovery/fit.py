@@ -29,6 +29,10 @@ SHARE = 0.02
 """Step of the difference quotients by an effect, as a share of its noticeable size."""
 WIDEST = 100.0
 """Prior standard deviation of an accepted effect in noticeable sizes: none to speak of."""
+MOST_STEPS = 12
+"""Gauss-Newton steps between two sets of weights."""
+STILL = 1.0
+"""Gain, twice and in units of the noise, below which a further step is not worth taking."""
 PIN = 1e6
 """Precision of a pinned constant in units of its prior's."""
 FARTHEST = 2.0
@@ -42,7 +46,7 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
     whitener = None if start is None else start.whitener
     linear = linearised(problem, tuple(terms), theta, beta, whitener)
     for _ in range(passes):
-        linear = _stepped(linear)
+        linear = converged(linear)
         nodes = linear.nodes
         root = covariance_root(problem, nodes, linear.raw[0])
         linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned)
@@ -97,13 +101,19 @@ def linearised(
     return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
 
 
-def refit(linear: Linear, terms: Sequence[Term], passes: int = 3) -> Linear:
+def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     """Return a model with other terms at its optimum, with the weights of this one."""
-    begin = np.zeros(linear.beta.size)
-    found = linearised(linear.problem, tuple(terms), linear.theta, begin, linear.whitener)
-    for _ in range(passes):
-        found = _stepped(found)
-    return found
+    start = np.zeros(linear.beta.size)
+    return converged(linearised(linear.problem, tuple(terms), linear.theta, start, linear.whitener))
+
+
+def converged(linear: Linear) -> Linear:
+    """Return the model after as many steps as it takes to stand still, with the weights that it has."""
+    for _ in range(MOST_STEPS):
+        if float(linear.pull @ linear.normal @ linear.pull) < STILL and not linear.pinned_wrongly().any():
+            break
+        linear = _stepped(linear)
+    return linear
 
 
 def _stepped(linear: Linear) -> Linear:
@@ -116,8 +126,7 @@ def _stepped(linear: Linear) -> Linear:
         for t, d in zip(linear.terms, linear.pull[p + q :], strict=True)
     )
     theta = linear.theta - linear.pull[:p]
-    outward = -linear.gradient[p : p + q] * np.sign(linear.beta) > 0.0
-    pinned = (np.abs(wanted) > bound) | (linear.pinned & outward)
+    pinned = (np.abs(wanted) > bound) | (linear.pinned & ~linear.pinned_wrongly())
     return linearised(problem, terms, theta, beta, linear.whitener, pinned)
 
 

@@ -92,6 +92,11 @@ class Linear:
         """The number of map nodes."""
         return self.theta.size
 
+    def pinned_wrongly(self) -> NDArray[np.bool_]:
+        """Return which pinned constants would now rather go back into their tolerance, shape (q,)."""
+        along = self.gradient[self.p : self.p + self.beta.size] * np.sign(self.beta)
+        return np.asarray(self.pinned & (along > 0.0), dtype=bool)
+
     def whiten(self, values: Array) -> Array:
         """Return values of shape (2, B, K) in units of their noise."""
         return whiten(self.whitener, values)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +187,7 @@ def _halves(values: Array) -> Array:
 
 
 def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
+    @lru_cache(maxsize=8)  # a slow channel is asked for again and again
     def through(channel: str, shift: float, half_width: float | None) -> tuple[Array, Array]:
         seen = []
         for log, view in zip(logs, views, strict=True):

@@ -23,6 +23,7 @@ STYLE: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.linewidth": 0.7,
     "axes.grid": False,
+    "axes.facecolor": "none",  # the page shows through, light or dark
     "axes.axisbelow": True,
     "axes.unicode_minus": True,
     "grid.alpha": 0.18,

@@ -77,7 +77,8 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
     assert abs(with_lag.terms[0].size) < 2e-3  # s; smoothing leaves a millisecond, not the 20 ms of shared noise
     candidate = in_place(with_lag, 0, _like(with_lag, one))
     assert candidate.information**-0.5 < 1e-3
-    assert loss_of(refit(with_lag, ())).sum() >= loss_of(with_lag).sum() - 1e-6
+    lost = loss_of(refit(with_lag, ())).sum() - loss_of(with_lag).sum()
+    assert abs(lost) < 2.0  # nats; chance gives half a one, and steps end within one
 
 
 def _like(linear, one):

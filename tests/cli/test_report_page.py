@@ -1,0 +1,80 @@
+"""The report from the command line: table, JSON, gates, and one page that needs nothing else."""
+
+import re
+
+import pytest
+
+
+def test_json_is_the_contracts(lpvobs, chain):
+    done = lpvobs("report", chain.result, "--json")
+    assert done.code == 0, done.err
+    assert done.json["schema"] == "lpvobs/report/1"
+    keys = {"log", "samples", "mean_relative_error", "share_left_out", "rms_ratio", "rmse", "bias", "visited_cells"}
+    assert keys <= set(done.json["logs"][0])
+    assert {"cells", "estimated", "extrapolated"} <= set(done.json["map"])
+    assert done.json["map"]["estimated"] + done.json["map"]["extrapolated"] == done.json["map"]["cells"]
+    assert set(done.json["extrapolation"]["coefficients"]) == {"a2", "a1", "b2", "b1", "c2", "c1"}
+    assert done.json["logs"][0]["paper_mean_relative_error"] == 0.0528
+
+
+@pytest.mark.parametrize(
+    ("gate", "code"),
+    [
+        ("mean_relative_error<=0", 1),
+        ("mean_relative_error<=1000", 0),
+        ("rmse>1", 1),
+        ("samples>=100", 0),
+        ("mean_relativ_error<=1", 2),
+        ("mean_relative_error", 2),
+        ("mean_relative_error<=often", 2),
+    ],
+)
+def test_gates(lpvobs, chain, gate, code):
+    assert lpvobs("report", chain.result, "--gate", gate).code == code
+
+
+def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path):
+    import pyarrow.parquet as pq
+
+    bare, out = tmp_path / "bare.parquet", tmp_path / "bare.h5"
+    pq.write_table(table.drop_columns(["ref_W_c", "ref_delta_W_c"]), bare)
+    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, bare, "--out", out).code == 0
+    assert lpvobs("report", out, "--gate", "mean_relative_error<=1").code == 3
+    page = tmp_path / "bare.html"
+    assert lpvobs("report", out, bare, "--html", page).code == 0
+    assert "no references" in page.read_text()
+
+
+def test_one_page_that_needs_nothing_else(lpvobs, chain, tmp_path):
+    pages = [tmp_path / "a.html", tmp_path / "b.html"]
+    for page in pages:
+        done = lpvobs("report", chain.result, chain.log, "--html", page)
+        assert done.code == 0, done.err
+    text = pages[0].read_text()
+    assert text == pages[1].read_text()
+    assert len(text) < 2_000_000
+    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//|url\(\s*["']?(https?:)?//|<script""", text)
+    for heading in ("Verdict", "FTP75 cold transient", "Table 1", "Extrapolation", "Provenance", "Gain L"):
+        assert heading in text
+    figures = re.findall(r"<figure><svg [^>]*aria-label=\"([^\"]+)\"", text)
+    assert len(figures) == text.count("<figure>") >= 8
+    assert all(f'id="{target}"' in text for target in re.findall(r'href="#([^"]+)"', text))
+
+
+def test_what_stands_in_a_file_is_never_markup(lpvobs, config, chain, tmp_path):
+    odd = tmp_path / "<b onclick=alert(1)>.parquet"
+    odd.write_bytes(chain.log.read_bytes())
+    out, page = tmp_path / "r.h5", tmp_path / "r.html"
+    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, odd, "--out", out).code == 0
+    assert lpvobs("report", out, odd, "--html", page).code == 0
+    assert "<b onclick" not in page.read_text()
+    assert "&lt;b onclick" in page.read_text()
+
+
+def test_a_log_that_made_none_of_the_results(lpvobs, chain, tmp_path):
+    other = tmp_path / "other.parquet"
+    other.write_bytes(chain.log.read_bytes() + b"x")
+    done = lpvobs("report", chain.result, other)
+    assert done.code == 3
+    assert len(done.err.strip().splitlines()) == 1
+    assert str(other) in done.err
