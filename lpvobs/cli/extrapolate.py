@@ -19,15 +19,16 @@ def extrapolate(
 
     Example: lpvobs extrapolate nedc.h5
     """
-    from lpvobs.report.tables import coefficient_rows, extrapolation_content
+    from lpvobs.report.tables import coefficient_rows, extrapolation_content, percent
     from lpvobs.steps.extrapolate import extrapolate_result
 
-    fitted = extrapolate_result(result)
+    fitted, held = extrapolate_result(result)
     if as_json:
-        print_json("extrapolate", {"result": str(result), **extrapolation_content(fitted)})
+        print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})
         return
     print(table(*coefficient_rows([("this map", fitted)])))
     filled = int((fitted.support == 2).sum())
+    say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
     say(
         f"{result}: {filled} nodes filled; the surface scatters by {fitted.lack_of_fit * 1e3:.3g} g/s around the quadratic"
     )

@@ -24,6 +24,8 @@ WEAKEST = 15.1
 """Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
 AGAIN = 0.05
 """Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
+CLOSE = 0.7
+"""Of the best score, above which candidates are fitted jointly before one is chosen."""
 ALIKE = 1.645
 """Standard deviations of the difference of losses by block within which two effects cannot be told apart."""
 
@@ -175,12 +177,24 @@ def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple
         rivals = [again, with_best_interval(bare, again, not absorbed)]
         for rival in rank(bare, problem.plant.catalogue, intervals=False)[:SHORTLIST]:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
-        again = max(rivals, key=score)
+        again = _joint_best(linear, bare.terms, sorted(rivals, key=score, reverse=True))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return (in_place(linear, newest, again), curve), linear
+
+
+def _joint_best(linear: Linear, others: tuple[Term, ...], ranked: Sequence[Candidate]) -> Candidate:
+    """Return the best of the close candidates after all unknowns have followed it: a large effect bends more than a step shows."""
+    close: dict[str, Candidate] = {}
+    for candidate in ranked:
+        if score(candidate) > CLOSE * score(ranked[0]):
+            close.setdefault(candidate.id, candidate)
+    if len(close) == 1:
+        return ranked[0]
+    lost = {name: float(loss_of(refit(linear, [*others, c.term])).sum()) for name, c in close.items()}
+    return close[min(lost, key=lambda name: lost[name])]
 
 
 def sharpened(linear: Linear, index: int) -> Term:
@@ -209,7 +223,8 @@ def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | N
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.plant.catalogue if e.id != own.id and not (absorbing and e.in_map)]
     rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in others), key=score, reverse=True)
-    alike = tuple(c.id for c in rivals if _cannot_be_told(own, c, problem.per_coarse))
+    like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # judged as the rivals are
+    alike = tuple(c.id for c in rivals if _cannot_be_told(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     return Accepted(own, p_value(own, tried(problem)), share, alike, curve)
 

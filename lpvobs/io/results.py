@@ -1,5 +1,6 @@
 """Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
 
+import math
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -93,6 +94,7 @@ class StoredResult:
     logs: tuple[LogSummary, ...]
     gain: StoredGain
     extrapolation: QuadraticFit | None
+    outer_coverage: float
     provenance: Provenance
 
 
@@ -120,8 +122,11 @@ def write_result(
         provenance.write(file)
 
 
-def add_extrapolation(path: Path, fitted: QuadraticFit) -> None:
-    """Write `/extrapolation` into a result, all or nothing; `/map` stays as it is."""
+def add_extrapolation(path: Path, fitted: QuadraticFit, outer_coverage: float) -> None:
+    """Write `/extrapolation` into a result, all or nothing; `/map` stays as it is.
+
+    `outer_coverage` is the share of outer estimated nodes that the quadratic of the others predicts within their interval.
+    """
 
     def change(file: h5py.File) -> None:
         if "extrapolation" in file:
@@ -172,6 +177,11 @@ def add_extrapolation(path: Path, fitted: QuadraticFit) -> None:
                     fitted.lack_of_fit, "kg/s", "standard deviation of the surface around the quadratic"
                 ),
                 "nodes": Field(fitted.nodes, "1", "nodes that the quadratic was fitted to"),
+                "outer_coverage": Field(
+                    outer_coverage,
+                    "1",
+                    "share of outer estimated nodes inside their 90 % interval when fitted without them",
+                ),
             },
         )
 
@@ -219,6 +229,7 @@ def read_result(path: Path) -> StoredResult:
             logs=tuple(_read_log(file, name) for name in file["logs"]),
             gain=read_gain_group(file),
             extrapolation=_read_extrapolation(file),
+            outer_coverage=float(file["extrapolation/outer_coverage"][()]) if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
         )
 

@@ -19,6 +19,8 @@ from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 
+OUTER_SHARE = 0.2
+"""Of the estimated nodes, taken away on one side to see whether the others predict them."""
 LACK_PASSES = 3
 """Weights and lack of fit depend on each other; after three rounds the latter moves by less than its own uncertainty."""
 COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
@@ -136,6 +138,36 @@ def fit(
         map_standard_error=np.where(supported, own, spread),
         support=np.where(supported, 1, 2).astype(np.int8),
     )
+
+
+def outer_coverage(
+    grid: Grid, theta: Array, noise: Array, supported: NDArray[np.bool_], design: Array, level: float = 0.9
+) -> float:
+    """Return how often the interval of prediction holds where it can be checked: at the outer estimated nodes.
+
+    On each of the four sides in turn the outermost nodes are taken away, the quadratic is fitted to the others, and the nodes are
+    predicted. A share well under `level` says that the surface does not go on like a quadratic. The constants of the engine move
+    both sides of the comparison alike and are left out of its intervals. NaN where no side leaves enough nodes.
+
+    Parameters
+    ----------
+    grid, theta, noise, supported, design
+        As for `fit`.
+    level : float
+    """
+    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    inside: list[NDArray[np.bool_]] = []
+    for axis in (u, -u, n, -n):
+        outer = supported & (axis > np.quantile(axis[supported], 1.0 - OUTER_SHARE))
+        try:
+            inner = fit(grid, theta, noise, supported & ~outer, noise, design)
+        except DataError:
+            continue
+        own = np.diag(noise).reshape(grid.shape)[outer]
+        half = interval_factor(inner.nodes, level) * np.sqrt(inner.map_standard_error[outer] ** 2 + own)
+        inside.append(np.abs(inner.delta_W_c - theta)[outer] <= half)
+    held = np.concatenate(inside) if inside else np.empty(0, dtype=bool)
+    return float(held.mean()) if held.size else float("nan")
 
 
 def interval_factor(nodes: int, level: float) -> float:

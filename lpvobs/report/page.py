@@ -65,6 +65,11 @@ def page(report: Report) -> str:
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         bounds=_bounds(report),
         coefficients=coefficient_rows(fits) if fits else None,
+        held=[
+            (view.name, percent(view.stored.outer_coverage, 0))
+            for view in report.results
+            if view.stored.extrapolation is not None
+        ],
         gains=[(view.name, gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
         defects=defect_rows(report),
         origins=[(view.name, view.origin, view.stored.provenance) for view in report.results],

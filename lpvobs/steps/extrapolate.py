@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.io.results import add_extrapolation, read_result
-from lpvobs.maps.quadratic import QuadraticFit, fit
+from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
 
 
-def extrapolate_result(path: Path) -> QuadraticFit:
+def extrapolate_result(path: Path) -> tuple[QuadraticFit, float]:
     """Fit the quadratic to the estimated nodes of a stored result and write `/extrapolation` into it.
+
+    Returned beside the fit: the share of outer estimated nodes that it predicts within their 90 % interval.
 
     The observer as published has no covariance; its nodes then count alike.
 
@@ -22,5 +24,6 @@ def extrapolate_result(path: Path) -> QuadraticFit:
     known = np.isfinite(stored.covariance).all()
     covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
     fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
-    add_extrapolation(path, fitted)
-    return fitted
+    held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
+    add_extrapolation(path, fitted, held)
+    return fitted, held

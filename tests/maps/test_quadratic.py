@@ -6,7 +6,16 @@ import pytest
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
-from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, evaluate, fit, interval_factor, scaled_terms, terms
+from lpvobs.maps.quadratic import (
+    COEFFICIENTS,
+    PAPER,
+    evaluate,
+    fit,
+    interval_factor,
+    outer_coverage,
+    scaled_terms,
+    terms,
+)
 
 EQ_39, EQ_40 = PAPER.values()
 NODE_ERROR = 2e-4  # kg/s, a fifth of a gram per second: what a good estimate leaves
@@ -207,3 +216,23 @@ def test_better_known_nodes_count_for_more():
     doubted = fit(small, theta, np.diag(variances), every)
     error = [np.abs(on_nodes(small, found.coefficients) - on_nodes(small, EQ_40)).max() for found in (equal, doubted)]
     assert error[1] < 0.01 * error[0]
+
+
+def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
+    grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    visited = (n >= 750) & (n <= 3000) & (u <= 40)
+    noise = (5e-5) ** 2 * np.eye(grid.size)
+    design = scaled_terms(grid, u, n).reshape(-1, 6)
+    rng = np.random.default_rng(7)
+    flat = evaluate(np.array(PAPER["FTP75 cold transient, Eq. (40)"]), u, n)
+    smooth = [
+        outer_coverage(grid, flat + 5e-5 * rng.standard_normal(grid.shape), noise, visited, design) for _ in range(20)
+    ]
+    # Some 90 nodes are predicted in each of twenty draws.
+    assert 0.85 < np.mean(smooth) < 0.95
+    bent = flat + 8e-3 * np.clip((u - 28.0) / 12.0, 0.0, 1.0) ** 2 + 5e-5 * rng.standard_normal(grid.shape)
+    assert outer_coverage(grid, bent, noise, visited, design) < 0.8
+    few = np.zeros(grid.shape, dtype=bool)
+    few[3:6, 2:5] = True
+    assert np.isnan(outer_coverage(grid, flat, noise, few, design))
