@@ -20,7 +20,11 @@ def simulate(
     ],
     out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
     effects: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Another error surface of the sensor, see configs/surfaces.")
+        Path | None,
+        typer.Option(
+            metavar="TOML",
+            help="What is wrong with engine or sensors: see configs/effects; another error surface: configs/surfaces.",
+        ),
     ] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")] = 100.0,
     seed: Annotated[int, typer.Option(help="Of the sensor noise; same seed, same bytes.")] = 1,
@@ -31,7 +35,7 @@ def simulate(
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
     """
     from lpvobs.errors import UsageError
-    from lpvobs.io.config import load_config, load_effects
+    from lpvobs.io.config import Effects, load_config, load_effects
     from lpvobs.io.logs import write_log
     from lpvobs.simulation.simulate import simulate as drive
 
@@ -39,9 +43,18 @@ def simulate(
     configuration, _ = load_config(config)
     if configuration.simulation is None:
         raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
-    surface = load_effects(effects)[0].surface if effects else None
+    injected = load_effects(effects)[0] if effects else Effects()
     with progress(f"simulating {cycle}") as report:
-        log = drive(configuration.engine, configuration.simulation, cycle, rate, seed, surface, report)
+        log = drive(
+            configuration.engine,
+            configuration.simulation,
+            cycle,
+            rate,
+            seed,
+            injected.surface,
+            report,
+            effects=injected.effect,
+        )
     write_log(out, log.channels, log.units)
     time = log.channels["time"]
     content = {

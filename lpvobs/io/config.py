@@ -6,7 +6,7 @@ What the file does not know is refused with the nearest key that exists; what it
 import difflib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -22,6 +22,7 @@ from lpvobs.io.logs import LogPolicies
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
+from lpvobs.simulation.effects import Effect, effect_of
 from lpvobs.simulation.parameters import SimulationParameters, Surface
 from lpvobs.synthesis.settings import GainSettings
 
@@ -111,15 +112,30 @@ def config_of(text: str, path: Path) -> Config:
 
 @dataclass(frozen=True)
 class Effects:
-    """What `simulate --effects` reads: a surface of the sensor's error."""
+    """What `simulate --effects` reads: another surface of the sensor's error, and what has happened to engine and sensors."""
 
-    surface: Surface
+    surface: Surface | None = None
+    effect: tuple[Effect, ...] = ()
 
 
 def load_effects(path: Path) -> tuple[Effects, str]:
     """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
     text = _read(path)
-    return _convert(path, _parse(text, path), Effects), text
+    document = _parse(text, path)
+    if not document:
+        raise UsageError(f"{path}: holds neither [surface] nor [[effect]]; see configs/effects for examples")
+    tables = document.pop("effect", [])
+    if not (isinstance(tables, list) and all(isinstance(table, dict) for table in tables)):
+        raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
+    effects = tuple(_effect(path, place, table) for place, table in enumerate(tables))
+    return replace(_convert(path, document, Effects), effect=effects), text
+
+
+def _effect(path: Path, place: int, table: Mapping[str, Any]) -> Effect:
+    try:
+        return effect_of(table)
+    except UsageError as error:
+        raise UsageError(f"{path}: effect[{place}]: {error}") from None
 
 
 def _check_names(path: Path, config: Config) -> None:

@@ -1,6 +1,6 @@
 """The plant under its control along a drive: classical Runge-Kutta of fourth order at a fixed step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,20 +24,24 @@ from lpvobs.simulation.plant import (
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-RECORDED = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei")
+RECORDED = (
+    "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
+)  # fmt: skip
+TRAIL = ("n_e", "u_delta", "W_c", "T_im")
+"""What is kept at every step of the integrator where a sensor needs to know what has been."""
 CHUNK = 2000  # actions of the control between two reports of progress
 
 
 class Course(NamedTuple):
     """What the engine is asked for, at every action of its control.
 
-    `n_e` [rpm] and `u_demand` [mg/cycle] have shape (M,) and run straight between the actions.
+    `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa] and `T_amb` [K] have shape (M,) and run straight between the actions.
     """
 
     n_e: Array
     u_demand: Array
-    p_amb: float
-    T_amb: float
+    p_amb: Array
+    T_amb: Array
 
 
 class Samples(NamedTuple):
@@ -55,33 +59,68 @@ def sample_times(rate: float, duration: float, step: float) -> Samples:
     return Samples(index, np.where(after < 1e-6 * step, 0.0, after))
 
 
+def at_samples(values: Array, samples: Samples, step: float) -> Array:
+    """Return values, shape (M,) one per step [s] of the integrator, at the samples, shape (N,); straight between steps."""
+    after = np.minimum(samples.step + 1, values.size - 1)
+    return np.asarray(values[samples.step] + samples.after / step * (values[after] - values[samples.step]))
+
+
 def drive(
-    plant: Plant,
+    stages: Sequence[tuple[int, Plant]],
     targets: Targets,
     course: Course,
     samples: Samples,
     step: float,
     x: Array,
     progress: Callable[[float], None] | None = None,
-) -> Array:
-    """Return what `RECORDED` names at the samples, shape (N, 12), and move the state x, shape (9,), to the end of the course.
+    with_trail: bool = False,
+) -> tuple[Array, Array]:
+    """Return what was recorded, and move the state x, shape (9,), to the end of the course.
 
     Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
+
+    Parameters
+    ----------
+    stages : sequence of (int, Plant)
+        The plant from each of these actions of the control on, rising from 0.
+    targets, course, samples, step, x, progress
+        What the control wants, what happens, when to record, the integrator's step [s], where to start, whom to tell.
+    with_trail : bool
+        Keep `TRAIL` at every step.
+
+    Returns
+    -------
+    recorded : ndarray, shape (N, len(RECORDED))
+        At the samples.
+    trail : ndarray, shape (number of steps + 1, len(TRAIL)), or (0, len(TRAIL))
     """
     substeps = round(targets.period / step)
     commands = np.array([0.0, x[U_VGT], 0.0, x[U_VGT]])
     recorded = np.empty((samples.step.size, len(RECORDED)))
     actions = course.n_e.size - 1
+    trail = np.empty((actions * substeps + 1 if with_trail else 0, len(TRAIL)))
     done = 0
-    for first in range(0, actions, CHUNK):
-        last = min(first + CHUNK, actions)
-        done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded)
+    for first, last, plant in _pieces(stages, actions):
+        done = _run(plant, targets, course, samples, step, substeps, first, last, x, commands, done, recorded, trail)
         if progress is not None:
             progress(last / actions)
+    plant = stages[-1][1]
+    end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
     if done < samples.step.size:  # the last sample may lie on the end of the course
-        end = inputs_at(course, Commands(*commands), targets.period, actions - 1, targets.period)
         record(plant, end, x, recorded[done])
-    return recorded
+    if with_trail:
+        keep(plant, end, x, trail[-1])
+    return recorded, trail
+
+
+def _pieces(stages: Sequence[tuple[int, Plant]], actions: int) -> list[tuple[int, int, Plant]]:
+    """Return the runs (first action, action after the last, plant) that cover the course, none longer than a chunk."""
+    starts = [start for start, _ in stages] + [actions]
+    return [
+        (first, min(first + CHUNK, after), plant)
+        for (start, plant), after in zip(stages, starts[1:], strict=True)
+        for first in range(start, after, CHUNK)
+    ]
 
 
 @njit(cache=True)
@@ -98,6 +137,7 @@ def _run(
     memory: Array,
     done: int,
     recorded: Array,
+    trail: Array,
 ) -> int:
     """Run the actions first..last and record the samples on the way; return the number of samples done.
 
@@ -108,9 +148,9 @@ def _run(
     work = np.empty((6, x.size))
     for action in range(first, last):
         n_e, u_demand = course.n_e[action], course.u_demand[action]
-        given = Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb, course.T_amb)
+        given = Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb[action], course.T_amb[action])
         W_c = flows(plant, x, given).W_c
-        commands = control(targets, commands, n_e, u_demand, x[P_IM], x[P_EM], W_c, course.p_amb)
+        commands = control(targets, commands, n_e, u_demand, x[P_IM], x[P_EM], W_c, course.p_amb[action])
         for part in range(substeps):
             start = part * step
             while done < samples.step.size and samples.step[done] == action * substeps + part:
@@ -121,6 +161,9 @@ def _run(
                     plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done]
                 )
                 done += 1
+            if trail.shape[0] > 0:
+                now = inputs_at(course, commands, targets.period, action, start)
+                keep(plant, now, x, trail[action * substeps + part])
             runge_kutta(plant, course, commands, targets.period, action, start, step, x, work)
     for index in range(4):
         memory[index] = commands[index]
@@ -133,7 +176,10 @@ def inputs_at(course: Course, commands: Commands, period: float, action: int, af
     share = after / period
     n_e = (1.0 - share) * course.n_e[action] + share * course.n_e[action + 1]
     u_demand = (1.0 - share) * course.u_demand[action] + share * course.u_demand[action + 1]
-    return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb, course.T_amb)
+    # written so that what is constant stays so to the last bit
+    p_amb = course.p_amb[action] + share * (course.p_amb[action + 1] - course.p_amb[action])
+    T_amb = course.T_amb[action] + share * (course.T_amb[action + 1] - course.T_amb[action])
+    return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, p_amb, T_amb)
 
 
 @njit(cache=True)
@@ -174,4 +220,11 @@ def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
     f = flows(plant, x, given)
     out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.u_egr, x[U_VGT]
     out[4], out[5], out[6], out[7] = x[P_IM], x[P_EM], x[OMEGA_T], x[T_IM]
-    out[8], out[9], out[10], out[11] = f.T_em, f.W_c, f.W_egr, f.W_ei
+    out[8], out[9], out[10], out[11], out[12] = f.T_em, f.W_c, f.W_egr, f.W_ei, f.W_leak
+
+
+@njit(cache=True)
+def keep(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
+    """Write what `TRAIL` names at one instant into `out`."""
+    f = flows(plant, x, given)
+    out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.W_c, x[T_IM]

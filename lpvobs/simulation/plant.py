@@ -47,11 +47,27 @@ class Body(NamedTuple):
     tau_vgt: float
 
 
+class Condition(NamedTuple):
+    """What has happened to the engine since it was new; areas effective [m^2], factors of one change nothing."""
+
+    leak_intake: float = 0.0  # hole in the intake manifold
+    egr_leak: float = 0.0  # area of the EGR valve that never closes
+    egr_area: float = 1.0  # of the EGR valve's own area
+    eta_vol: float = 1.0
+    compressor_flow: float = 1.0
+    turbine_efficiency: float = 1.0
+    exhaust_restriction: float = 1.0  # of the back pressure's coefficient
+
+
+SOUND = Condition()
+
+
 class Plant(NamedTuple):
-    """Everything that is constant during a drive."""
+    """Everything that is constant during a drive, or up to the next change of the engine's condition."""
 
     engine: DieselConstants
     body: Body
+    condition: Condition
 
 
 class Inputs(NamedTuple):
@@ -73,6 +89,7 @@ class Flows(NamedTuple):
     W_ei: float
     W_f: float
     W_t: float
+    W_leak: float  # out of the intake manifold
     u_delta: float  # mg/cycle, injected
     u_egr: float  # %, position of the valve
     T_em: float
@@ -105,7 +122,7 @@ def plant_of(engine: DieselEngine, parameters: SimulationParameters) -> Plant:
         K_egr=drive.K_egr,
         tau_vgt=drive.tau_vgt,
     )
-    return Plant(constants_of(engine), Body(*map(float, body)))
+    return Plant(constants_of(engine), Body(*map(float, body)), SOUND)
 
 
 def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:
@@ -122,7 +139,7 @@ def valve_position(plant: Plant, u_egr1: float, u_egr2: float) -> float:
 
 @njit(cache=True)
 def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
-    """Return W_c [kg/s] of Eq. (2); nothing in stall, never backward."""
+    """Return W_c [kg/s] of Eq. (2); nothing in stall, never backward. Fouling takes a share at any speed and pressure ratio."""
     c = plant.engine
     U = c.R_c * omega_t
     Psi_c = 2.0 * c.c_pa * T_amb * ((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0) / U**2
@@ -131,7 +148,7 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
         Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
     else:
         Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
-    return p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb)
+    return plant.condition.compressor_flow * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))
 
 
 @njit(cache=True)
@@ -158,7 +175,8 @@ def egr_flow_function(plant: Plant, Pi: float) -> float:
 def egr_flow(plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float) -> float:
     """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+)."""
     c = plant.engine
-    area = c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr)
+    area = plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
+    area += plant.condition.egr_leak
     if p_em >= p_im:
         return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)
     return -c.k_reverse * area * p_im * egr_flow_function(plant, p_em / p_im) / sqrt(T_im * c.R_a)
@@ -169,7 +187,26 @@ def cylinder_flow(plant: Plant, p_im: float, n_e: float, T_im: float) -> float:
     """Return W_ei [kg/s] of Eq. (2)."""
     c = plant.engine
     eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(n_e) + c.c_vol3
-    return eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im)
+    return plant.condition.eta_vol * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))
+
+
+@njit(cache=True)
+def orifice_flow(area: float, p_up: float, p_down: float, T_up: float, R: float, gamma: float) -> float:
+    """Return the flow [kg/s] through a hole of effective area [m^2]: isentropic, choked beyond the critical quotient."""
+    Pi = max(p_down / p_up, (2.0 / (gamma + 1.0)) ** (gamma / (gamma - 1.0)))
+    inside = 2.0 * gamma / (gamma - 1.0) * (Pi ** (2.0 / gamma) - Pi ** ((gamma + 1.0) / gamma))
+    return area * p_up / sqrt(R * T_up) * sqrt(max(inside, 0.0))
+
+
+@njit(cache=True)
+def intake_leak(plant: Plant, p_im: float, T_im: float, p_amb: float, T_amb: float) -> float:
+    """Return what a hole in the intake manifold lets out [kg/s]; negative where the manifold draws air in."""
+    c, area = plant.engine, plant.condition.leak_intake
+    if area == 0.0:
+        return 0.0
+    if p_im >= p_amb:
+        return orifice_flow(area, p_im, p_amb, T_im, c.R_a, c.gamma_a)
+    return -orifice_flow(area, p_amb, p_im, T_amb, c.R_a, c.gamma_a)
 
 
 @njit(cache=True)
@@ -217,9 +254,10 @@ def turbine_flow(plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: fl
     inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
     f_vgt = max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
     scale = c.A_vgt_max * f_vgt * p_em / sqrt(T_em * c.R_e)
+    k_exhaust = plant.condition.exhaust_restriction * c.k_exhaust
     W_t, Pi_t = 0.0, 0.9999
     for _ in range(3):
-        Pi_t = min((p_amb + c.k_exhaust * W_t**2) / p_em, 0.9999)
+        Pi_t = min((p_amb + k_exhaust * W_t**2) / p_em, 0.9999)
         W_t = scale * sqrt(1.0 - Pi_t**c.K_t)
     return W_t, Pi_t
 
@@ -231,7 +269,7 @@ def turbine_power(plant: Plant, W_t: float, Pi_t: float, omega_t: float, T_em: f
     drop = c.c_pe * T_em * (1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e))
     blade_speed_ratio = c.R_t * omega_t / sqrt(2.0 * drop)
     eta_tm = c.eta_tm_max - c.c_m * (blade_speed_ratio - c.bsr_opt) ** 2
-    return min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop
+    return plant.condition.turbine_efficiency * min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop
 
 
 @njit(cache=True)
@@ -257,6 +295,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
         W_ei,
         W_f,
         W_t,
+        intake_leak(plant, p_im, T_im, given.p_amb, given.T_amb),
         u_delta,
         u_egr,
         T_em,
@@ -269,14 +308,14 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
 
 @njit(cache=True)
 def mixed_temperature(plant: Plant, f: Flows, T_im: float, T_amb: float) -> float:
-    """Return the temperature [K] of cooled charge air and cooled EGR together, weighted with W c_p (+)."""
+    """Return the temperature [K] of cooled charge air, cooled EGR and air from a leak together, weighted with W c_p (+)."""
     c, b = plant.engine, plant.body
     charge = T_amb + (1.0 - b.eps_ic) * f.compressor_heating
     recirculated = f.T_em - b.eps_egr * (f.T_em - b.T_cool)
-    air, exhaust = f.W_c * c.c_pa, max(f.W_egr, 0.0) * c.c_pe
-    if air + exhaust <= 0.0:
+    air, exhaust, drawn_in = f.W_c * c.c_pa, max(f.W_egr, 0.0) * c.c_pe, max(-f.W_leak, 0.0) * c.c_pa
+    if air + exhaust + drawn_in <= 0.0:
         return T_im
-    return (air * charge + exhaust * recirculated) / (air + exhaust)
+    return (air * charge + exhaust * recirculated + drawn_in * T_amb) / (air + exhaust + drawn_in)
 
 
 @njit(cache=True)
@@ -291,9 +330,9 @@ def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
     fill = c.R_a * T_im / c.V_im
     empty = c.R_e * f.T_em / c.V_em
     dT_im = (mixed_temperature(plant, f, T_im, given.T_amb) - T_im) / b.tau_T_im
-    oxygen_in = (x[X_OEM] - x[X_OIM]) * max(f.W_egr, 0.0) + (b.X_Oc - x[X_OIM]) * f.W_c
+    oxygen_in = (x[X_OEM] - x[X_OIM]) * max(f.W_egr, 0.0) + (b.X_Oc - x[X_OIM]) * (f.W_c + max(-f.W_leak, 0.0))
     oxygen_out = (f.X_Oe - x[X_OEM]) * (f.W_ei + f.W_f) + (x[X_OIM] - x[X_OEM]) * max(-f.W_egr, 0.0)
-    out[P_IM] = fill * (f.W_c + f.W_egr - f.W_ei) + p_im / T_im * dT_im
+    out[P_IM] = fill * (f.W_c + f.W_egr - f.W_ei - f.W_leak) + p_im / T_im * dT_im
     out[P_EM] = empty * (f.W_ei + f.W_f - f.W_t - f.W_egr)
     out[X_OIM] = fill / p_im * oxygen_in
     out[X_OEM] = empty / x[P_EM] * oxygen_out

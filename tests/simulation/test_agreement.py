@@ -1,53 +1,13 @@
 """The plant against the observer's model, which is written on its own: two transcriptions of one engine have to agree."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lpvobs.airpath.diesel import INPUTS, Diesel, along
-from lpvobs.io.config import load_config
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.simulate import simulate
-
-CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
-# Twenty seconds of idling, pulling away, full load and overrun: enough for every branch of the relations.
-SHORT = "time_s,speed_norm_pct,torque_norm_pct,motoring\n" + "\n".join(
-    f"{second},{speed},{torque},{motoring}"
-    for second, (speed, torque, motoring) in enumerate(
-        [(0, 0, 0)] * 4
-        + [(8, 25, 0), (25, 60, 0), (45, 100, 0), (60, 100, 0), (66, 30, 0), (62, 0, 1), (50, 0, 1)]
-        + [
-            (40, 10, 0),
-            (42, 45, 0),
-            (55, 90, 0),
-            (70, 70, 0),
-            (70, 5, 0),
-            (55, 0, 1),
-            (30, 0, 1),
-            (10, 3, 0),
-            (0, 0, 0),
-        ]
-    )
-)
-
-
-@pytest.fixture(scope="module")
-def config():
-    return load_config(CONFIG)[0]
-
-
-@pytest.fixture(scope="module")
-def cycle(tmp_path_factory):
-    path = tmp_path_factory.mktemp("cycle") / "short.csv"
-    path.write_text(SHORT)
-    return str(path)
-
-
-@pytest.fixture(scope="module")
-def truth(config, cycle):
-    return simulate(config.engine, config.simulation, cycle).truth
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,57 @@
+"""Effects inside the engine: its condition from each moment on at which one of them starts or ends."""
+
+from collections.abc import Sequence
+from math import ceil
+
+from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.plant import SOUND, Condition, Plant
+
+FIELDS = {
+    "leak.intake": "leak_intake",
+    "egr.leak": "egr_leak",
+    "egr.area": "egr_area",
+    "eta_vol.factor": "eta_vol",
+    "compressor.flow": "compressor_flow",
+    "turbine.efficiency": "turbine_efficiency",
+    "exhaust.restriction": "exhaust_restriction",
+}
+"""Where in the plant's condition each effect enters."""
+
+
+def stages_of(plant: Plant, effects: Sequence[Effect], period: float, actions: int) -> tuple[tuple[int, Plant], ...]:
+    """Return the plant from each action of the control on at which its condition changes, the first from action 0.
+
+    Parameters
+    ----------
+    plant : Plant
+        In sound condition.
+    effects : sequence of Effect
+        Those of them that live in the plant count. An onset between two actions waits for the later one.
+    period : float
+        [s] between two actions.
+    actions : int
+        Of the whole drive.
+    """
+    spans = [
+        (effect, _action(effect.onset or 0.0, period), actions if effect.end is None else _action(effect.end, period))
+        for effect in effects
+        if effect.id in FIELDS
+    ]
+    changes = {0} | {moment for _, first, after in spans for moment in (first, after) if moment < actions}
+    return tuple(
+        (now, plant._replace(condition=_condition([effect for effect, first, after in spans if first <= now < after])))
+        for now in sorted(changes)
+    )
+
+
+def _action(moment: float, period: float) -> int:
+    return ceil(moment / period - 1e-6)
+
+
+def _condition(effects: Sequence[Effect]) -> Condition:
+    """Return the condition with effects at work: factors of the same kind multiply, areas add."""
+    values = SOUND._asdict()
+    for effect in effects:
+        name = FIELDS[effect.id]
+        values[name] = values[name] + effect.value if effect.kind.parameter == "area" else values[name] * effect.value
+    return Condition(**values)

@@ -1,0 +1,179 @@
+"""The effects that a simulation can be given: the catalogue by identifier, and each as a frozen value.
+
+What an effect does to the engine stands in `condition.py`, what it does to a sensor in `readings.py`.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, isnan
+from typing import Any
+
+from lpvobs.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Kind:
+    """An entry of the catalogue: its one parameter, and what a user may mean by it.
+
+    Attributes
+    ----------
+    place : str
+        `plant`: the engine itself changes. `maf`: the air flow sensor. `sensor`: another one.
+    parameter, unit : str
+    neutral : float
+        The value that changes nothing.
+    low, high : float
+        Beyond them the value is a slip of the pen or of the unit.
+    """
+
+    place: str
+    parameter: str
+    unit: str
+    neutral: float
+    low: float
+    high: float
+
+
+CATALOGUE = {
+    "maf.gain": Kind("maf", "factor", "-", 1.0, 0.3, 3.0),
+    "maf.offset": Kind("maf", "offset", "kg/s", 0.0, -0.03, 0.03),
+    "maf.lag": Kind("maf", "tau", "s", 0.0, 0.0, 5.0),
+    "maf.delay": Kind("maf", "delay", "s", 0.0, 0.0, 5.0),
+    "maf.drift": Kind("maf", "rate", "1/s", 0.0, -2e-3, 2e-3),
+    "maf.temperature": Kind("maf", "coefficient", "1/K", 0.0, -0.02, 0.02),
+    "maf.contamination": Kind("maf", "coefficient", "-", 0.0, -0.5, 0.5),
+    "maf.backflow": Kind("maf", "coefficient", "-", 0.0, -0.5, 2.0),
+    "leak.intake": Kind("plant", "area", "m^2", 0.0, 0.0, 2e-4),
+    "leak.inlet": Kind("maf", "area", "m^2", 0.0, 0.0, 5e-4),
+    "egr.leak": Kind("plant", "area", "m^2", 0.0, 0.0, 1e-4),
+    "egr.area": Kind("plant", "factor", "-", 1.0, 0.0, 3.0),
+    "eta_vol.factor": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
+    "compressor.flow": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
+    "turbine.efficiency": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
+    "exhaust.restriction": Kind("plant", "factor", "-", 1.0, 0.2, 20.0),
+    "u_delta.gain": Kind("sensor", "factor", "-", 1.0, 0.5, 2.0),
+    "p_im.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
+    "p_im.offset": Kind("sensor", "offset", "Pa", 0.0, -2e4, 2e4),
+    "p_em.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
+    "omega_t.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
+    "T_im.lag": Kind("sensor", "tau", "s", 0.0, 0.0, 60.0),
+}
+OTHER_ENGINE = ("p_ic.gain", "p_ic.offset", "alpha_th.offset")
+"""Identifiers of the contract that need the throttled engine's sensors."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue at work.
+
+    Attributes
+    ----------
+    id : str
+        Identifier of the catalogue.
+    value : float
+        Of its parameter, in the catalogue's unit.
+    onset, end : float, optional
+        [s] of the log; at work in onset <= time < end, from the first to the last sample unless given.
+
+    Raises
+    ------
+    UsageError
+        For an identifier, value or span of time that cannot be meant.
+
+    Examples
+    --------
+    >>> Effect("maf.lag", 0.08, onset=300.0).kind.parameter
+    'tau'
+    """
+
+    id: str
+    value: float
+    onset: float | None = None
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        kind = kind_of(self.id)
+        if not kind.low <= self.value <= kind.high:
+            raise UsageError(
+                f"{self.id}: {kind.parameter} = {self.value:g} {kind.unit}, expected {kind.low:g} to {kind.high:g}; "
+                f"check its unit"
+            )
+        check_span(self.id, self.onset, self.end)
+
+    @property
+    def kind(self) -> Kind:
+        """The entry of the catalogue."""
+        return CATALOGUE[self.id]
+
+    @property
+    def acts(self) -> bool:
+        """Whether the value changes anything."""
+        return self.value != self.kind.neutral
+
+
+def kind_of(identifier: str) -> Kind:
+    """Return the catalogue's entry, or say what is wrong with the identifier."""
+    if identifier in CATALOGUE:
+        return CATALOGUE[identifier]
+    if identifier in OTHER_ENGINE:
+        sensor = identifier.partition(".")[0]
+        raise UsageError(f"{identifier}: the diesel has no {sensor}, only the throttled engine has; leave it out")
+    near = difflib.get_close_matches(identifier, CATALOGUE, n=1, cutoff=0.4)
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(CATALOGUE)}"
+    raise UsageError(f"{identifier}: no such effect; {hint}")
+
+
+def check_span(name: str, onset: float | None, end: float | None) -> None:
+    """Refuse a span of time that is empty, negative or not finite."""
+    for word, moment in (("onset", onset), ("end", end)):
+        if moment is not None and not (isfinite(moment) and moment >= 0.0):
+            raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log")
+    if end is not None and end <= (onset or 0.0):
+        raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; mend one of them")
+
+
+def effect_of(table: Mapping[str, Any]) -> Effect:
+    """Return the effect that one `[[effect]]` table describes.
+
+    Raises
+    ------
+    UsageError
+        For anything that is missing, unknown, or cannot be meant.
+    """
+    identifier = table.get("id")
+    if not isinstance(identifier, str):
+        raise UsageError("key 'id' is missing or no text; give one such as id = \"maf.lag\"")
+    kind = kind_of(identifier)
+    refuse_others(identifier, table, ("id", kind.parameter, "onset", "end"))
+    return Effect(
+        identifier,
+        number(identifier, table, kind.parameter),
+        onset=optional_number(identifier, table, "onset"),
+        end=optional_number(identifier, table, "end"),
+    )
+
+
+def refuse_others(name: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    """Raise for the first key that does not belong to this effect."""
+    for key in table:
+        if key not in known:
+            raise UsageError(f"{name}: unknown key '{key}'; it has {', '.join(known)}")
+
+
+def number(name: str, table: Mapping[str, Any], key: str) -> float:
+    """Return a number that has to be there."""
+    value = optional_number(name, table, key)
+    if value is None:
+        raise UsageError(f"{name}: parameter '{key}' is missing; give it a number")
+    return value
+
+
+def optional_number(name: str, table: Mapping[str, Any], key: str) -> float | None:
+    """Return a number, or None where the table does not have the key."""
+    value = table.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or isnan(value):
+        raise UsageError(f"{name}: {key} = {value!r}, expected a number")
+    return float(value)

@@ -1,0 +1,153 @@
+"""What the sensors show before noise: effects on the reading of the air flow sensor and of the others.
+
+The control of the simulated engine keeps its own true signals; only what is logged changes.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import exp, expm1, floor, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from lpvobs.records import Array
+from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.surface import surface_error
+
+CROSSING = 0.02  # kg/s, where a contaminated hot film still reads right
+WARM = 298.0  # K, where the hot film was calibrated
+FILTER_RESISTANCE = 2.08e5  # Pa/(kg/s)^2, air filter
+WITH_MEMORY = ("maf.lag", "maf.delay", "T_im.lag")
+"""Effects that need to know what has been between two samples."""
+
+
+def reading(channel: str, values: Array, time: Array, effects: Sequence[Effect]) -> Array:
+    """Return what a sensor other than that of the air flow shows, shape (N,), when its factors and offsets are wrong."""
+    for effect in effects:
+        if effect.id == f"{channel}.gain":
+            values = np.where(at_work(effect, time), effect.value * values, values)
+        elif effect.id == f"{channel}.offset":
+            values = np.where(at_work(effect, time), values + effect.value, values)
+    return values
+
+
+def at_work(effect: Effect, time: Array) -> NDArray[np.bool_]:
+    """Return when an effect is at work, shape (N,)."""
+    after = effect.end if effect.end is not None else np.inf
+    # a sample's time may miss the number that a person wrote by a rounding
+    return np.asarray((time >= (effect.onset or 0.0) - 1e-9) & (time < after - 1e-9))
+
+
+def flow_through_sensor(
+    W_c: Array, time: Array, R_a: float, air: Mapping[str, Array], effects: Sequence[Effect]
+) -> Array:
+    """Return the flow [kg/s] that passes the air flow sensor, shape (N,): less than W_c where the inlet draws air in behind it.
+
+    The filter's depression dp = 2.08e5 W^2, with W the flow through filter and sensor, drives air of ambient density through the
+    leak, A sqrt(2 rho dp). Both are proportional to W, so the leak takes a fixed share of it. The compressor's own inlet stays at
+    ambient pressure.
+    """
+    for effect in effects:
+        if effect.id == "leak.inlet":
+            density = air["p_amb"] / (R_a * air["T_amb"])
+            share = effect.value * np.sqrt(2.0 * density * FILTER_RESISTANCE)
+            W_c = np.where(at_work(effect, time), W_c / (1.0 + share), W_c)
+    return W_c
+
+
+def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effects: Sequence[Effect]) -> Array:
+    """Return the reading [kg/s], shape (N,), after every effect that has no memory, in the order of the sensor's physics.
+
+    Parameters
+    ----------
+    W : ndarray, shape (N,)
+        [kg/s], flow through the sensor with its error surface.
+    time : ndarray, shape (N,)
+        [s] since the start of the log.
+    point : mapping of str to ndarray, shape (N,)
+        True `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
+    effects : sequence of Effect
+    """
+    for identifier, characteristic in _CHARACTERISTICS.items():
+        for effect in effects:
+            if effect.id == identifier:
+                W = np.where(at_work(effect, time), characteristic(effect.value, W, time, point), W)
+    return W
+
+
+def _contaminated(x: float, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
+    """King's law with both constants shifted; below no flow, which a hot film cannot tell, the curve goes on straight."""
+    forward = ((1.0 - x) * np.sqrt(np.maximum(W, 0.0)) + x * sqrt(CROSSING)) ** 2
+    return np.asarray(forward + (1.0 - x) ** 2 * np.minimum(W, 0.0))
+
+
+def _backflow(x: float, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
+    slow = np.maximum(0.0, (2000.0 - point["n_e"]) / 1000.0)
+    return np.asarray(W * (1.0 + x * slow * point["u_delta"] / 40.0))
+
+
+_Characteristic = Callable[[float, Array, Array, Mapping[str, Array]], Array]
+_CHARACTERISTICS: dict[str, _Characteristic] = {
+    "maf.contamination": _contaminated,
+    "maf.backflow": _backflow,
+    "maf.temperature": lambda k, W, time, point: W * (1.0 + k * (point["T_amb"] - WARM)),
+    "maf.drift": lambda rate, W, time, point: W * (1.0 + rate * time),
+    "maf.gain": lambda factor, W, time, point: W * factor,
+    "maf.offset": lambda offset, W, time, point: W + offset,
+}
+
+
+def maf_reading(
+    point: Mapping[str, Array], time: Array, surface: Surface, R_a: float, effects: Sequence[Effect]
+) -> Array:
+    """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
+
+    Parameters
+    ----------
+    point : mapping of str to ndarray, shape (N,)
+        True `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa] and `T_amb` [K].
+    time : ndarray, shape (N,)
+        [s] since the start of the log.
+    surface : Surface
+        The sensor's own error, at the flow that passes the sensor.
+    R_a : float
+        [J/(kg K)]
+    effects : sequence of Effect
+    """
+    W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
+    return maf_characteristic(W + surface_error(surface, point["u_delta"], point["n_e"], W), time, point, effects)
+
+
+def with_memory(W: Array, step: float, effects: Sequence[Effect]) -> Array:
+    """Return a reading, shape (M,) every `step` seconds from zero, behind its lags and then behind its delays.
+
+    A sensor that becomes slow starts from what it showed; one that is mended is right at once.
+    """
+    time = np.linspace(0.0, (W.size - 1) * step, W.size)
+    for effect in effects:
+        if effect.id.endswith(".lag"):
+            inside = at_work(effect, time)
+            W = W.copy()
+            W[inside] = lagged(W[inside], step, effect.value)
+    for effect in effects:
+        if effect.id.endswith(".delay"):
+            W = np.where(at_work(effect, time), delayed(W, step, effect.value), W)
+    return W
+
+
+def lagged(W: Array, step: float, tau: float) -> Array:
+    """Return y of tau dy/dt = W - y, shape (M,), from rest: exact for a W that runs straight between its samples."""
+    left = exp(-step / tau)
+    mean = tau / step * -expm1(-step / tau)
+    if W.size == 0:
+        return W
+    return np.asarray(lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
+
+
+def delayed(W: Array, step: float, delay: float) -> Array:
+    """Return W(t - delay), shape (M,), straight between samples; before the first one its value is held."""
+    whole = floor(delay / step + 1e-9)
+    share = max(delay / step - whole, 0.0)
+    late = np.concatenate([np.full(whole + 1, W[0]), W])
+    return np.asarray((1.0 - share) * late[1 : W.size + 1] + share * late[: W.size])

@@ -1,0 +1,52 @@
+"""Twenty seconds of an engine, simulated once for the whole room."""
+
+from pathlib import Path
+
+import pytest
+
+from lpvobs.io.config import load_config
+from lpvobs.simulation.simulate import simulate
+
+CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
+# Idling, pulling away, full load and overrun: enough for every branch of the relations.
+SHORT = "time_s,speed_norm_pct,torque_norm_pct,motoring\n" + "\n".join(
+    f"{second},{speed},{torque},{motoring}"
+    for second, (speed, torque, motoring) in enumerate(
+        [(0, 0, 0)] * 4
+        + [(8, 25, 0), (25, 60, 0), (45, 100, 0), (60, 100, 0), (66, 30, 0), (62, 0, 1), (50, 0, 1)]
+        + [
+            (40, 10, 0),
+            (42, 45, 0),
+            (55, 90, 0),
+            (70, 70, 0),
+            (70, 5, 0),
+            (55, 0, 1),
+            (30, 0, 1),
+            (10, 3, 0),
+            (0, 0, 0),
+        ]
+    )
+)
+
+
+@pytest.fixture(scope="session")
+def config():
+    return load_config(CONFIG)[0]
+
+
+@pytest.fixture(scope="session")
+def cycle(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cycle") / "short.csv"
+    path.write_text(SHORT)
+    return str(path)
+
+
+@pytest.fixture(scope="session")
+def clean(config, cycle):
+    """Return the drive on which nothing has happened."""
+    return simulate(config.engine, config.simulation, cycle)
+
+
+@pytest.fixture(scope="session")
+def truth(clean):
+    return clean.truth
