@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.stats
 
 from lpvobs.discovery.fit import SHARE
-from lpvobs.discovery.linear import Linear, Term, dot, operating_nodes, residual_of
+from lpvobs.discovery.linear import Linear, Term, dot, operating_nodes, residual_of, views
 from lpvobs.discovery.plant import Effect
 from lpvobs.records import Array
 
@@ -62,6 +62,10 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect changes the whitened residual when it acts all the time, shape (2, B, K)."""
     problem = linear.problem
     scene = effect.apply(linear.scene, size)
+    if effect.place == "sensor":
+        name = problem.plant.sensor
+        shift = views((scene[name] - linear.scene[name])[None])
+        return linear.whiten(shift * problem.plant.mapped[:, None])
     nodes = operating_nodes(problem, scene) if effect.moves_point else linear.nodes
     return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes) - linear.raw)
 
@@ -70,6 +74,15 @@ def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = N
     """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
     h = SHARE * effect.size
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
+
+
+def promise_of(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
+    """Return the gain of an effect in an interval as a straight line through none promises it."""
+    slope = slope_of(linear, effect, effect.null) * within(linear, begin, end)
+    products = linear.products(slope)
+    gradient = dot(slope, linear.residual) - float(products @ linear.pull)
+    information = dot(slope, slope) - float(products @ linear.project(products))
+    return 0.5 * gradient**2 / information if information > 0.0 else 0.0
 
 
 def within(linear: Linear, begin: float, end: float) -> Array:
@@ -206,22 +219,25 @@ def p_value(candidate: Candidate, tried: int) -> float:
 
 
 def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:
-    """Return the effect on the range of blocks that pays best, refined twice at the size found there."""
-    blocks = linear.problem.first.size
-    if blocks < 3 * LEAST_LENGTH:
+    """Return the effect on the range of blocks that pays best, sought again at the size found there."""
+    if linear.problem.first.size < 3 * LEAST_LENGTH:
         return whole
-    found = [whole] if allow_whole else []
     effect = whole.term.effect
-    for which in (0, 2) if effect.in_map and linear.problem.prior.free else (0, 1, 2):
-        size = whole.term.size
-        candidate = whole
-        for _ in range(2):
-            far = abs(size - effect.null) > 0.2 * effect.size
-            direction = (
-                change_of(linear, effect, size) / (size - effect.null) if far else slope_of(linear, effect, size)
-            )
-            blocks_of = best_intervals(gains_of_intervals(linear, direction))[which]
-            candidate = fit_candidate(linear, effect, *ends_of(linear, *blocks_of))
-            size = candidate.term.size
-        found.append(candidate)
-    return max(found, key=score)
+    absorbed = effect.in_map and linear.problem.prior.free
+    ranges = best_intervals(gains_of_intervals(linear, _direction(linear, whole)))
+    found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
+    best = max(found, key=lambda i: score(found[i]))
+    again = best_intervals(gains_of_intervals(linear, _direction(linear, found[best])))[best]
+    rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
+    return max([whole, *rivals] if allow_whole else rivals, key=score)
+
+
+def _direction(linear: Linear, like: Candidate) -> Array:
+    """Return the change per size that an effect makes when it has the size of `like`."""
+    effect, size = like.term.effect, like.term.size
+    far = abs(size - effect.null) > 0.2 * effect.size
+    return change_of(linear, effect, size) / (size - effect.null) if far else slope_of(linear, effect, size)
+
+
+def _on_blocks(linear: Linear, like: Candidate, blocks: tuple[int, int]) -> Candidate:
+    return fit_candidate(linear, like.term.effect, *ends_of(linear, *blocks), like.term.size)

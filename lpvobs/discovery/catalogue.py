@@ -21,6 +21,8 @@ PULSATION_SPEED = 2000.0
 """[rpm] above which the flow at the sensor no longer pulsates backward."""
 PULSATION_FUEL = 40.0
 """[mg/cycle], full load at low speed."""
+LITTLE = 1e-3
+"""[kg/s], flow below which the other effects on a reading are not told from its noise."""
 Factor = Callable[[Scene, float], Array]
 Change = Callable[[Scene, float], Scene]
 
@@ -32,7 +34,7 @@ def gain(channel: str) -> Change:
 
 def offset(channel: str) -> Change:
     """Return the correction of a channel that reads too much by a constant."""
-    return lambda s, shift: s.corrected(channel, s[channel] - shift, s.rate_of(channel))
+    return lambda s, shift: s.corrected(channel, s[channel] - shift)
 
 
 def lacking(name: str) -> Change:
@@ -49,30 +51,31 @@ def lacking(name: str) -> Change:
 
 def reading(over_truth: Factor) -> Change:
     """Return the correction of a sensor whose reading over the truth is known."""
-    return lambda s, x: s.corrected(SENSOR, s[SENSOR] / over_truth(s, x), s.rate_of(SENSOR))
+    return lambda s, x: s.corrected(SENSOR, s[SENSOR] / over_truth(s, x))
 
 
 def lag(s: Scene, tau: float) -> Scene:
     """Return the flow before a first-order response: tau dW_m/dt = W - W_m solved for W."""
-    return s.corrected(SENSOR, s[SENSOR] + tau * s.rate_of(SENSOR), s.rate_of(SENSOR))
+    return s.corrected(SENSOR, s[SENSOR] + tau * s.rate_of(SENSOR))
 
 
 def delay(s: Scene, dead_time: float) -> Scene:
-    """Return the flow before a dead time: what the sensor says that much later."""
-    return s.corrected(SENSOR, *s.later(dead_time))
+    """Return the flow before a dead time: what the sensor says that much later, behind other effects on its reading."""
+    now = s.later(0.0)
+    other = np.clip(s[SENSOR] / np.where(np.abs(now) > LITTLE, now, np.inf), 0.5, 2.0)
+    return s.corrected(SENSOR, s[SENSOR] + other * (s.later(dead_time) - now))
 
 
 def temperature_lag(s: Scene, tau: float) -> Scene:
     """Return the temperature before a slow sensor; its rate is read through a wide window."""
-    _, rate = s.slow("T_im")
-    return s.corrected("T_im", s["T_im"] + tau * rate, s.rate_of("T_im"))
+    return s.corrected("T_im", s["T_im"] + tau * s.slow("T_im"))
 
 
 def contamination(s: Scene, x: float) -> Scene:
     """Return the flow behind a film whose King's law has lost a share x of its slope: sqrt W_m = (1 - x) sqrt W + x sqrt PIVOT."""
     root = np.sqrt(np.maximum(s[SENSOR], 0.0))
     clean = np.maximum((root - x * np.sqrt(PIVOT)) / (1.0 - x), 0.0) ** 2
-    return s.corrected(SENSOR, np.where(s[SENSOR] > 0.0, clean, s[SENSOR]), s.rate_of(SENSOR))
+    return s.corrected(SENSOR, np.where(s[SENSOR] > 0.0, clean, s[SENSOR]))
 
 
 def bypassed(s: Scene, area: float) -> Array:

@@ -29,6 +29,8 @@ SHARE = 0.02
 """Step of the difference quotients by an effect, as a share of its noticeable size."""
 WIDEST = 100.0
 """Prior standard deviation of an accepted effect in noticeable sizes: none to speak of."""
+ANEW = 5
+"""Steps after which the derivatives by the constants are taken anew: they change little, and are most of the work."""
 MOST_STEPS = 12
 """Gauss-Newton steps between two sets of weights."""
 STILL = 1.0
@@ -49,7 +51,7 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
         linear = converged(linear)
         nodes = linear.nodes
         root = covariance_root(problem, nodes, linear.raw[0])
-        linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned)
+        linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned, linear)
     return linear
 
 
@@ -60,8 +62,12 @@ def linearised(
     beta: Array,
     whitener: Array | None,
     pinned: NDArray[np.bool_] | None = None,
+    near: Linear | None = None,
 ) -> Linear:
-    """Return the linear model at a point; without a whitener every balance counts alike."""
+    """Return the linear model at a point.
+
+    Without a whitener every balance counts alike; with a model `near` by, its derivatives by the constants are used.
+    """
     scene = problem.scene
     for term in terms:
         scene = term.put(scene)
@@ -70,8 +76,11 @@ def linearised(
     raw = residual_of(problem, scene, constants, theta, nodes)
     if whitener is None:
         whitener = np.tile(np.eye(raw.shape[1]) / 1e-3, (problem.K, 1, 1))
-    columns = np.concatenate([_by_constants(problem, scene, beta), _by_terms(problem, terms, constants, theta, nodes)])
-    white = whiten(whitener, columns.reshape(-1, *raw.shape[1:])).reshape(columns.shape)
+    by_constants = _by_constants(problem, scene, beta) if near is None else near.by_constants
+    known = near is not None and near.whitener is whitener
+    white = near.columns[: beta.size] if near is not None and known else _whitened(whitener, by_constants)
+    if terms:
+        white = np.concatenate([white, _whitened(whitener, _by_terms(problem, terms, constants, theta, nodes))])
     residual = whiten(whitener, raw)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = _prior(problem, terms)
@@ -88,7 +97,9 @@ def linearised(
         whitener,
         raw,
         residual,
+        by_constants,
         white,
+        np.ascontiguousarray((whitener @ problem.plant.mapped).T),
         prior,
         prior,
         deviation,
@@ -101,22 +112,26 @@ def linearised(
     return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
 
 
+def _whitened(whitener: Array, columns: Array) -> Array:
+    return np.asarray(whiten(whitener, columns.reshape(-1, *columns.shape[2:])).reshape(columns.shape))
+
+
 def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     """Return a model with other terms at its optimum, with the weights of this one."""
-    start = np.zeros(linear.beta.size)
-    return converged(linearised(linear.problem, tuple(terms), linear.theta, start, linear.whitener))
+    start = linear.theta, linear.beta, linear.whitener
+    return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
 
 
 def converged(linear: Linear) -> Linear:
     """Return the model after as many steps as it takes to stand still, with the weights that it has."""
-    for _ in range(MOST_STEPS):
+    for step in range(1, MOST_STEPS + 1):
         if float(linear.pull @ linear.normal @ linear.pull) < STILL and not linear.pinned_wrongly().any():
             break
-        linear = _stepped(linear)
+        linear = _stepped(linear, linear if step % ANEW else None)
     return linear
 
 
-def _stepped(linear: Linear) -> Linear:
+def _stepped(linear: Linear, near: Linear | None) -> Linear:
     problem, p, q = linear.problem, linear.p, linear.beta.size
     bound = FARTHEST * problem.spread
     wanted = linear.beta - linear.pull[p : p + q]
@@ -127,7 +142,7 @@ def _stepped(linear: Linear) -> Linear:
     )
     theta = linear.theta - linear.pull[:p]
     pinned = (np.abs(wanted) > bound) | (linear.pinned & ~linear.pinned_wrongly())
-    return linearised(problem, terms, theta, beta, linear.whitener, pinned)
+    return linearised(problem, terms, theta, beta, linear.whitener, pinned, near)
 
 
 def _constants(problem: Problem, beta: Array) -> object:
@@ -181,7 +196,7 @@ def _pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
 
 def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:
     """Return the products of all columns with each other over some instants, shape (n, n)."""
-    column = (linear.whitener[instants] @ linear.problem.plant.mapped).T
+    column = linear.mapped[:, instants]
     nodes = linear.nodes[0][instants], linear.nodes[1][instants]
     H = map_normal(linear.p, *nodes, (column**2).sum(0))
     J = np.ascontiguousarray(linear.columns[..., instants]).reshape(linear.columns.shape[0], 2, -1)

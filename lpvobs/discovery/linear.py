@@ -58,8 +58,12 @@ class Linear:
         C with C^T C the inverse covariance of the residual.
     raw, residual : ndarray, shape (2, B, K)
         [kg/s], and whitened.
+    by_constants : ndarray, shape (q, 2, B, K)
+        [kg/s], derivatives of the residual by the constants; from a nearby point where the model has moved little since.
     columns : ndarray, shape (q + terms, 2, B, K)
         Whitened derivatives of the residual by constants and effects.
+    mapped : ndarray, shape (B, K)
+        Whitened derivative of the residual by a shift of the map, with opposite sign.
     normal : ndarray, shape (n, n)
         Products of all columns with each other, and priors.
     factor : ndarray, shape (n, n)
@@ -81,7 +85,9 @@ class Linear:
     whitener: Array
     raw: Array
     residual: Array
+    by_constants: Array
     columns: Array
+    mapped: Array
     normal: Array
     factor: Array
     gradient: Array
@@ -122,7 +128,7 @@ class Linear:
         """Return a whitened residual after a step of all unknowns."""
         out = y - np.tensordot(step[self.p :], self.columns, 1)
         shift = np.einsum("km,km->k", self.nodes[1], step[: self.p][self.nodes[0]])
-        out[0] += _map_column(self) * shift
+        out[0] += self.mapped * shift
         return np.asarray(out)
 
 
@@ -146,8 +152,13 @@ def operating_nodes(problem: Problem, scene: Scene) -> Nodes:
 def residual_of(problem: Problem, scene: Scene, constants: object, theta: Array, nodes: Nodes) -> Array:
     """Return what is left of every balance, shape (2, B, K) [kg/s]."""
     left = views(problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks))
-    left[0] -= problem.plant.mapped[:, None] * np.einsum("km,km->k", nodes[1], theta[nodes[0]])
+    left[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
     return left
+
+
+def map_along(theta: Array, nodes: Nodes) -> Array:
+    """Return the map's value at every instant, shape (K,) [kg/s]."""
+    return np.asarray(np.einsum("km,km->k", nodes[1], theta[nodes[0]]))
 
 
 def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
@@ -187,17 +198,12 @@ def _pool(values: Array, shape: tuple[int, int]) -> Array:
     return np.asarray(scipy.ndimage.gaussian_filter(spread, sigma, mode="constant", truncate=3.0).reshape(values.shape))
 
 
-def _map_column(linear: Linear) -> Array:
-    """Return the whitened derivative of the residual by a shift of the map, with opposite sign, shape (B, K)."""
-    return np.asarray((linear.whitener @ linear.problem.plant.mapped).T)
-
-
 def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
     on_map = np.zeros((first.size, linear.p))
-    scatter(on_map, block, *linear.nodes, -(_map_column(linear) * y[0]).sum(0))
+    scatter(on_map, block, *linear.nodes, -(linear.mapped * y[0]).sum(0))
     if first.size == 1:
-        flat = linear.columns.reshape(linear.columns.shape[0], 2, -1)
-        dense = (flat[:, 0] @ y[0].ravel() - flat[:, 1] @ y[1].ravel())[None]
+        flat = linear.columns.reshape(linear.columns.shape[0], -1)
+        dense = (flat @ np.concatenate([y[0].ravel(), -y[1].ravel()]))[None]
     else:
         each = np.einsum("ibk,bk->ik", linear.columns[:, 0], y[0]) - np.einsum("ibk,bk->ik", linear.columns[:, 1], y[1])
         dense = np.add.reduceat(each, first, axis=1).T
@@ -206,13 +212,15 @@ def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray
 
 @njit(cache=True)
 def whiten(root: Array, values: Array) -> Array:
-    """Return root times values at every instant, shape (n, B, K)."""
-    out = np.zeros_like(values)
-    for i in range(values.shape[0]):
-        for a in range(values.shape[1]):
-            for b in range(values.shape[1]):
-                for k in range(values.shape[2]):
-                    out[i, a, k] += root[k, a, b] * values[i, b, k]
+    """Return root, lower triangular, times values at every instant, shape (n, B, K)."""
+    out = np.empty_like(values)
+    for k in range(values.shape[2]):
+        for i in range(values.shape[0]):
+            for a in range(values.shape[1]):
+                total = 0.0
+                for b in range(a + 1):
+                    total += root[k, a, b] * values[i, b, k]
+                out[i, a, k] = total
     return out
 
 

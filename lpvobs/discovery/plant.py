@@ -24,9 +24,9 @@ class Scene:
     lacks : ndarray, shape (l, 2K)
         Sizes of what the engine's model lacks, in the order of `Plant.lacks`.
     later : callable
-        Value and rate of the sensor under test, both of shape (2K,), some time [s] later.
+        What the sensor under test reads some time [s] later, shape (2K,).
     slow : callable
-        Value and rate of a channel by name, seen through a wide window, both of shape (2K,).
+        Rate of a channel by name, seen through a wide window, shape (2K,).
     channels : tuple of str
     """
 
@@ -35,8 +35,8 @@ class Scene:
     value: Array
     rate: Array
     lacks: Array
-    later: Callable[[float], tuple[Array, Array]]
-    slow: Callable[[str], tuple[Array, Array]]
+    later: Callable[[float], Array]
+    slow: Callable[[str], Array]
     channels: tuple[str, ...]
 
     def __getitem__(self, channel: str) -> Array:
@@ -47,11 +47,15 @@ class Scene:
         """Return the rates of one channel, shape (2K,)."""
         return np.asarray(self.rate[self.channels.index(channel)])
 
-    def corrected(self, channel: str, value: Array, rate: Array) -> "Scene":
-        """Return the scene with another signal in place of a channel."""
+    def corrected(self, channel: str, value: Array, rate: Array | None = None) -> "Scene":
+        """Return the scene with another signal in place of a channel; without a rate, the rate stays."""
         i = self.channels.index(channel)
-        values, rates = self.value.copy(), self.rate.copy()
-        values[i], rates[i] = value, rate
+        values = self.value.copy()
+        values[i] = value
+        if rate is None:
+            return replace(self, value=values)
+        rates = self.rate.copy()
+        rates[i] = rate
         return replace(self, value=values, rate=rates)
 
     def between(self, other: "Scene", begin: float, end: float) -> "Scene":
@@ -82,7 +86,7 @@ class Effect:
     low, high : float
         Range in which the parameter is sought.
     place : str
-        Where it acts.
+        Where it acts; `sensor` for what changes the readings of the sensor under test and nothing else.
     apply : callable
         The scene as it would have been recorded without the effect, or with it in the balances.
     drive : str

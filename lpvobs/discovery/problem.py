@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery.plant import Plant, Scene
-from lpvobs.discovery.signals import at, instants
+from lpvobs.discovery.signals import at, instants, values_at
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
@@ -187,15 +187,18 @@ def _halves(values: Array) -> Array:
 
 
 def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
-    @lru_cache(maxsize=8)  # a slow channel is asked for again and again
-    def through(channel: str, shift: float, half_width: float | None) -> tuple[Array, Array]:
+    @lru_cache(maxsize=8)  # asked for again and again
+    def later(shift: float) -> Array:
         seen = []
         for log, view in zip(logs, views, strict=True):
-            width = half_width or view.half_width
             time = np.clip(view.time + shift, log.time[0] + view.half_width, log.time[-1] - view.half_width)
-            seen.append(at(log, log[channel][None], time, width))
-        value, rate = (_halves(np.concatenate(parts, axis=-1))[0] for parts in zip(*seen, strict=True))
-        return value, rate
+            seen.append(values_at(log, log[plant.sensor][None], time, view.half_width))
+        return np.asarray(_halves(np.concatenate(seen, axis=-1))[0])
+
+    @lru_cache(maxsize=8)
+    def slow(channel: str) -> Array:
+        rates = [at(log, log[channel][None], view.time, WIDE)[1] for log, view in zip(logs, views, strict=True)]
+        return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
 
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
     clock = np.concatenate(
@@ -210,8 +213,8 @@ def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
         value=value,
         rate=rate,
         lacks=np.tile(np.array(plant.lacks)[:, None], (1, 2 * time.size)),
-        later=lambda shift: through(plant.sensor, shift, None),
-        slow=lambda channel: through(channel, 0.0, WIDE),
+        later=later,
+        slow=slow,
         channels=plant.channels,
     )
 

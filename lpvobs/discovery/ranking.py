@@ -1,8 +1,6 @@
 """All candidates against one model: how promising each is, the logged channels among them, and which is worth a name."""
 
-from collections.abc import Sequence
-
-import numpy as np
+from collections.abc import Mapping, Sequence
 
 from lpvobs.discovery.candidates import (
     LEAST_LENGTH,
@@ -12,6 +10,7 @@ from lpvobs.discovery.candidates import (
     gains_of_intervals,
     p_value,
     penalty,
+    promise_of,
     score,
     slope_of,
     with_best_interval,
@@ -22,6 +21,9 @@ from lpvobs.discovery.plant import Effect
 from lpvobs.discovery.problem import Problem
 
 SHORTLIST = 4
+"""Effects that are tried on intervals at their true size, and"""
+LOOKED_AT = 9
+"""that are fitted at all, of those that a straight line through none promises most."""
 SIGNIFICANT = 1e-3
 """Probability of naming anything by chance on a log without effects; all candidates and intervals together."""
 LEAST_SHARE = 0.008
@@ -35,30 +37,37 @@ def uneven_share(candidate: Candidate, per_coarse: int) -> float:
 
 
 def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
-    """Return the effects, each on its best interval where it is among the most promising, best first."""
-    blocks = linear.problem.first.size
+    """Return the most promising effects, each on its best interval where it is at the front, best first."""
     free = linear.problem.prior.free
-    whole = [fit_candidate(linear, effect) for effect in effects]
-    if not intervals or blocks < 3 * LEAST_LENGTH:
-        return sorted((c for c in whole if not (free and c.term.effect.in_map)), key=score, reverse=True)
-    promise = []
-    for c in whole:
-        gains = gains_of_intervals(linear, slope_of(linear, c.term.effect, c.term.size))
-        tops = [
-            float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
-            for first, last in best_intervals(gains)
-        ]
-        own = 0.0 if free and c.term.effect.in_map else c.gain
-        promise.append(max(own, *tops))
+    if not intervals or linear.problem.first.size < 3 * LEAST_LENGTH:
+        promise = {e: promise_of(linear, e) for e in effects if not (free and e.in_map)}
+        return sorted((fit_candidate(linear, e) for e in foremost(promise)), key=score, reverse=True)
+    promise = {e: _promise_of_intervals(linear, e, free and e.in_map) for e in effects}
     found: list[Candidate] = []
-    for i in np.argsort(promise)[::-1]:
-        c = whole[int(i)]
-        absorbed = free and c.term.effect.in_map
+    for effect in foremost(promise):
+        absorbed = free and effect.in_map
+        whole = fit_candidate(linear, effect)
         if len(found) < SHORTLIST:
-            found.append(with_best_interval(linear, c, not absorbed))
+            found.append(with_best_interval(linear, whole, not absorbed))
         elif not absorbed:
-            found.append(c)
+            found.append(whole)
     return sorted(found, key=score, reverse=True)
+
+
+def foremost(promise: Mapping[Effect, float]) -> list[Effect]:
+    """Return the effects that promise most, best first."""
+    return sorted(promise, key=lambda effect: promise[effect], reverse=True)[:LOOKED_AT]
+
+
+def _promise_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> float:
+    """Return what an effect promises on the range of blocks, or over the whole logs, that suits it best."""
+    blocks = linear.problem.first.size
+    gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
+    tops = [
+        float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
+        for first, last in best_intervals(gains)
+    ]
+    return max(0.0 if absorbed else float(gains[0, blocks]), *tops)
 
 
 def tried(problem: Problem) -> int:

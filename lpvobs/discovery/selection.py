@@ -5,13 +5,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvobs.discovery.candidates import Candidate, fit_candidate, in_place, loss_of, p_value, score, with_best_interval
+from lpvobs.discovery.candidates import (
+    Candidate,
+    fit_candidate,
+    in_place,
+    loss_of,
+    p_value,
+    promise_of,
+    score,
+    with_best_interval,
+)
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import compare
 from lpvobs.discovery.linear import Linear, Term, residual_with
 from lpvobs.discovery.problem import Problem
-from lpvobs.discovery.ranking import SHORTLIST, best_of, rank, tried, uneven_share, worth
+from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, rank, tried, uneven_share, worth
 
 MOST_EFFECTS = 4
 MOST_STRUCTURE = 0.02
@@ -222,7 +231,8 @@ def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | N
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.plant.catalogue if e.id != own.id and not (absorbing and e.in_map)]
-    rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in others), key=score, reverse=True)
+    promise = {e: promise_of(bare, e, term.begin, term.end) for e in others}
+    rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in foremost(promise)), key=score, reverse=True)
     like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # judged as the rivals are
     alike = tuple(c.id for c in rivals if _cannot_be_told(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)

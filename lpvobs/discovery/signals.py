@@ -30,17 +30,19 @@ def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array,
     a local quadratic fit; a rate is the derivative of the smoothed signal, not the slope of the fit, so that a balance of
     smoothed signals stays the balance that it was.
     """
-    shape = (2, columns.shape[0], time.size)
-    value, rate = np.empty(shape), np.empty(shape)
     h = NEAR * half_width
+    value, later, earlier = (values_at(log, columns, time + shift, half_width) for shift in (0.0, h, -h))
+    return value, (later - earlier) / (2.0 * h)
+
+
+def values_at(log: Log, columns: Array, time: Array, half_width: float) -> Array:
+    """Return the values of both views around each instant, shape (2, m, K)."""
+    value = np.empty((2, columns.shape[0], time.size))
     for half in (0, 1):
         edges = np.array([(start + 1 - half) // 2 for start, _ in log.segments] + [(log.time.size + 1 - half) // 2])
         every = np.ascontiguousarray(columns[:, half::2], dtype=float)
-        sampled = np.ascontiguousarray(log.time[half::2])
-        value[half] = _quadratics(sampled, every, edges, time, half_width)
-        later, earlier = (_quadratics(sampled, every, edges, time + shift, half_width) for shift in (h, -h))
-        rate[half] = (later - earlier) / (2.0 * h)
-    return value, rate
+        value[half] = _quadratics(np.ascontiguousarray(log.time[half::2]), every, edges, time, half_width)
+    return value
 
 
 @njit(cache=True)

@@ -136,6 +136,7 @@ def estimate_default(
     air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], settings: EstimateSettings
 ) -> MapEstimate:
     """Return the map from one or more logs by the default method."""
+    settings = settings.limited_to(air_path.balance_constants)
     total = empty(grid.size, len(settings.tolerance) + len(COEFFICIENTS))
     runs = []
     for log in logs:

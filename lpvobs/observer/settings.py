@@ -1,7 +1,7 @@
 """How a map is estimated: the configuration's `[estimate]`, `[published]` tables."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ class EstimateSettings:
     prior_map : float
         [kg/s], standard deviation of a node before any data; far beyond any sensor.
     tolerance : mapping of str to float
-        How well the engine's constants are known: the true value lies within this fraction of the configured one.
+        How well the engine's constants are known: the true value lies within this fraction of the configured one. The estimate
+        of a map uses those that its balances contain.
     """
 
     smoothing: float
@@ -40,6 +41,10 @@ class EstimateSettings:
     def constants_variance(self) -> Array:
         """Variance of each relative constant, shape (q,): uniform within its tolerance."""
         return np.array(list(self.tolerance.values())) ** 2 / 3.0
+
+    def limited_to(self, constants: Collection[str]) -> "EstimateSettings":
+        """Return the settings without the tolerance of constants that are not among the given ones."""
+        return replace(self, tolerance={name: t for name, t in self.tolerance.items() if name in constants})
 
 
 @dataclass(frozen=True)

@@ -137,15 +137,20 @@ def _prior(config: Config, stored: StoredResult, frozen: bool) -> MapPrior:
     tolerance = config.estimate.tolerance
     if not frozen:
         return free_map(config.grid(), len(tolerance), config.estimate.prior_map)
-    if stored.constants != tuple(tolerance) or not np.isfinite(stored.covariance).all():
+    owed = config.estimate.limited_to(config.engine_path().balance_constants).tolerance
+    if stored.constants != tuple(owed) or not np.isfinite(stored.covariance).all():
         raise DataError(
             f"{stored.path}: map of method '{stored.method}' has no covariance over the engine's constants, which a nominal map "
             f"needs; estimate it with the default method"
         )
+    sensitivity = np.zeros(
+        (len(tolerance), *stored.grid.shape)
+    )  # the map owes nothing to constants of the exhaust side
+    sensitivity[[name in owed for name in tolerance]] = stored.sensitivity
     return nominal_map(
         stored.theta,
         stored.covariance,
-        stored.sensitivity,
+        sensitivity,
         np.sqrt(config.estimate.constants_variance),
         config.estimate.prior_map,
     )
