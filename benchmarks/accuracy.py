@@ -13,7 +13,8 @@ from lpvobs.airpath.diesel import Diesel
 from lpvobs.io.config import Config
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import NEGLIGIBLE, compare
-from lpvobs.observer.estimate import StateGain, estimate_default, estimate_published
+from lpvobs.observer.estimate import estimate_default, estimate_published
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Array
 from lpvobs.synthesis.published import published_gain
@@ -35,10 +36,8 @@ def methods(config: Config, grid: Grid, gain: StateGain) -> dict[str, Method]:
         "default": lambda d: estimate_default(engine, grid, gain, [d.log], settings).theta,
         "a) as published, Gamma = 200": published(200.0),
         **{f"b) Gamma = {gamma:g}": published(gamma) for gamma in GAMMAS[1:]},
-        "c) extended Kalman filter": lambda d: (
-            estimate_ekf(engine, grid, gain.outputs, [d.log], config.ekf, settings).theta
-        ),
-        "d) batch least squares": lambda d: estimate_batch(engine, grid, gain.outputs, [d.log], settings).theta,
+        "c) extended Kalman filter": lambda d: estimate_ekf(engine, grid, gain, [d.log], config.ekf, settings).theta,
+        "d) batch least squares": lambda d: estimate_batch(engine, grid, gain, [d.log], settings).theta,
         "e) mean per cell": lambda d: mean_per_cell(engine, grid, d.log, steady_only=False),
         "f) mean per cell, steady only": lambda d: mean_per_cell(engine, grid, d.log, steady_only=True),
     }

@@ -12,7 +12,7 @@ import numpy as np
 from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.diesel_engine import DieselEngine
 from lpvobs.io.config import Config, load_config
-from lpvobs.observer.estimate import StateGain
+from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.simulate import simulate

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,47 @@ class Defects:
     dropped_rows: int = 0
     gaps: int = 0
     repeated: int = 0
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive samples of a recorded drive.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        [s], strictly increasing, later than any earlier piece.
+    channels : Mapping[str, ndarray of shape (n,)]
+        As in `Log`.
+    begins : ndarray of bool, shape (n,)
+        True where a segment begins; the first piece begins with one.
+    """
+
+    time: Array
+    channels: Mapping[str, Array]
+    begins: NDArray[np.bool_]
+
+
+class Recording(Protocol):
+    """A drive that can be gone through once from beginning to end, in memory or piece by piece.
+
+    How it is cut into pieces changes no bit of what is computed from it.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the log in results."""
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the file's bytes."""
+
+    @property
+    def defects(self) -> Defects:
+        """What was found and done on reading; known once all pieces have been read."""
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the samples in order."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +116,12 @@ class Log:
     def __len__(self) -> int:
         """Return the number of samples."""
         return self.time.size
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the whole log as one piece."""
+        begins = np.zeros(len(self), dtype=bool)
+        begins[[start for start, _ in self.segments]] = True
+        yield Piece(self.time, self.channels, begins)
 
     def each_segment(self) -> Iterator[slice]:
         """Yield the segments as slices."""

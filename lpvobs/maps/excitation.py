@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numba import njit
+from numpy.typing import NDArray
 
 from lpvobs.maps.grid import Grid, local, locate
 from lpvobs.records import Array
@@ -38,12 +38,11 @@ class Excitation:
 
     def leverage(self) -> Array:
         """Return how many nodes the data of each cell determine, shape (p_2 - 1, p_1 - 1); the sum is that of informed nodes."""
-        p_2, p_1 = self.cell_gram.shape[0] + 1, self.cell_gram.shape[1] + 1
+        rows, columns = self.cell_gram.shape[:2]
         hat = node_values(self.gram, np.eye(self.gram.shape[0]))
-        first = (np.arange(p_2 - 1)[:, None] * p_1 + np.arange(p_1 - 1)).ravel()
-        nodes = first[:, None] + np.array([0, 1, p_1, p_1 + 1])
+        nodes = corners(rows + 1, columns + 1)
         shares = hat[nodes[:, :, None], nodes[:, None, :]] * self.cell_gram.reshape(-1, 4, 4)
-        return np.asarray(shares.sum((-1, -2)).reshape(p_2 - 1, p_1 - 1))
+        return np.asarray(shares.sum((-1, -2)).reshape(rows, columns))
 
     def nodes(self) -> Array:
         """Return the time that informs each node when all others are unknown, shape (p,), [s].
@@ -56,7 +55,7 @@ class Excitation:
         if touched.size:
             stay = np.diag(self.gram)[touched]
             gram = self.gram[np.ix_(touched, touched)] / np.sqrt(stay[:, None] * stay)
-            inverse = scipy.linalg.inv(gram + RIDGE * np.eye(touched.size), check_finite=False)
+            inverse = np.linalg.inv(gram + RIDGE * np.eye(touched.size))
             time[touched] = stay * np.maximum(1.0 / np.diag(inverse) - RIDGE, 0.0)
         return time
 
@@ -67,8 +66,32 @@ def node_values(gram: Array, right: Array) -> Array:
     A direction that the data leave open gets the smallest values, by the ridge of `Excitation.nodes`.
     """
     stay = np.diag(gram)
-    ridge = np.where(stay > 0, RIDGE * stay, 1.0)
-    return np.asarray(np.linalg.solve(gram + np.diag(ridge), right))
+    touched = np.flatnonzero(stay > 0)
+    values = np.zeros(right.shape)
+    inner = gram[np.ix_(touched, touched)] + np.diag(RIDGE * stay[touched])
+    values[touched] = np.linalg.solve(inner, right[touched])
+    return values
+
+
+def over_nodes(grid: Grid, cells: Array) -> Array:
+    """Return matrices over the four nodes of each cell added up to one over all nodes, shape (p, p).
+
+    Parameters
+    ----------
+    grid : Grid
+    cells : ndarray, shape (cells, 4, 4)
+        Cells row by row.
+    """
+    total = np.zeros((grid.size, grid.size))
+    nodes = corners(*grid.shape)
+    np.add.at(total, (nodes[:, :, None], nodes[:, None, :]), cells.reshape(-1, 4, 4))
+    return total
+
+
+def corners(p_2: int, p_1: int) -> NDArray[np.int64]:
+    """Return the numbers of the four nodes of each cell of a map of p_2 times p_1 nodes, cells row by row, shape (cells, 4)."""
+    first = (np.arange(p_2 - 1)[:, None] * p_1 + np.arange(p_1 - 1)).ravel()
+    return np.asarray(first[:, None] + np.array([0, 1, p_1, p_1 + 1]))
 
 
 def excitation(

@@ -74,6 +74,23 @@ def locate(nodes: Array, value: float) -> tuple[int, float]:
     return i, min(max(eta, 0.0), 1.0)
 
 
+@njit(cache=True, inline="always")
+def seek(nodes: Array, value: float, i: int) -> int:
+    """Return the interval of `locate`, looked for from interval i on: along a drive it is the same one or the next."""
+    while i > 0 and value <= nodes[i]:
+        i -= 1
+    while i < nodes.size - 2 and value > nodes[i + 1]:
+        i += 1
+    return i
+
+
+@njit(cache=True, inline="always")
+def share(nodes: Array, value: float, i: int) -> float:
+    """Return eta of Eq. (35) in interval i, clipped outside the grid."""
+    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
+    return min(max(eta, 0.0), 1.0)
+
+
 @njit(cache=True)
 def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: NDArray[np.int64], weights: Array) -> None:
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""

@@ -11,15 +11,11 @@ weights that correlate with errors bias.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.ndimage
-from numba import njit
 from numpy.typing import NDArray
 
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 
-LONGEST_VISIT = 2.0
-"""[s]; a longer stay in a cell counts as several visits."""
 LEAST_TIME = 1e-2
 """[s] of the average over all cells that every cell is given, so that one far from any visit has a density, too."""
 LEAST_DENSITY = 1e-15
@@ -51,46 +47,48 @@ def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(nodes[:, 0] // p_1 * (p_1 - 1) + nodes[:, 0] % p_1, dtype=np.int64)
 
 
-def mix(
-    grid: Grid,
-    residual: Array,
-    slope: Array,
-    constants_variance: Array,
-    steps: Array,
-    cells: NDArray[np.int64],
-    segments: tuple[tuple[int, int], ...],
-    leverage: Array,
-) -> Mixture:
-    """Return the mixture of B balances with the least variance, random and constant errors together, in every cell.
+@dataclass(frozen=True)
+class Evidence:
+    """What the visits to each cell say of the errors of B balances, cells numbered row by row.
+
+    Attributes
+    ----------
+    power : ndarray, shape (cells, B, B)
+        [kg^2], over visits, the products of the integrals of the residuals about each balance's own map.
+    time : ndarray, shape (cells,)
+        [s], spent there.
+    visits : ndarray, shape (cells,)
+        Their number.
+    slope : ndarray, shape (cells, B, q)
+        [kg], integral of the slope of each balance by each relative constant.
+    leverage : ndarray, shape (cells,)
+        Nodes that the own map has fitted to the data of the cell.
+    """
+
+    power: Array
+    time: Array
+    visits: Array
+    slope: Array
+    leverage: Array
+
+
+def mix(shape: tuple[int, int], evidence: Evidence, constants_variance: Array) -> Mixture:
+    """Return the mixture of balances with the least variance, random and constant errors together, in every cell.
 
     Parameters
     ----------
-    grid : Grid
-    residual : ndarray, shape (B, N)
-        [kg/s], sensor minus balance, about each balance's own map.
-    slope : ndarray, shape (B, q, N)
-        [kg/s], of each balance by each relative constant.
+    shape : tuple of int
+        Rows and columns of cells.
+    evidence : Evidence
     constants_variance : ndarray, shape (q,)
-    steps : ndarray, shape (N,)
-        [s]
-    cells : ndarray of int, shape (N,)
-    segments : tuple of (start, stop)
-    leverage : ndarray, shape (p_2 - 1, p_1 - 1)
-        Nodes that the own map has fitted to the data of each cell.
     """
-    shape = (grid.n_e.size - 1, grid.u_delta.size - 1)
-    count = shape[0] * shape[1]
-    power, spent = np.zeros((count, residual.shape[0], residual.shape[0])), np.zeros(count)
-    visits = np.zeros(count)
-    for start, stop in segments:
-        part = slice(start, stop)
-        _visits(residual[:, part], steps[part], cells[part], LONGEST_VISIT, power, spent, visits)
-    left = spent * np.clip(1.0 - leverage.ravel() / np.maximum(visits, 1.0), LEAST_LEFT, 1.0)
+    spent, power = evidence.time, evidence.power
+    left = spent * np.clip(1.0 - evidence.leverage / np.maximum(evidence.visits, 1.0), LEAST_LEFT, 1.0)
     time = _pool(spent, shape) + LEAST_TIME
-    evidence = _pool(left, shape) + LEAST_TIME
-    noise = (_pool(power, shape) + LEAST_TIME * power.sum(0) / left.sum()) / evidence[:, None, None]
+    usable = _pool(left, shape) + LEAST_TIME
+    noise = (_pool(power, shape) + LEAST_TIME * power.sum(0) / left.sum()) / usable[:, None, None]
     noise = noise + LEAST_DENSITY * np.eye(noise.shape[-1])
-    mean_slope = _pool(_sums(slope, steps, cells, spent.size), shape) / time[:, None, None]
+    mean_slope = _pool(evidence.slope, shape) / time[:, None, None]
     constant = (mean_slope * constants_variance) @ mean_slope.swapaxes(-1, -2)
     share = _least_variance(noise / time[:, None, None] + constant)
     return Mixture(share, np.einsum("ca,cab,cb->c", share, noise, share))
@@ -114,36 +112,17 @@ def _least_variance(covariance: Array) -> Array:
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:
-    """Return values per cell averaged with those of neighbouring cells, shape as given."""
-    spread = values.reshape(*shape, *values.shape[1:])
-    sigma = (1.0, 1.0, *[0.0] * (values.ndim - 1))
-    return np.asarray(scipy.ndimage.gaussian_filter(spread, sigma, mode="constant", truncate=3.0).reshape(values.shape))
+    """Return values per cell averaged with those of neighbouring cells: a Gaussian of one cell, nothing outside the grid."""
+    spread = values.reshape(*shape, -1)
+    pooled = np.einsum("jk,kix,li->jlx", _neighbours(shape[0]), spread, _neighbours(shape[1]), optimize=True)
+    return np.asarray(pooled.reshape(values.shape))
 
 
-def _sums(slope: Array, steps: Array, cells: NDArray[np.int64], count: int) -> Array:
-    """Return the integral of each slope over the time in each cell, shape (count, B, q)."""
-    B, q, _ = slope.shape
-    sums = np.zeros((count, B, q))
-    for b in range(B):
-        for i in range(q):
-            sums[:, b, i] = np.bincount(cells, steps * slope[b, i], minlength=count)
-    return sums
-
-
-@njit(cache=True)
-def _visits(residual, steps, cells, longest, power, spent, visits):  # type: ignore[no-untyped-def]
-    B, N = residual.shape
-    integral = np.zeros(B)
-    stay = 0.0
-    for k in range(N):
-        for b in range(B):
-            integral[b] += steps[k] * residual[b, k]
-        stay += steps[k]
-        if k == N - 1 or cells[k + 1] != cells[k] or stay >= longest:
-            for a in range(B):
-                for b in range(B):
-                    power[cells[k], a, b] += integral[a] * integral[b]
-            spent[cells[k]] += stay
-            visits[cells[k]] += 1.0
-            integral[:] = 0.0
-            stay = 0.0
+def _neighbours(count: int) -> Array:
+    """Return the weights of the cells in a row about each of them, shape (count, count)."""
+    away = np.arange(-3, 4)
+    kernel = np.exp(-0.5 * away**2)
+    weights = np.zeros((count, count))
+    for step, weight in zip(away, kernel / kernel.sum(), strict=True):
+        weights += weight * np.eye(count, k=int(step))
+    return weights

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from lpvobs.airpath.base import Trajectory
-from lpvobs.maps.grid import Grid, local
+from lpvobs.maps.grid import Grid, seek, share
 from lpvobs.records import Array
 
 
@@ -56,6 +56,7 @@ def observe(
     gamma: float,
     x_0: Array,
     theta_0: Array,
+    before: float | None = None,
 ) -> ObserverRun:
     """Run the observer over the segments of a log; the map is carried on, the state is not.
 
@@ -76,6 +77,9 @@ def observe(
     x_0 : ndarray, shape (S, 3)
         State at the first sample of each of S segments.
     theta_0 : ndarray, shape (p,)
+    before : float, optional
+        [s]; the first segment goes on from a sample at this time, and the first row of x_0 is the state there. By default it
+        begins: its first sample stands for no time.
 
     Returns
     -------
@@ -85,9 +89,11 @@ def observe(
     innovation = np.empty(time.size)
     theta = theta_0.copy()
     u_delta, n_e = operating_point
+    by_output = np.ascontiguousarray(np.asarray(L, dtype=float).T)
     for (start, stop), first in zip(segments, x_0, strict=True):
         part = slice(start, stop)
         _recursion(
+            time[start] if before is None or start > 0 else before,
             time[part],
             trajectory.A[part],
             trajectory.E[part],
@@ -97,9 +103,9 @@ def observe(
             n_e[part],
             grid.u_delta,
             grid.n_e,
-            np.ascontiguousarray(L, dtype=float),
+            by_output,
             gamma,
-            first,
+            (float(first[0]), float(first[1]), float(first[2])),
             theta,
             x[part],
             innovation[part],
@@ -108,61 +114,79 @@ def observe(
 
 
 @njit(cache=True)
-def _recursion(  # type: ignore[no-untyped-def]
-    time, A, E, C, y, u_delta, n_e, u_nodes, n_nodes, L, gamma, x_0, theta, x_out, innovation
+def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0915 straight-line arithmetic
+    before, time, A, E, C, y, u_delta, n_e, u_nodes, n_nodes, L, gamma, x_0, theta, x_out, innovation
 ):
-    """Fill x_out and innovation and move theta in place along one segment."""
+    """Fill x_out and innovation and move theta in place along one segment.
+
+    The state's block is inverted by cofactors: it is regular at any step if the state error decays, and cofactors, unlike
+    elimination with pivots, do not care that pascals stand beside radians per second. With x = x(s = 0) - h per s the fourth
+    equation gives e in closed form. Nothing is allocated, and what the next sample waits for is kept short.
+    """
     N, r = y.shape
-    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
-    M = np.empty((4, 5))
-    x = x_0.copy()
+    x_0_, x_1_, x_2_ = x_0
+    b0, b1, b2 = L[r - 1, 0], L[r - 1, 1], L[r - 1, 2]
+    cascade = b0 == 0.0 and b1 == 0.0 and b2 == 0.0
+    p_1 = u_nodes.size
+    i, j = 0, 0
     for k in range(N):
-        h = time[k] - time[k - 1] if k > 0 else 0.0
-        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
-        before, g = 0.0, 0.0
-        for m in range(4):
-            before += weights[m] * theta[nodes[m]]
-            g += gamma * weights[m] * weights[m]
-        for i in range(3):
-            M[i, 4] = x[i] + h * E[k, i]
-            for j in range(3):
-                M[i, j] = (1.0 if i == j else 0.0) - h * A[k, i, j]
-            for o in range(r):
-                M[i, 4] += h * L[i, o] * y[k, o]
-                for j in range(3):
-                    M[i, j] += h * L[i, o] * C[k, o, j]
-            M[i, 3] = h * L[i, r - 1]
-        for j in range(3):
-            M[3, j] = h * g * C[k, r - 1, j]
-        M[3, 3] = 1.0 + h * g
-        M[3, 4] = before + h * g * y[k, r - 1]
-        _solve4(M)
-        e = y[k, r - 1] - M[3, 4]
-        for j in range(3):
-            x[j] = M[j, 4]
-            x_out[k, j] = x[j]
-            e -= C[k, r - 1, j] * x[j]
-        for m in range(4):
-            theta[nodes[m]] += h * gamma * weights[m] * e
+        h = time[k] - before
+        before = time[k]
+        # I - h (A - L C) and the right-hand side
+        m00, m01, m02 = -A[k, 0, 0], -A[k, 0, 1], -A[k, 0, 2]
+        m10, m11, m12 = -A[k, 1, 0], -A[k, 1, 1], -A[k, 1, 2]
+        m20, m21, m22 = -A[k, 2, 0], -A[k, 2, 1], -A[k, 2, 2]
+        f0, f1, f2 = E[k, 0], E[k, 1], E[k, 2]
+        for o in range(r):
+            l0, l1, l2 = L[o, 0], L[o, 1], L[o, 2]
+            f0, f1, f2 = f0 + l0 * y[k, o], f1 + l1 * y[k, o], f2 + l2 * y[k, o]
+            c0, c1, c2 = C[k, o, 0], C[k, o, 1], C[k, o, 2]
+            if c0 != 0.0:  # most outputs are one of the states
+                m00, m10, m20 = m00 + l0 * c0, m10 + l1 * c0, m20 + l2 * c0
+            if c1 != 0.0:
+                m01, m11, m21 = m01 + l0 * c1, m11 + l1 * c1, m21 + l2 * c1
+            if c2 != 0.0:
+                m02, m12, m22 = m02 + l0 * c2, m12 + l1 * c2, m22 + l2 * c2
+        m00, m01, m02 = 1.0 + h * m00, h * m01, h * m02
+        m10, m11, m12 = h * m10, 1.0 + h * m11, h * m12
+        m20, m21, m22 = h * m20, h * m21, 1.0 + h * m22
+        f0, f1, f2 = x_0_ + h * f0, x_1_ + h * f1, x_2_ + h * f2
+        # cofactors
+        a00, a01, a02 = m11 * m22 - m12 * m21, m02 * m21 - m01 * m22, m01 * m12 - m02 * m11
+        a10, a11, a12 = m12 * m20 - m10 * m22, m00 * m22 - m02 * m20, m02 * m10 - m00 * m12
+        a20, a21, a22 = m10 * m21 - m11 * m20, m01 * m20 - m00 * m21, m00 * m11 - m01 * m10
+        inverse = 1.0 / (m00 * a00 + m01 * a10 + m02 * a20)
+        a00, a01, a02 = a00 * inverse, a01 * inverse, a02 * inverse
+        a10, a11, a12 = a10 * inverse, a11 * inverse, a12 * inverse
+        a20, a21, a22 = a20 * inverse, a21 * inverse, a22 * inverse
+        # the map at the operating point
+        i, j = seek(u_nodes, u_delta[k], i), seek(n_nodes, n_e[k], j)
+        eta_1, eta_2 = share(u_nodes, u_delta[k], i), share(n_nodes, n_e[k], j)
+        w0, w1 = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
+        w2, w3 = (1.0 - eta_1) * eta_2, eta_1 * eta_2
+        node = j * p_1 + i
+        g = h * gamma * ((w0 * w0 + w1 * w1) + (w2 * w2 + w3 * w3))
+        q0, q1, q2, reading = C[k, r - 1, 0], C[k, r - 1, 1], C[k, r - 1, 2], y[k, r - 1]
+        # x as it would be for s = 0
+        x_0_, x_1_, x_2_ = (
+            a00 * f0 + a01 * f1 + a02 * f2, a10 * f0 + a11 * f1 + a12 * f2, a20 * f0 + a21 * f1 + a22 * f2,
+        )  # fmt: skip
+        missing = reading - (q0 * x_0_ + q1 * x_1_ + q2 * x_2_)
+        known = (w0 * theta[node] + w1 * theta[node + 1]) + (w2 * theta[node + p_1] + w3 * theta[node + p_1 + 1])
+        if cascade:
+            e = (missing - known) * (1.0 / (1.0 + g))
+        else:
+            per0, per1, per2 = (
+                a00 * b0 + a01 * b1 + a02 * b2, a10 * b0 + a11 * b1 + a12 * b2, a20 * b0 + a21 * b1 + a22 * b2,
+            )  # fmt: skip
+            left = 1.0 - h * (q0 * per0 + q1 * per1 + q2 * per2)
+            e = (missing - left * known) * (1.0 / (1.0 + g * left))
+            s = h * (known + g * e)
+            x_0_, x_1_, x_2_ = x_0_ - per0 * s, x_1_ - per1 * s, x_2_ - per2 * s
+        push = h * gamma * e
+        theta[node] += push * w0
+        theta[node + 1] += push * w1
+        theta[node + p_1] += push * w2
+        theta[node + p_1 + 1] += push * w3
+        x_out[k, 0], x_out[k, 1], x_out[k, 2] = x_0_, x_1_, x_2_
         innovation[k] = e
-
-
-@njit(cache=True)
-def _solve4(M: Array) -> None:
-    """Solve the 4 x 4 system M[:, :4] z = M[:, 4] in place by elimination with row pivoting; z stands in M[:, 4]."""
-    for j in range(4):
-        pivot = j
-        for i in range(j + 1, 4):
-            if abs(M[i, j]) > abs(M[pivot, j]):
-                pivot = i
-        if pivot != j:
-            for m in range(5):
-                M[j, m], M[pivot, m] = M[pivot, m], M[j, m]
-        for i in range(j + 1, 4):
-            factor = M[i, j] / M[j, j]
-            for m in range(j + 1, 5):
-                M[i, m] -= factor * M[j, m]
-    for i in range(3, -1, -1):
-        for j in range(i + 1, 4):
-            M[i, 4] -= M[i, j] * M[j, 4]
-        M[i, 4] /= M[i, i]

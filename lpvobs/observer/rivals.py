@@ -11,10 +11,11 @@ from lpvobs.airpath.base import AirPath
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings, adapt, start
-from lpvobs.observer.estimate import LogRun, MapEstimate, finished, operating_point, run_of, steps_of
+from lpvobs.observer.estimate import MapEstimate, finished, run_of, steps_of
 from lpvobs.observer.information import assemble, empty, solve
+from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.records import Array, Log
+from lpvobs.records import Log
 
 NO_PRIOR = 1e4
 """Against weights that count samples: a node seen for a thousandth of a sample is left to the data."""
@@ -23,48 +24,47 @@ NO_PRIOR = 1e4
 def estimate_ekf(
     air_path: AirPath,
     grid: Grid,
-    outputs: tuple[str, ...],
+    gain: StateGain,
     logs: Sequence[Log],
     kalman: KalmanSettings,
     settings: EstimateSettings,
 ) -> MapEstimate:
     """Return the map from an extended Kalman filter with 3 + p states, logs one after another."""
-    channels = (*outputs, air_path.sensor)
+    channels = (*gain.outputs, air_path.sensor)
     measurement = np.array([kalman.measurement_noise[name] for name in channels]) ** 2
     process = np.array([kalman.process_noise[name] for name in air_path.state_names]) ** 2
-    state, runs = start(grid, kalman), []
+    state = start(grid, kalman)
+    excited, runs = [], []
     for log in logs:
-        trajectory, point = air_path.trajectory(log, outputs), operating_point(air_path, log)
+        trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
         first = np.array([[log[name][begin] for name in air_path.state_names] for begin, _ in log.segments])
         state = adapt(
             state, trajectory, log.time, log.segments, point, grid, measurement, process, kalman.map_drift, first
         )
-        runs.append(_run(grid, log, air_path, trajectory.parameters))
-    return finished("ekf", grid, state.theta, state.P[3:, 3:], runs, settings)
+        excited.append(excitation(grid, *point, log.time, log.segments))
+        runs.append(run_of(log, trajectory.parameters, gain.region))
+    return finished("ekf", grid, state.theta, state.P[3:, 3:], runs, sum(excited[1:], excited[0]), settings)
 
 
 def estimate_batch(
-    air_path: AirPath, grid: Grid, outputs: tuple[str, ...], logs: Sequence[Log], settings: EstimateSettings
+    air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], settings: EstimateSettings
 ) -> MapEstimate:
     """Return the map that fits sensor minus compressor flow best in the least squares of all samples.
 
     The standard errors are those of the textbook, for white errors of equal variance.
     """
-    total, runs, squares, samples = empty(grid.size, 0), [], 0.0, 0
+    total, squares, samples = empty(grid.size, 0), 0.0, 0
+    excited, runs = [], []
     for log in logs:
-        trajectory, point = air_path.trajectory(log, outputs), operating_point(air_path, log)
+        trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
         measured = np.stack([log[name] for name in air_path.state_names], axis=1)
         z = trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], measured)
         used = (steps_of(log) > 0).astype(float)
         total += assemble(grid.size, grid.regressors(*point), used, z, np.empty((0, z.size)))
         squares += float(used @ z**2)
         samples += int(used.sum())
-        runs.append(_run(grid, log, air_path, trajectory.parameters))
+        excited.append(excitation(grid, *point, log.time, log.segments))
+        runs.append(run_of(log, trajectory.parameters, gain.region))
     unit = solve(total, NO_PRIOR)
     variance = max(squares - float(unit.theta @ total.h), 0.0) / max(samples - grid.size, 1)
-    return finished("batch", grid, unit.theta, variance * unit.noise, runs, settings)
-
-
-def _run(grid: Grid, log: Log, air_path: AirPath, parameters: Array) -> LogRun:
-    point = operating_point(air_path, log)
-    return run_of(log, excitation(grid, *point, log.time, log.segments), parameters, steps_of(log))
+    return finished("batch", grid, unit.theta, variance * unit.noise, runs, sum(excited[1:], excited[0]), settings)

@@ -2,13 +2,25 @@
 
 The scheduling parameters are computed from measured pressures and speeds through a steep compressor curve, so noise inside rho
 biases the map. A symmetric window does not shift signals in time, and each value depends on a bounded stretch of the log, so a
-log read in pieces gives what the whole gives.
+log read in pieces gives what the whole gives, to the bit.
 """
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from lpvobs.records import Array
+from lpvobs.records import Array, Piece
+
+BLOCK = 4096
+"""Samples that are worked on at a time: few enough that what is computed of them stays in the processor's cache."""
+LEAST = 2
+"""Samples that a window has on either side at least, if the segment has them."""
+ROW = 256
+"""Samples whose windows are computed side by side."""
+WIDEST = 64
+"""Samples on either side of a window up to which that is done; wider ones would not stay in the cache."""
 
 
 def smooth(
@@ -32,50 +44,250 @@ def smooth(
     values, rates : ndarray, shape (m, N)
         In the unit of the signals, and per second.
     """
+    columns = np.ascontiguousarray(columns)
     values, rates = np.empty_like(columns), np.empty_like(columns)
-    for start, stop in segments:
-        part = slice(start, stop)
-        if stop - start < 3:  # too short for a quadratic
-            values[:, part], rates[:, part] = columns[:, part], 0.0
-            continue
-        _local_quadratic(time[part], columns[:, part], half_width, values[:, part], rates[:, part])
+    for segment in segments:
+        _smooth(time, columns, half_width, segment, segment, values, rates)
     return values, rates
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """At most `BLOCK` consecutive samples of one segment, smoothed.
+
+    Attributes
+    ----------
+    before : float
+        [s], time of the sample before; NaN where the segment begins.
+    time : ndarray, shape (n,)
+        [s]
+    channels : mapping of str to ndarray, shape (n,)
+        As recorded.
+    values, rates : mapping of str to ndarray, shape (n,)
+        The smoothed channels and their time derivatives.
+    """
+
+    before: float
+    time: Array
+    channels: dict[str, Array]
+    values: dict[str, Array]
+    rates: dict[str, Array]
+
+    @property
+    def begins(self) -> bool:
+        """Whether a segment begins here."""
+        return bool(np.isnan(self.before))
+
+    @property
+    def steps(self) -> Array:
+        """The time that each sample stands for, shape (n,) [s]; the first of a segment stands for none."""
+        return np.diff(self.time, prepend=self.time[0] if self.begins else self.before)
+
+
+def stretches(pieces: Iterable[Piece], names: Sequence[str], half_width: float) -> Iterator[Stretch]:
+    """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit.
+
+    Only samples whose window has not been read to its end wait for the next piece.
+
+    Parameters
+    ----------
+    pieces : iterable of Piece
+    names : sequence of str
+        Channels to smooth.
+    half_width : float
+        [s]
+    """
+    held: _Held | None = None
+    for piece in pieces:
+        cuts = np.flatnonzero(piece.begins).tolist()
+        for start, stop in zip(sorted({0, *cuts}), sorted({*cuts, piece.time.size} - {0}), strict=True):
+            part = slice(start, stop)
+            channels = {name: column[part] for name, column in piece.channels.items()}
+            if held is None or start in cuts:
+                if held is not None:
+                    yield from held.smoothed(held.time.size, names, half_width)
+                held = _Held(piece.time[part], channels, 0)
+            else:
+                held = held.followed_by(piece.time[part], channels)
+            ready = held.ready(half_width)
+            yield from held.smoothed(ready, names, half_width)
+            held = held.rest(ready, half_width)
+    if held is not None:
+        yield from held.smoothed(held.time.size, names, half_width)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """The end of a segment as far as it has been read: samples whose window is open, and those that their windows reach."""
+
+    time: Array
+    channels: dict[str, Array]
+    done: int  # samples at the front that have been smoothed already
+
+    def followed_by(self, time: Array, channels: dict[str, Array]) -> "_Held":
+        longer = {name: np.concatenate((column, channels[name])) for name, column in self.channels.items()}
+        return _Held(np.concatenate((self.time, time)), longer, self.done)
+
+    def ready(self, half_width: float) -> int:
+        """Return how many samples have a complete window while the segment may go on."""
+        beyond = int(np.count_nonzero(self.time[-1] - self.time >= half_width))
+        return max(min(beyond, self.time.size - LEAST), self.done)
+
+    def rest(self, ready: int, half_width: float) -> "_Held":
+        """Return what the windows from sample `ready` on need, and the sample before."""
+        if ready == self.done:
+            return self
+        first = max(min(_first_within(self.time, ready, half_width), ready - LEAST), 0)
+        return _Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
+
+    def smoothed(self, ready: int, names: Sequence[str], half_width: float) -> Iterator[Stretch]:
+        for start in range(self.done, ready, BLOCK):
+            stop = min(start + BLOCK, ready)
+            low = max(min(_first_within(self.time, start, half_width), start - LEAST), 0)
+            high = int(np.searchsorted(self.time, self.time[stop - 1] + 2.0 * half_width)) + LEAST
+            time = self.time[low:high]
+            columns = np.stack([self.channels[name][low:high] for name in names])
+            values, rates = np.empty((2, len(names), time.size))
+            _smooth(time, columns, half_width, (0, time.size), (start - low, stop - low), values, rates)
+            part, wanted = slice(start, stop), slice(start - low, stop - low)
+            yield Stretch(
+                before=float(self.time[start - 1]) if start else float("nan"),
+                time=self.time[part],
+                channels={name: column[part] for name, column in self.channels.items()},
+                values=dict(zip(names, values[:, wanted], strict=True)),
+                rates=dict(zip(names, rates[:, wanted], strict=True)),
+            )
+
+
+def _first_within(time: Array, k: int, half_width: float) -> int:
+    """Return a sample at or before the first one in the window of sample k; twice the window is beyond any rounding."""
+    return int(np.searchsorted(time[: k + 1], time[k] - 2.0 * half_width))
+
+
+def _smooth(
+    time: Array,
+    columns: Array,
+    half_width: float,
+    known: tuple[int, int],
+    wanted: tuple[int, int],
+    values: Array,
+    rates: Array,
+) -> None:
+    """Fill values and rates for the samples wanted, from those of their segment that are known.
+
+    All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
+    """
+    (low, high), (begin, end) = known, wanted
+    if high - low < LEAST + 1:  # too short for a quadratic
+        values[:, begin:end], rates[:, begin:end] = columns[:, begin:end], 0.0
+        return
+    _local_quadratic(time, columns, half_width, low, high, begin, end, values, rates)
+
+
 @njit(cache=True)
-def _local_quadratic(time: Array, columns: Array, half_width: float, values: Array, rates: Array) -> None:
-    m, N = columns.shape
-    value_weight, rate_weight = np.empty(N), np.empty(N)
-    first, last = 0, 0
-    for k in range(N):
-        while time[k] - time[first] >= half_width:
-            first += 1
-        while last < N - 1 and time[last + 1] - time[k] < half_width:
-            last += 1
-        lo, hi = max(min(first, k - 2), 0), min(max(last, k + 2), N - 1)
-        reach = 1.001 * max(half_width, time[k] - time[lo], time[hi] - time[k])
-        s0, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(lo, hi + 1):
-            tau = (time[i] - time[k]) / reach
-            w = (1.0 - tau * tau) ** 2
-            value_weight[i] = w
-            s0 += w
-            s1 += w * tau
-            s2 += w * tau**2
-            s3 += w * tau**3
-            s4 += w * tau**4
-        # first two rows of the inverse of the moment matrix [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]]
+def _local_quadratic(time, columns, half_width, low, high, begin, end, values, rates):  # type: ignore[no-untyped-def]
+    first, last = low, low
+    for start in range(begin, end, ROW):
+        stop = min(start + ROW, end)
+        side, ordinary = 0, True
+        begun_first, begun_last = first, last
+        for k in range(start, stop):
+            first, last = _window(time, half_width, high, k, first, last)
+            side = max(side, k - first, last - k)
+            ordinary = ordinary and k - first >= LEAST and last - k >= LEAST
+        if ordinary and side <= WIDEST and start - side >= low and stop + side <= high:
+            _side_by_side(time, columns, half_width, side, start, stop, values, rates)
+            continue
+        first, last = begun_first, begun_last
+        for k in range(start, stop):
+            first, last = _window(time, half_width, high, k, first, last)
+            lo, hi = max(min(first, k - LEAST), low), min(max(last, k + LEAST), high - 1)
+            _one_by_one(time, columns, half_width, lo, hi, k, values[:, k], rates[:, k])
+
+
+@njit(cache=True)
+def _window(time, half_width, high, k, first, last):  # type: ignore[no-untyped-def]
+    """Return the first and the last sample nearer than half_width, looked for from those of the sample before on."""
+    while time[k] - time[first] >= half_width:
+        first += 1
+    last = max(last, k)
+    while last < high - 1 and time[last + 1] - time[k] < half_width:
+        last += 1
+    return first, last
+
+
+@njit(cache=True)
+def _one_by_one(time, columns, half_width, lo, hi, k, values, rates):  # type: ignore[no-untyped-def]
+    """Fit one sample, whatever its window, which holds the samples lo to hi."""
+    scale = 1.0 / (1.001 * max(half_width, time[k] - time[lo], time[hi] - time[k]))
+    s0, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(lo, hi + 1):
+        tau = (time[i] - time[k]) * scale
+        t2 = tau * tau
+        w = (1.0 - t2) * (1.0 - t2)
+        s0, s1, s2, s3, s4 = s0 + w, s1 + w * tau, s2 + w * t2, s3 + w * (t2 * tau), s4 + w * (t2 * t2)
+    # first two rows of the inverse of the moment matrix [[s0, s1, s2], [s1, s2, s3], [s2, s3, s4]]
+    c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+    c11, c12 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
+    inverse = 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
+    values[:] = 0.0
+    rates[:] = 0.0
+    for i in range(lo, hi + 1):
+        tau = (time[i] - time[k]) * scale
+        t2 = tau * tau
+        w = (1.0 - t2) * (1.0 - t2) * inverse
+        value_weight = w * (c00 + c01 * tau + c02 * t2)
+        rate_weight = w * (c01 + c11 * tau + c12 * t2) * scale
+        for c in range(columns.shape[0]):
+            values[c] += value_weight * columns[c, i]
+            rates[c] += rate_weight * columns[c, i]
+
+
+@njit(cache=True)
+def _side_by_side(time, columns, half_width, side, start, stop, values, rates):  # type: ignore[no-untyped-def]
+    """Fit neighbouring samples whose windows hold at most `side` samples on either side and are not widened.
+
+    The same operations in the same order for each sample as one by one, so the same bits; the loop over samples is the inner one,
+    which the processor does several at a time. Samples outside a window take part with weight zero, which adds nothing.
+    """
+    n = stop - start
+    scale = 1.0 / (1.001 * half_width)
+    moment, cofactor = np.zeros((5, n)), np.empty((5, n))
+    value_weight, rate_weight = np.empty(n), np.empty(n)
+    centre = time[start:stop]
+    for offset in range(-side, side + 1):
+        there = time[start + offset : stop + offset]
+        for k in range(n):
+            away = there[k] - centre[k]
+            tau = away * scale
+            t2 = tau * tau
+            w = (1.0 - t2) * (1.0 - t2) if abs(away) < half_width else 0.0
+            moment[0, k] += w
+            moment[1, k] += w * tau
+            moment[2, k] += w * t2
+            moment[3, k] += w * (t2 * tau)
+            moment[4, k] += w * (t2 * t2)
+    inverse = np.empty(n)
+    for k in range(n):
+        s0, s1, s2, s3, s4 = moment[0, k], moment[1, k], moment[2, k], moment[3, k], moment[4, k]
         c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-        c11, c12 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
-        determinant = s0 * c00 + s1 * c01 + s2 * c02
-        for i in range(lo, hi + 1):
-            tau = (time[i] - time[k]) / reach
-            w = value_weight[i] / determinant
-            value_weight[i] = w * (c00 + c01 * tau + c02 * tau * tau)
-            rate_weight[i] = w * (c01 + c11 * tau + c12 * tau * tau) / reach
-        for c in range(m):
-            value, rate = 0.0, 0.0
-            for i in range(lo, hi + 1):
-                value += value_weight[i] * columns[c, i]
-                rate += rate_weight[i] * columns[c, i]
-            values[c, k], rates[c, k] = value, rate
+        cofactor[0, k], cofactor[1, k], cofactor[2, k] = c00, c01, c02
+        cofactor[3, k], cofactor[4, k] = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3
+        inverse[k] = 1.0 / (s0 * c00 + s1 * c01 + s2 * c02)
+    values[:, start:stop] = 0.0
+    rates[:, start:stop] = 0.0
+    for offset in range(-side, side + 1):
+        there = time[start + offset : stop + offset]
+        for k in range(n):
+            away = there[k] - centre[k]
+            tau = away * scale
+            t2 = tau * tau
+            w = (1.0 - t2) * (1.0 - t2) * inverse[k] if abs(away) < half_width else 0.0
+            value_weight[k] = w * (cofactor[0, k] + cofactor[1, k] * tau + cofactor[2, k] * t2)
+            rate_weight[k] = w * (cofactor[1, k] + cofactor[3, k] * tau + cofactor[4, k] * t2) * scale
+        for c in range(columns.shape[0]):
+            signal = columns[c, start + offset : stop + offset]
+            value, rate = values[c, start:stop], rates[c, start:stop]
+            for k in range(n):
+                value[k] += value_weight[k] * signal[k]
+                rate[k] += rate_weight[k] * signal[k]

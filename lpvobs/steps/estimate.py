@@ -14,7 +14,8 @@ from lpvobs.io.provenance import Provenance
 from lpvobs.io.results import LogSummary, write_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
-from lpvobs.observer.estimate import LogRun, MapEstimate, StateGain, estimate_default, estimate_published
+from lpvobs.observer.estimate import MapEstimate, estimate_default, estimate_published
+from lpvobs.observer.parts import LogRun, StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 
@@ -56,12 +57,12 @@ def estimate_logs(
     if not logs:
         raise DataError("; ".join(refused))
     _refuse_copies(logs)
-    gain = StateGain(stored.outputs, stored.gain.L)
+    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     estimate = _estimate(config, air_path, grid, gain, list(logs.values()), method)
     _refuse_empty(estimate)
     progress(0.9)
     summaries = tuple(
-        _summary(stored, run, _metrics(air_path, estimate, path, log))
+        _summary(run, _metrics(air_path, estimate, path, log))
         for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
@@ -126,9 +127,9 @@ def _estimate(
     if method == "published":
         return estimate_published(air_path, grid, gain, logs, config.published, settings)
     if method == "ekf":
-        return estimate_ekf(air_path, grid, gain.outputs, logs, config.ekf, settings)
+        return estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
     if method == "batch":
-        return estimate_batch(air_path, grid, gain.outputs, logs, settings)
+        return estimate_batch(air_path, grid, gain, logs, settings)
     return estimate_default(air_path, grid, gain, logs, settings)
 
 
@@ -155,7 +156,7 @@ def _metrics(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> 
     return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references.delta_W_c)
 
 
-def _summary(stored: StoredGain, run: LogRun, metrics: Metrics | None) -> LogSummary:
+def _summary(run: LogRun, metrics: Metrics | None) -> LogSummary:
     return LogSummary(
         name=run.name,
         sha256=run.sha256,
@@ -166,8 +167,8 @@ def _summary(stored: StoredGain, run: LogRun, metrics: Metrics | None) -> LogSum
         repeated=run.defects.repeated,
         duration=run.duration,
         dropped=run.defects.dropped,
-        share_certified=float(stored.gain.region.contains(run.parameters).mean()),
-        lower=run.parameters.min(axis=0),
-        upper=run.parameters.max(axis=0),
+        share_certified=run.share_certified,
+        lower=run.lower,
+        upper=run.upper,
         metrics=metrics,
     )

@@ -6,7 +6,7 @@ from reference.drives import integrated
 
 from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import PAPER, evaluate
-from lpvobs.observer.estimate import StateGain
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import EstimateSettings
 
 EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])

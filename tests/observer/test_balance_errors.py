@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from reference import visits
 
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.balance_errors import LEAST_DENSITY, LEAST_TIME, LONGEST_VISIT, cell_numbers, mix
+from lpvobs.observer.balance_errors import LEAST_DENSITY, LEAST_TIME, Evidence, cell_numbers
+from lpvobs.observer.balance_errors import mix as mixed
+from lpvobs.observer.cells import LONGEST_VISIT
 
 GRID = Grid(np.array([0.0, 4.0, 8.0, 20.0]), np.array([500.0, 1000.0, 2000.0]))
 ROWS, COLUMNS = 2, 3
-NO_LEVERAGE = np.zeros((ROWS, COLUMNS))  # residuals about the truth, not about a fit
+NO_LEVERAGE = np.zeros(ROWS * COLUMNS)  # residuals about the truth, not about a fit
 
 
 def drive(seed, B=2, q=3, N=900, common=0.5):
@@ -28,6 +30,12 @@ def drive(seed, B=2, q=3, N=900, common=0.5):
     slope = 0.03 * rng.standard_normal((B, q, 1)) * (1.0 + 0.1 * rng.standard_normal((B, q, N)))
     cells = cell_numbers(GRID, GRID.regressors(u, n)[0])
     return residual, slope, np.full(q, 0.01**2 / 3), steps, cells, ((0, N // 3), (N // 3, N))
+
+
+def mix(residual, slope, variance, steps, cells, segments, leverage):
+    """Return the mixture, with the visits gathered in plain loops."""
+    found = visits.evidence(residual, slope, steps, cells, segments, ROWS * COLUMNS, LONGEST_VISIT)
+    return mixed((ROWS, COLUMNS), Evidence(*found, leverage), variance)
 
 
 def slow(data):
@@ -46,7 +54,7 @@ def test_cells_are_numbered_row_by_row():
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_weights_lie_between_zero_and_one_and_sum_to_one(seed, B):
-    share = mix(GRID, *drive(seed, B=B, N=200), NO_LEVERAGE).share
+    share = mix(*drive(seed, B=B, N=200), NO_LEVERAGE).share
     assert share.shape == (6, B)
     assert share.min() >= 0.0
     np.testing.assert_allclose(share.sum(axis=1), 1.0, rtol=0, atol=1e-12)
@@ -56,7 +64,7 @@ def test_weights_lie_between_zero_and_one_and_sum_to_one(seed, B):
 @pytest.mark.parametrize("B", [2, 3])
 def test_no_other_mixture_has_less_variance(B, common):
     data = drive(1, B=B, common=common)
-    share = mix(GRID, *data, NO_LEVERAGE).share
+    share = mix(*data, NO_LEVERAGE).share
     _, covariance = slow(data)
     fine = np.linspace(0.0, 1.0, 201 if B == 2 else 61)
     rivals = np.array([w for w in product(fine, repeat=B - 1) if sum(w) <= 1.0 + 1e-12])
@@ -74,14 +82,14 @@ def test_strongly_correlated_errors_leave_one_balance_out():
     residual, slope, variance, steps, cells, segments = drive(2, q=0)
     shared = rng.standard_normal(cells.size)
     residual = np.stack([1e-3 * shared, 3e-3 * shared + 1e-4 * rng.standard_normal(cells.size)])
-    share = mix(GRID, residual, slope, variance, steps, cells, segments, NO_LEVERAGE).share
+    share = mix(residual, slope, variance, steps, cells, segments, NO_LEVERAGE).share
     np.testing.assert_array_equal(share[:, 1], 0.0)
     np.testing.assert_array_equal(share[:, 0], 1.0)
 
 
 def test_density_is_that_of_the_mixture():
     data = drive(3)
-    found = mix(GRID, *data, NO_LEVERAGE)
+    found = mix(*data, NO_LEVERAGE)
     noise, _ = slow(data)
     # The least density is about a millionth of these.
     np.testing.assert_allclose(found.density, np.einsum("ca,cab,cb->c", found.share, noise, found.share), rtol=1e-5)
@@ -92,7 +100,7 @@ def test_density_of_white_noise_is_variance_times_step():
     N, h, sigma = 60_000, 0.01, 2e-3
     cells = np.repeat(rng.integers(0, 6, N // 50), 50)
     residual = sigma * rng.standard_normal((1, N))
-    found = mix(GRID, residual, np.zeros((1, 0, N)), np.empty(0), np.full(N, h), cells, ((0, N),), NO_LEVERAGE)
+    found = mix(residual, np.zeros((1, 0, N)), np.empty(0), np.full(N, h), cells, ((0, N),), NO_LEVERAGE)
     # Some 200 visits in each of six cells, averaged with neighbours: the variance of a variance over about 500 visits, 6 %.
     np.testing.assert_allclose(found.density, sigma**2 * h, rtol=0.25)
 
@@ -104,7 +112,7 @@ def test_a_slow_error_counts_for_more_than_a_fast_one_of_the_same_size():
     slowly = np.repeat(1e-3 * rng.standard_normal(N // 100), 100)
     cells = np.repeat(rng.integers(0, 6, N // 100), 100)
     residual = np.stack([fast, slowly])
-    share = mix(GRID, residual, np.zeros((2, 0, N)), np.empty(0), np.full(N, 0.01), cells, ((0, N),), NO_LEVERAGE).share
+    share = mix(residual, np.zeros((2, 0, N)), np.empty(0), np.full(N, 0.01), cells, ((0, N),), NO_LEVERAGE).share
     assert share[:, 0].min() > 0.95  # the ratio of the densities is a hundred
 
 
@@ -112,15 +120,15 @@ def test_uncertain_constants_count_against_a_balance():
     residual, slope, _, steps, cells, segments = drive(6, q=1, common=0.0)
     residual[1] = residual[0][::-1]
     slope[0], slope[1] = 0.05, 0.0
-    lenient = mix(GRID, residual, slope, np.array([1e-12]), steps, cells, segments, NO_LEVERAGE).share
-    strict = mix(GRID, residual, slope, np.array([0.1]), steps, cells, segments, NO_LEVERAGE).share
+    lenient = mix(residual, slope, np.array([1e-12]), steps, cells, segments, NO_LEVERAGE).share
+    strict = mix(residual, slope, np.array([0.1]), steps, cells, segments, NO_LEVERAGE).share
     assert (lenient[:, 0] > 0.05).all()
     assert (strict[:, 0] < 1e-2).all()
 
 
 def test_a_cell_that_nobody_visited_has_a_density_too():
     residual, slope, variance, steps, cells, segments = drive(7)
-    found = mix(GRID, residual, slope, variance, steps, np.zeros_like(cells), segments, NO_LEVERAGE)
+    found = mix(residual, slope, variance, steps, np.zeros_like(cells), segments, NO_LEVERAGE)
     assert (found.density > 0).all()
     assert np.isfinite(found.density).all()
 
@@ -139,9 +147,9 @@ def test_visits_that_the_map_used_up_are_no_evidence():
         noise = sigma * rng.standard_normal(N)
         residual = (noise - X @ np.linalg.lstsq(X, noise, rcond=None)[0])[None]
         cells = cell_numbers(GRID, nodes)
-        leverage = np.zeros((ROWS, COLUMNS))
-        leverage[0, 0] = 4.0
-        arguments = (GRID, residual, zero, np.empty(0), steps, cells, ((0, N),))
+        leverage = np.zeros(ROWS * COLUMNS)
+        leverage[0] = 4.0
+        arguments = (residual, zero, np.empty(0), steps, cells, ((0, N),))
         found.append(mix(*arguments, leverage).density[0])
         naive.append(mix(*arguments, NO_LEVERAGE).density[0])
     assert np.mean(naive) < 0.4 * sigma**2 * h

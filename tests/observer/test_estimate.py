@@ -10,8 +10,9 @@ from lpvobs.airpath.diesel import Diesel
 from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import PAPER, evaluate, fit
-from lpvobs.observer.estimate import StateGain, estimate_default, estimate_published, inform, steps_of
+from lpvobs.observer.estimate import estimate_default, estimate_published, steps_of
 from lpvobs.observer.information import solve
+from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.synthesis.published import published_gain
@@ -127,7 +128,7 @@ def test_logs_add_up_in_any_order(air_path, grid, gain, drive, other_drive, sett
         a, b = getattr(forward, name), getattr(backward, name)
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.nanmax(np.abs(a)))  # a + b = b + a; 0 + a + b as well
     np.testing.assert_array_equal(forward.supported, backward.supported)
-    total = inform(air_path, grid, gain, logs[0], settings)[0] + inform(air_path, grid, gain, logs[1], settings)[0]
+    total, _ = added_up(grid, len(settings.tolerance), [inform(air_path, grid, gain, log, settings) for log in logs])
     theta = solve(total, settings.prior_map).theta.reshape(grid.shape)
     np.testing.assert_allclose(forward.theta[forward.supported], theta[forward.supported], rtol=1e-12)
 
@@ -211,7 +212,12 @@ def test_steps_leave_gaps_out(drive):
 def test_what_a_run_says_of_its_log(exact, air_path, drive):
     (run,) = exact.runs
     assert (run.name, run.samples) == ("drive", len(drive[0]))
-    assert run.parameters.shape == (len(drive[0]), 7)
+    along = air_path.trajectory(drive[0], ("p_im",)).parameters
+    # Noise-free signals: smoothing moves the extremes by less than a tenth of the range.
+    np.testing.assert_allclose(run.lower, along.min(axis=0), rtol=0, atol=0.1 * np.ptp(along, axis=0).max())
+    assert (run.lower <= np.median(along, axis=0)).all()
+    assert (np.median(along, axis=0) <= run.upper).all()
+    assert np.isnan(run.share_certified)  # nobody asked
     assert run.duration == pytest.approx(steps_of(drive[0]).sum())
     assert exact.method == "observer"
 

@@ -11,6 +11,7 @@ from reference.membership import psi
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import ekf
 from lpvobs.observer.ekf import KalmanSettings
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import EstimateSettings
 
@@ -19,6 +20,11 @@ FOUR = ("p_im", "p_em", "omega_t")
 NOISE = {"p_im": 150.0, "p_em": 300.0, "omega_t": 20.0, "W_maf": 5e-4}
 DRIFT = {"p_im": 1e4, "p_em": 2e4, "omega_t": 500.0}
 TUNING = KalmanSettings(NOISE, DRIFT, map_drift=1e-5, prior_map=0.02)
+
+
+def outputs_of(*names):
+    """Return a gain of which the rivals read the outputs only."""
+    return StateGain(names, np.zeros((3, len(names) + 1)))
 
 
 @pytest.mark.parametrize("outputs", [FOUR, ("p_im", "omega_t")])
@@ -42,14 +48,14 @@ def test_a_node_that_takes_no_part_keeps_its_prior(air_path):
     log = scattered(32, 300)
     log = replace(log, channels={**log.channels, "n_e": 700.0 + 0.3 * (log["n_e"] - 700.0)})  # below 2000 rpm
     tuning = replace(TUNING, map_drift=0.0)
-    found = estimate_ekf(air_path, SMALL, FOUR, [log], tuning, EstimateSettings(0.05, 0.01, 0.1))
+    found = estimate_ekf(air_path, SMALL, outputs_of(*FOUR), [log], tuning, EstimateSettings(0.05, 0.01, 0.1))
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[6:], TUNING.prior_map, rtol=1e-12)
     assert not found.supported[2].any()
     assert np.isnan(found.theta[2]).all()
 
 
 def test_filter_without_noise_finds_the_map(air_path, grid, drive, target, settings):
-    found = estimate_ekf(air_path, grid, FOUR, [drive[0]], TUNING, settings)
+    found = estimate_ekf(air_path, grid, outputs_of(*FOUR), [drive[0]], TUNING, settings)
     missed = (found.theta - target(drive[0]))[found.supported]
     # The filter trusts the sensor to 0.5 g/s and the surface is not bilinear inside a cell.
     assert np.sqrt(np.mean(missed**2)) < 2e-4
@@ -57,7 +63,7 @@ def test_filter_without_noise_finds_the_map(air_path, grid, drive, target, setti
 
 def test_batch_is_dense_least_squares(air_path, drive, settings):
     log = noisy(drive[0], 3)
-    found = estimate_batch(air_path, SMALL, ("p_im", "omega_t"), [log], settings)
+    found = estimate_batch(air_path, SMALL, outputs_of("p_im", "omega_t"), [log], settings)
     used = np.ones(len(log), dtype=bool)
     used[[start for start, _ in log.segments]] = False
     X = np.array([psi(SMALL.u_delta, SMALL.n_e, *v) for v in zip(log["u_delta"], log["n_e"], strict=True)])[used]
@@ -71,7 +77,7 @@ def test_batch_is_dense_least_squares(air_path, drive, settings):
 
 
 def test_batch_without_noise_finds_the_map(air_path, grid, drive, target, settings):
-    found = estimate_batch(air_path, grid, ("p_im", "omega_t"), [drive[0]], settings)
+    found = estimate_batch(air_path, grid, outputs_of("p_im", "omega_t"), [drive[0]], settings)
     missed = (found.theta - target(drive[0]))[found.supported]
     # The compressor balance is exact here, so this is the best fit itself; first samples of segments are left out of one.
     assert np.abs(missed).max() < 1e-4
@@ -79,7 +85,9 @@ def test_batch_without_noise_finds_the_map(air_path, grid, drive, target, settin
 
 def test_order_of_logs_does_not_matter_to_batch(air_path, grid, drive, other_drive, settings):
     logs = drive[0], other_drive[0]
-    a, b = (estimate_batch(air_path, grid, ("p_im", "omega_t"), order, settings) for order in (logs, logs[::-1]))
+    a, b = (
+        estimate_batch(air_path, grid, outputs_of("p_im", "omega_t"), order, settings) for order in (logs, logs[::-1])
+    )
     np.testing.assert_allclose(a.theta, b.theta, rtol=0, atol=1e-14)
 
 

@@ -50,3 +50,19 @@ def covariances(
     mean = pooled(mean, rows, columns) / time[:, None, None]
     constant = np.array([m @ np.diag(constants_variance) @ m.T for m in mean])
     return density, density / time[:, None, None] + constant
+
+
+def evidence(residual, slope, steps, cells, segments, count, longest):
+    """Return power and number of the visits to each cell, the time spent and the integral of the slopes there."""
+    B, q, _ = slope.shape
+    power, number, spent = np.zeros((count, B, B)), np.zeros(count), np.zeros(count)
+    total = np.zeros((count, B, q))
+    for start, stop in segments:
+        for cell, members in visits(cells[start:stop], steps[start:stop], longest):
+            at = start + np.array(members)
+            integral = residual[:, at] @ steps[at]
+            power[cell] += np.outer(integral, integral)
+            number[cell] += 1.0
+            spent[cell] += steps[at].sum()
+            total[cell] += slope[:, :, at] @ steps[at]
+    return power, spent, number, total

@@ -1,0 +1,126 @@
+"""A log in pieces gives what the whole gives, to the bit: a segment may be cut anywhere, and pieces may be of any size."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference.drives import noisy
+
+from lpvobs.errors import DataError
+from lpvobs.observer import smoothing
+from lpvobs.observer.estimate import merged
+from lpvobs.observer.parts import inform, running_sum
+from lpvobs.observer.smoothing import smooth, stretches
+from lpvobs.records import Log, Piece
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A log that comes in pieces, cut before the samples named."""
+
+    log: Log
+    cuts: tuple[int, ...]
+
+    def __getattr__(self, name):
+        return getattr(self.log, name)
+
+    def pieces(self):
+        (whole,) = self.log.pieces()
+        ends = sorted({0, *(cut % whole.time.size for cut in self.cuts), whole.time.size})
+        for start, stop in pairwise(ends):
+            part = slice(start, stop)
+            channels = {name: column[part] for name, column in whole.channels.items()}
+            yield Piece(whole.time[part], channels, whole.begins[part])
+
+
+def with_gaps(log, starts):
+    """Return the log cut into segments at the samples given, a minute apart."""
+    time = log.time.copy()
+    for start in starts:
+        time[start:] += 60.0
+    return replace(log, time=time, segments=tuple(zip([0, *starts], [*starts, len(log)], strict=True)))
+
+
+@pytest.fixture(scope="module")
+def short(drive):
+    """Return 8000 noisy samples in five segments, two of them of one and of two samples."""
+    log = noisy(drive[0], 3)
+    part = replace(
+        log, time=log.time[:8000], channels={n: c[:8000] for n, c in log.channels.items()}, rows=log.rows[:8000]
+    )
+    return with_gaps(part, [1500, 1501, 1503, 6000])
+
+
+@given(st.lists(st.integers(1, 7999), max_size=30))
+@settings(max_examples=20)
+def test_cut_anywhere_the_smoothed_signals_are_those_of_the_whole(short, cuts):
+    names = ("p_im", "T_em")
+    found = list(stretches(Cut(short, tuple(cuts)).pieces(), names, 0.05))
+    values, rates = smooth(short.time, np.stack([short[name] for name in names]), short.segments, 0.05)
+    np.testing.assert_array_equal(np.concatenate([s.time for s in found]), short.time)
+    for row, name in enumerate(names):
+        np.testing.assert_array_equal(np.concatenate([s.values[name] for s in found]), values[row])
+        np.testing.assert_array_equal(np.concatenate([s.rates[name] for s in found]), rates[row])
+        np.testing.assert_array_equal(np.concatenate([s.channels[name] for s in found]), short[name])
+    starts = np.cumsum([0, *(s.time.size for s in found)])[:-1]
+    assert [at for at, s in zip(starts, found, strict=True) if s.begins] == [start for start, _ in short.segments]
+
+
+def equal(a, b):
+    for name in ("cells", "gram", "H", "h", "coupling"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    for name in ("lower", "upper", "duration", "samples"):
+        np.testing.assert_array_equal(getattr(a.run, name), getattr(b.run, name))
+
+
+@pytest.mark.parametrize("cuts", [(1,), (1500,), (1501, 1502, 1503, 1504), tuple(range(2, 8000, 7)), (4095, 4096)])
+def test_chunked_equals_whole_to_the_bit(air_path, grid, gain, settings, short, cuts):
+    equal(inform(air_path, grid, gain, short, settings), inform(air_path, grid, gain, Cut(short, cuts), settings))
+
+
+@pytest.mark.parametrize("block", [64, 1000, 10_000])
+def test_the_size_of_the_blocks_changes_no_bit(air_path, grid, gain, settings, short, monkeypatch, block):
+    before = inform(air_path, grid, gain, short, settings)
+    monkeypatch.setattr(smoothing, "BLOCK", block)
+    equal(before, inform(air_path, grid, gain, short, settings))
+
+
+def test_samples_side_by_side_have_the_bits_of_one_by_one():
+    """The two ways through `_local_quadratic`; which one a sample goes depends on its neighbours."""
+    rng = np.random.default_rng(4)
+    N, half_width = 1400, 0.05
+    time, columns = np.cumsum(rng.uniform(0.005, 0.015, N)), 1e5 + 1e3 * rng.standard_normal((2, N))
+    values, rates = smooth(time, columns, ((0, N),), half_width)
+    value, rate = np.empty(2), np.empty(2)
+    for k in range(300, 1100):
+        within = np.flatnonzero(np.abs(time - time[k]) < half_width)
+        smoothing._one_by_one(time, columns, half_width, within[0], within[-1], k, value, rate)
+        np.testing.assert_array_equal((value, rate), (values[:, k], rates[:, k]))
+
+
+def test_the_order_of_the_logs_does_not_move_a_bit(air_path, grid, gain, settings, drive, other_drive):
+    parts = [
+        inform(air_path, grid, gain, replace(noisy(log, seed), sha256=digest), settings)
+        for log, seed, digest in ((drive[0], 1, "b"), (other_drive[0], 2, "a"), (drive[0], 3, "c"))
+    ]
+    forward, backward = merged(grid, parts, settings), merged(grid, parts[::-1], settings)
+    for name in ("theta", "covariance", "sensitivity", "design", "excitation"):
+        np.testing.assert_array_equal(getattr(forward, name), getattr(backward, name))
+
+
+@given(st.lists(st.floats(0, 1e3), min_size=1, max_size=60), st.integers(0, 60))
+def test_a_sum_goes_on_where_it_stopped(values, cut):
+    values = np.array(values)
+    assert running_sum(running_sum(0.0, values[:cut]), values[cut:]) == running_sum(0.0, values)
+
+
+def test_a_recording_without_samples_is_refused(air_path, grid, gain, settings, short):
+    class Nothing(Cut):
+        def pieces(self):
+            yield from ()
+
+    with pytest.raises(DataError, match="gap"):
+        inform(air_path, grid, gain, Nothing(short, ()), settings)
