@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli import estimate, extrapolate, inspect, refine, report, simulate, synth_gain, trace, verify
+from lpvobs.cli import estimate, extrapolate, ingest, inspect, refine, report, simulate, synth_gain, trace, verify
 from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
 
 app = typer.Typer(
@@ -19,6 +19,7 @@ app = typer.Typer(
     epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
 )
 app.command("simulate", short_help="Drive the nonlinear engine over a cycle and record a log.")(simulate.simulate)
+app.command("ingest", short_help="Make a log of a foreign recording.")(ingest.ingest)
 app.command("inspect", short_help="Show channels, units, ranges and defects of logs.")(inspect.inspect)
 app.command("synth-gain", short_help="Find the observer gain and prove it.")(synth_gain.synth_gain)
 app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)

@@ -1,6 +1,6 @@
 """Results as plain rows of text and as plain content for JSON; no drawing, no HTML."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -202,3 +202,23 @@ def _result_content(name: str, result: StoredResult) -> dict[str, Any]:
 
 def _range(low: float, high: float) -> str:
     return f"{low:.4g} .. {high:.4g}"
+
+
+def ingest_rows(record: Mapping[str, Any]) -> Table:
+    """Return header and rows of what `ingest` did: one row per channel."""
+    header = ["channel", "from", "recorded in", "in", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
+    rows = [
+        [
+            name,
+            item["source"],
+            item["unit_read_as"],
+            item["unit"],
+            f"{item['rate']:.4g}",
+            item["rule"],
+            str(item["bridged"]),
+            str(item["without_value"]),
+            "; ".join(f"{key} {value}" for key, value in item["repairs"].items()) or "-",
+        ]
+        for name, item in record["channels"].items()
+    ]
+    return header, rows
