@@ -25,7 +25,7 @@ def ingest(
 
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
-    from lpvobs.report.tables import ingest_rows
+    from lpvobs.report.tables import ingest_notes, ingest_rows
     from lpvobs.steps.ingest import ingest_log
 
     refuse_overwriting(out, [*sources, Path(profile)])
@@ -33,5 +33,5 @@ def ingest(
     if as_json:
         print_json("ingest", {"log": str(out), **{key: value for key, value in record.items() if key != "schema"}})
         return
-    print(table(*ingest_rows(record)))
+    print("\n".join([*ingest_notes(record), table(*ingest_rows(record))]))
     say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` shows this again")

@@ -15,7 +15,7 @@ from lpvobs.io.clocks import MOST_BACKWARD, forward, stamps
 from lpvobs.io.formats import open_recording
 from lpvobs.io.profiles import ChannelRules, Profile
 from lpvobs.io.recordings import MOST_BYTES, Column, Recording, as_numbers, find, nearest
-from lpvobs.io.units import canonical, convert
+from lpvobs.io.units import canonical, convert, is_broken
 from lpvobs.records import Array
 
 SCHEMA = "lpvobs/ingest/1"
@@ -300,7 +300,7 @@ def _repaired(
         counts["rescaled"] = f"{rules.scale:g} * recorded + {rules.offset:g} {unit}"
     if file_unit and rules.source_unit and canonical(file_unit) != unit:
         counts["unit"] = f"the file says {file_unit}, the profile {rules.source_unit}"
-    elif unit != (rules.source_unit or file_unit):
+    elif is_broken(rules.source_unit or file_unit):
         counts["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
     return np.where(outside | ~np.isfinite(values), np.nan, values), unit, counts
 

@@ -57,6 +57,19 @@ def canonical(unit: str) -> str:
     return _FIELD_SPELLINGS.get(bare.lower(), bare)
 
 
+def is_broken(unit: str) -> bool:
+    """Return whether a unit's degree sign has suffered in a wrong decoding.
+
+    Examples
+    --------
+    >>> [is_broken(unit) for unit in ("Â°C", "?C", "°C", "degC", "Deg C", "kPa")]
+    [True, True, False, False, False, False]
+    """
+    bare = unit.strip()
+    whole = bare.startswith(("°", "º", "˚")) or bare.lower().startswith(("deg", "grad"))
+    return not whole and _DEGREE.fullmatch(bare) is not None
+
+
 def convert(values: Array, unit: str, wanted: str) -> Array:
     """Return values [unit] in the wanted unit.
 

@@ -222,3 +222,22 @@ def ingest_rows(record: Mapping[str, Any]) -> Table:
         for name, item in record["channels"].items()
     ]
     return header, rows
+
+
+def ingest_notes(record: Mapping[str, Any]) -> list[str]:
+    """Return what `ingest` did to a recording as a whole, one line each: profile, sources, stamps, raster."""
+    lines = [f"ingested by profile '{record['profile']['name']}' (sha256 {record['profile']['sha256'][:12]})"]
+    for source in record["sources"]:
+        notes = [f"{key}: {text}" for key, text in source["notes"].items()]
+        for clock, repairs in source["time_repairs"].items():
+            notes.append(f"{clock}: " + ", ".join(f"{key} {count}" for key, count in repairs.items()))
+        lines.append(f"  {source['name']} (sha256 {source['sha256'][:12]})" + "".join(f"; {note}" for note in notes))
+    time, raster = record["time"], record["raster"]
+    zero = f", starts at 0 instead of {time['start']:.6g} s" if time["from_zero"] else ""
+    rate = f"{raster['rate']:g} Hz" if raster["rate"] else "as recorded"
+    lines.append(
+        f"  raster {rate}, {raster['samples']} samples, none where all channels pause over {raster['gap']:g} s{zero}"
+    )
+    if record["missing"]:
+        lines.append(f"  optional channels that are not there: {', '.join(record['missing'])}")
+    return lines
