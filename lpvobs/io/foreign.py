@@ -256,7 +256,8 @@ def _samples(
     repairs |= {"unreadable": numbers.unreadable, "example": numbers.example} | counts
     time = base.time[keep]
     record = {
-        "source": f"{path.name}: {full}",
+        "file": path.name,
+        "source": full,
         "unit_in_file": recording.heads[full].unit,
         "unit_read_as": unit,
         "unit": rules.unit,
@@ -312,10 +313,10 @@ def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
     time = np.concatenate([part.time for part in parts])
     keep = forward(time)
     wrong = int(np.count_nonzero(~keep))
-    sources = [part.record["source"] for part in parts]
+    files = ", ".join(part.record["file"] for part in parts)
     if wrong and profile.time.backward == "refuse":
         raise DataError(
-            f"{', '.join(sources)}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other on one "
+            f"{files}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other on one "
             f'clock; order them, or set backward = "drop" in the profile\'s [time]'
         )
     repairs: dict[str, Any] = {"overlap": wrong} if wrong else {}
@@ -324,7 +325,7 @@ def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
             repairs[key] = repairs.get(key, 0) + value if isinstance(value, int) else value
     values = np.concatenate([part.values for part in parts])[keep]
     record = parts[0].record | {
-        "source": ", ".join(sources),
+        "file": files,
         "samples": int(np.count_nonzero(np.isfinite(values))),
         "repairs": repairs,
     }
@@ -355,7 +356,7 @@ def _common(samples: Mapping[str, Samples]) -> Array:
     for name in others:
         if not np.array_equal(samples[name].time, samples[first].time):
             raise DataError(
-                f"{samples[name].record['source']}: channel '{name}' is recorded at other times than '{first}', expected one "
+                f"{samples[name].record['file']}: channel '{name}' is recorded at other times than '{first}', expected one "
                 f"time base; state rate in the profile's [raster]"
             )
     return samples[first].time

@@ -38,7 +38,19 @@ def sniff(path: Path) -> str:
 
 
 def _opener(kind: str) -> Callable[[Path, SourceRules], Recording]:
-    """Return what opens a format; libraries of the other formats are not loaded."""
+    """Return what opens a format; the libraries of the others are not loaded."""
+    if kind == "parquet":
+        from lpvobs.io.recording_parquet import open_parquet
+
+        return open_parquet
+    if kind == "mat":
+        from lpvobs.io.recording_mat import open_mat
+
+        return open_mat
+    if kind == "mdf":
+        from lpvobs.io.recording_mdf import open_mdf
+
+        return open_mdf
     from lpvobs.io.recording_csv import open_csv
 
-    return {"csv": open_csv}[kind]
+    return open_csv

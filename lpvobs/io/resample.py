@@ -47,7 +47,8 @@ def mean(t: Array, v: Array, at: Array, limit: float, width: float) -> Array:
     """Return the mean of the signal over `width` [s] around each time: a centred box, which delays nothing.
 
     The signal is the line between neighbours; where these are further apart than `limit` [s] there is none. NaN where less than
-    half of the box holds signal. The box suppresses what lies at multiples of 1/width altogether, and at half of it by 3.9 dB.
+    three quarters of the box hold signal, as at both ends. The box suppresses what lies at multiples of 1/width altogether, and at
+    half of it by 3.9 dB.
 
     Examples
     --------
@@ -62,7 +63,7 @@ def mean(t: Array, v: Array, at: Array, limit: float, width: float) -> Array:
         _integrals(t, v, cover, area, np.clip(at + side, t[0], t[-1]), limit) for side in (-width / 2, width / 2)
     )
     held = high_cover - low_cover
-    return np.where(held >= 0.5 * width, (high_area - low_area) / np.where(held > 0, held, 1.0), np.nan)
+    return np.where(held >= 0.75 * width - SLACK, (high_area - low_area) / np.where(held > 0, held, 1.0), np.nan)
 
 
 def _integrals(t: Array, v: Array, cover: Array, area: Array, at: Array, limit: float) -> tuple[Array, Array]:

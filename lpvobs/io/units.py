@@ -36,7 +36,7 @@ _FIELD_SPELLINGS = (
 )
 
 # A degree sign in every state in which it comes out of wrong decodings, sometimes several of them in a row.
-_DEGREE = re.compile(r"(?:Ã‚|Â)?(?:°|º|˚|\ufffd{1,3}|ï¿½|\?|░|ø|deg(?:ree)?s?\.?|grad)\s?([CF])", re.IGNORECASE)
+_DEGREE = re.compile(r"(?:Ã‚)?Â?(?:°|º|˚|\ufffd{1,3}|ï¿½|\?|░|ø|deg(?:ree)?s?\.?|grad)\s?([CF])", re.IGNORECASE)
 _WHOLE_DEGREE = ("degC", "degF", "°C", "°F")
 
 

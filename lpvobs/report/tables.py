@@ -210,7 +210,7 @@ def ingest_rows(record: Mapping[str, Any]) -> Table:
     rows = [
         [
             name,
-            item["source"],
+            item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}",
             item["unit_read_as"],
             item["unit"],
             f"{item['rate']:.4g}",
