@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.io.calibration import Change
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary, StoredResult
+from lpvobs.io.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
 from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.synthesis.published import TABLE_1
@@ -241,3 +243,20 @@ def ingest_notes(record: Mapping[str, Any]) -> list[str]:
     if record["missing"]:
         lines.append(f"  optional channels that are not there: {', '.join(record['missing'])}")
     return lines
+
+
+def change_rows(surface: Surface, changed: Sequence[Change]) -> Table:
+    """Return header and rows of what an export changes against an old file."""
+    header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
+    header += ["old [g/s]", "new [g/s]", "change [g/s]", "origin"]
+    rows = [
+        [f"{item.x:g}", f"{item.y:g}", grams(item.old), grams(item.new), grams(item.new - item.old), item.origin]
+        for item in changed
+    ]
+    return header, rows
+
+
+def origin_counts(surface: Surface) -> dict[str, int]:
+    """Return how many nodes of an exported map come from where."""
+    counts = {name: int(np.count_nonzero(surface.origin == code)) for code, name in ORIGINS.items()}
+    return {name: count for name, count in counts.items() if count}
