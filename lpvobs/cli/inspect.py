@@ -1,5 +1,6 @@
 """`lpvobs inspect`."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +14,7 @@ def inspect(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
     config: Annotated[
         Path | None,
-        typer.Option("--config", metavar="TOML", help="Engine and policies; by default those of the diesel."),
+        typer.Option("--config", metavar="TOML", help="Engine and policies; by default the engine that the log suits."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -21,13 +22,14 @@ def inspect(
 
     Example: lpvobs inspect nedc.parquet
     """
-    from lpvobs.airpath.diesel import Diesel
+    from lpvobs.airpath.base import Channel
     from lpvobs.errors import DataError
     from lpvobs.io.config import load_config
     from lpvobs.io.logs import LogPolicies
     from lpvobs.steps.inspect import Inspection, inspect_log
 
-    channels, policies = Diesel.channels, LogPolicies()
+    channels: Mapping[str, Channel] | None = None
+    policies = LogPolicies()
     if config is not None:
         configuration, _ = load_config(config)
         channels, policies = configuration.engine_path().channels, configuration.policies
@@ -59,8 +61,20 @@ def _text(content: dict[str, Any]) -> str:
             item["unit"],
             item["use"],
             *(f"{item[key]:.6g}" for key in ("min", "median", "max")),
+            "-" if item["refresh"] != item["refresh"] else f"{item['refresh']:.4g}",
             str(item["dropped"]),
         ]
         for name, item in content["channels"].items()
     ]
-    return head + "\n" + table(["channel", "unit", "use", "min", "median", "max", "dropped"], rows)
+    parts = [head, table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
+    for engine, missing in content["lacking"].items():
+        parts.append(f"no log for the engine '{engine}': lacks {', '.join(missing)}")
+    if content["ingest"] is not None:
+        parts.append(_ingest_text(content["ingest"]))
+    return "\n".join(parts)
+
+
+def _ingest_text(record: dict[str, Any]) -> str:
+    from lpvobs.report.tables import ingest_notes, ingest_rows
+
+    return "\n".join([*ingest_notes(record), table(*ingest_rows(record))])

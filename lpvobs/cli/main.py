@@ -7,7 +7,19 @@ from typing import Annotated
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli import estimate, extrapolate, inspect, refine, report, simulate, synth_gain, trace, verify
+from lpvobs.cli import (
+    estimate,
+    export,
+    extrapolate,
+    ingest,
+    inspect,
+    refine,
+    report,
+    simulate,
+    synth_gain,
+    trace,
+    verify,
+)
 from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
 
 app = typer.Typer(
@@ -19,6 +31,7 @@ app = typer.Typer(
     epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
 )
 app.command("simulate", short_help="Drive the nonlinear engine over a cycle and record a log.")(simulate.simulate)
+app.command("ingest", short_help="Make a log of a foreign recording.")(ingest.ingest)
 app.command("inspect", short_help="Show channels, units, ranges and defects of logs.")(inspect.inspect)
 app.command("synth-gain", short_help="Find the observer gain and prove it.")(synth_gain.synth_gain)
 app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)
@@ -26,6 +39,7 @@ app.command("estimate", short_help="Estimate the error map of the sensor from lo
 app.command("extrapolate", short_help="Fill the nodes that no log visited.")(extrapolate.extrapolate)
 app.command("trace", short_help="Find what the model lacks, from its residual.")(trace.trace)
 app.command("refine", short_help="Add what is proven, estimate again, error before and after.")(refine.refine)
+app.command("export", short_help="Write the map for calibration tools: DCM, CSV, netCDF.")(export.export)
 app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
 
 

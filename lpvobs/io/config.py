@@ -3,15 +3,11 @@
 What the file does not know is refused with the nearest key that exists; what it lacks is named.
 """
 
-import difflib
-import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
-import msgspec
 import numpy as np
 
 from lpvobs.airpath.base import AirPath
@@ -19,6 +15,9 @@ from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.diesel_engine import DieselEngine
 from lpvobs.errors import UsageError
 from lpvobs.io.logs import LogPolicies
+from lpvobs.io.strict import convert
+from lpvobs.io.strict import parse as _parse
+from lpvobs.io.strict import read_text as _read
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
@@ -170,69 +169,5 @@ def _check_names(path: Path, config: Config) -> None:
         raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")
 
 
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror}); name a TOML file") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"{path}: is not UTF-8 text; name a TOML file") from None
-
-
-def _parse(text: str, path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
-
-
 def _convert(path: Path, document: Mapping[str, Any], record: type[Record]) -> Record:
-    _refuse_unknown(path, document, record, "")
-    try:
-        return msgspec.convert(document, record)
-    except msgspec.ValidationError as error:
-        raise UsageError(f"{path}: {error}; mend that key") from None
-
-
-def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str) -> None:
-    """Raise for the first key that the record does not have, at any depth."""
-    known = {item.name: item for item in fields(record)}
-    hints = get_type_hints(record)
-    for key, value in document.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-            hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
-            raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
-        inner = _record_in(hints[key])
-        if inner is None:
-            continue
-        for place, item in _tables(value, f"{where}{key}", _is_mapping(hints[key])):
-            _refuse_unknown(path, item, inner, f"{place}.")
-    for key, wanted in known.items():
-        if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
-            raise UsageError(f"{path}: key '{where}{key}' is missing; see the commented configs/diesel.toml")
-
-
-def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the tables in a value with their places: the value itself, its entries by name, or those of a list."""
-    if isinstance(value, list):
-        entries = [(f"{where}[{number}]", item) for number, item in enumerate(value)]
-    elif by_name and isinstance(value, Mapping):
-        entries = [(f"{where}.{name}", item) for name, item in value.items()]
-    else:
-        entries = [(where, value)]
-    return [(place, item) for place, item in entries if isinstance(item, Mapping)]
-
-
-def _is_mapping(hint: Any) -> bool:
-    origin = get_origin(hint)
-    return isinstance(origin, type) and issubclass(origin, Mapping)
-
-
-def _record_in(hint: Any) -> type | None:
-    """Return the dataclass inside a type hint: itself, of an optional, a tuple, or a mapping's values."""
-    if is_dataclass(hint) and isinstance(hint, type):
-        return hint
-    if get_origin(hint) in (Union, UnionType, tuple) or _is_mapping(hint):
-        return next((found for found in map(_record_in, get_args(hint)) if found is not None), None)
-    return None
+    return convert(path, document, record, "configs/diesel.toml")

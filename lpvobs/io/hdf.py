@@ -28,7 +28,11 @@ def write_group(parent: h5py.Group, name: str, fields: Mapping[str, Field]) -> h
 
     Axes have to come before the fields that they belong to.
     """
-    group = parent.create_group(name)
+    return write_fields(parent.create_group(name), fields)
+
+
+def write_fields(group: h5py.Group, fields: Mapping[str, Field]) -> h5py.Group:
+    """Write fields into an empty group or file, as `write_group` does."""
     scales = {axis for field in fields.values() for axis in field.axes}
     for key, field in fields.items():
         large = np.size(field.values) > 10_000  # mostly nodes that no drive informs, which compress to nothing

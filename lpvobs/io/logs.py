@@ -136,13 +136,18 @@ def channel_units(path: Path) -> dict[str, str]:
     return {field.name: _unit(field) for field in _schema(path)}
 
 
-def write_log(path: Path, channels: Mapping[str, Array], units: Mapping[str, str]) -> None:
-    """Write channels of equal length to a Parquet log, the unit of each in its field's metadata."""
+def write_log(
+    path: Path, channels: Mapping[str, Array], units: Mapping[str, str], metadata: Mapping[str, str] | None = None
+) -> None:
+    """Write channels of equal length to a Parquet log, the unit of each in its field's metadata.
+
+    `metadata` is kept with the file, for example what `ingest` did to make it.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
-    table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields))
+    table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields, metadata=metadata))
     with replacing(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", row_group_size=1 << 16)
 

@@ -14,8 +14,60 @@ _READABLE = re.compile(r"[^\W\d][\w°%µ*/^ ()·.+-]{0,39}|%|°[CF]|1/\w{1,10}|1
 if TYPE_CHECKING:
     from pint import Unit, UnitRegistry
 
-# What measurement systems write, and pint reads as something else or not at all.
-_FIELD_SPELLINGS = {"1/min": "rpm", "min^-1": "rpm", "U/min": "rpm", "mg/hub": "mg/cycle", "mg/Hub": "mg/cycle"}
+# What measurement systems write, and pint reads as something else or not at all. Keys in lower case; upper and lower case are told
+# apart only where a letter's size is a factor of its own (mPa and MPa, pA and Pa stay what they are).
+_FIELD_SPELLINGS = (
+    dict.fromkeys(("1/min", "min^-1", "min-1", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm")
+    | {f"mg/{word}": "mg/cycle" for word in ("cycle", "cyc", "stroke", "str", "stk", "hub", "asp", "zyklus", "zyk")}
+    | {f"mg/({word})": "mg/cycle" for word in ("cycle", "stroke")}
+    | dict.fromkeys(("-", "--", "[-]"), "1")
+    | dict.fromkeys(("percent", "pct", "prozent"), "%")
+    | {
+        "kg/h": "kg/h",
+        "kg/hr": "kg/h",
+        "g/s": "g/s",
+        "g/sec": "g/s",
+        "kg/s": "kg/s",
+        "kg/sec": "kg/s",
+        "sec": "s",
+        "msec": "ms",
+    }
+    | {"mbar": "mbar", "bar": "bar", "kpa": "kPa", "hpa": "hPa", "℃": "degC", "celsius": "degC", "kelvin": "K"}
+)
+
+# A degree sign in every state in which it comes out of wrong decodings, sometimes several of them in a row.
+_DEGREE = re.compile(r"(?:Ã‚)?Â?(?:°|º|˚|\ufffd{1,3}|ï¿½|\?|░|ø|deg(?:ree)?s?\.?|grad)\s?([CF])", re.IGNORECASE)
+_WHOLE_DEGREE = ("degC", "degF", "°C", "°F")
+
+
+def canonical(unit: str) -> str:
+    """Return a unit as the registry spells it; one that nobody here knows comes back as it is.
+
+    Examples
+    --------
+    >>> [canonical(unit) for unit in ("Â°C", "min-1", "mg/str", "KG/H", "-", "furlong")]
+    ['degC', 'rpm', 'mg/cycle', 'kg/h', '1', 'furlong']
+    """
+    bare = unit.strip()
+    if bare in _WHOLE_DEGREE:
+        return "deg" + bare[-1]
+    degree = _DEGREE.fullmatch(bare)
+    if degree:
+        return "deg" + degree.group(1).upper()
+    return _FIELD_SPELLINGS.get(bare.lower(), bare)
+
+
+def is_broken(unit: str) -> bool:
+    """Return whether a unit's degree sign has suffered in a wrong decoding.
+
+    Examples
+    --------
+    >>> [is_broken(unit) for unit in ("Â°C", "?C", "°C", "degC", "Deg C", "kPa")]
+    [True, True, False, False, False, False]
+    """
+    bare = unit.strip()
+    whole = bare.startswith(("°", "º", "˚")) or bare.lower().startswith(("deg", "grad"))
+    return not whole and _DEGREE.fullmatch(bare) is not None
 
 
 def convert(values: Array, unit: str, wanted: str) -> Array:
@@ -35,11 +87,14 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
     """
     if unit == wanted:
         return values
-    if not _READABLE.fullmatch(unit) or sum(map(str.isdigit, unit)) > 2:
+    known = canonical(unit)
+    if known == wanted:
+        return values
+    if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:
         raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'")
     registry = _registry()
     try:
-        source, target = registry.Unit(_FIELD_SPELLINGS.get(unit, unit)), registry.Unit(wanted)
+        source, target = registry.Unit(known), registry.Unit(wanted)
         if _is_angular(source) != _is_angular(target):
             raise ValueError("1/s or Hz may count cycles, strokes or turns")
         return np.asarray(registry.Quantity(values, source).to(target).magnitude, dtype=float)

@@ -1,12 +1,14 @@
 """Results as plain rows of text and as plain content for JSON; no drawing, no HTML."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from lpvobs.io.calibration import Change
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary, StoredResult
+from lpvobs.io.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
 from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.synthesis.published import TABLE_1
@@ -202,3 +204,59 @@ def _result_content(name: str, result: StoredResult) -> dict[str, Any]:
 
 def _range(low: float, high: float) -> str:
     return f"{low:.4g} .. {high:.4g}"
+
+
+def ingest_rows(record: Mapping[str, Any]) -> Table:
+    """Return header and rows of what `ingest` did: one row per channel."""
+    header = ["channel", "from", "recorded in", "in", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
+    rows = [
+        [
+            name,
+            item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}",
+            item["unit_read_as"],
+            item["unit"],
+            f"{item['rate']:.4g}",
+            item["rule"],
+            str(item["bridged"]),
+            str(item["without_value"]),
+            "; ".join(f"{key} {value}" for key, value in item["repairs"].items()) or "-",
+        ]
+        for name, item in record["channels"].items()
+    ]
+    return header, rows
+
+
+def ingest_notes(record: Mapping[str, Any]) -> list[str]:
+    """Return what `ingest` did to a recording as a whole, one line each: profile, sources, stamps, raster."""
+    lines = [f"ingested by profile '{record['profile']['name']}' (sha256 {record['profile']['sha256'][:12]})"]
+    for source in record["sources"]:
+        notes = [f"{key}: {text}" for key, text in source["notes"].items()]
+        for clock, repairs in source["time_repairs"].items():
+            notes.append(f"{clock}: " + ", ".join(f"{key} {count}" for key, count in repairs.items()))
+        lines.append(f"  {source['name']} (sha256 {source['sha256'][:12]})" + "".join(f"; {note}" for note in notes))
+    time, raster = record["time"], record["raster"]
+    zero = f", starts at 0 instead of {time['start']:.6g} s" if time["from_zero"] else ""
+    rate = f"{raster['rate']:g} Hz" if raster["rate"] else "as recorded"
+    lines.append(
+        f"  raster {rate}, {raster['samples']} samples, none where all channels pause over {raster['gap']:g} s{zero}"
+    )
+    if record["missing"]:
+        lines.append(f"  optional channels that are not there: {', '.join(record['missing'])}")
+    return lines
+
+
+def change_rows(surface: Surface, changed: Sequence[Change]) -> Table:
+    """Return header and rows of what an export changes against an old file."""
+    header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
+    header += ["old [g/s]", "new [g/s]", "change [g/s]", "origin"]
+    rows = [
+        [f"{item.x:g}", f"{item.y:g}", grams(item.old), grams(item.new), grams(item.new - item.old), item.origin]
+        for item in changed
+    ]
+    return header, rows
+
+
+def origin_counts(surface: Surface) -> dict[str, int]:
+    """Return how many nodes of an exported map come from where."""
+    counts = {name: int(np.count_nonzero(surface.origin == code)) for code, name in ORIGINS.items()}
+    return {name: count for name, count in counts.items() if count}

@@ -1,25 +1,34 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lpvobs.airpath.base import Channel
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.airpath.engines import AIR_PATHS
+from lpvobs.io.foreign import stored_record
 from lpvobs.io.logs import LogPolicies, channel_units, read_log
 from lpvobs.records import Array, Log
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """A log as the estimator sees it, with the unit that each channel has in the file."""
+    """A log as the estimator sees it, with the unit that each channel has in the file.
+
+    `ingest` is what was done to make the log of a foreign recording, None for a log that says nothing of it; `lacking` what each
+    engine would still need where the log suits none.
+    """
 
     path: Path
     log: Log
     needed: Mapping[str, Channel]
     file_units: Mapping[str, str]
+    ingest: Mapping[str, Any] | None = None
+    lacking: Mapping[str, list[str]] = field(default_factory=dict)
 
     def as_content(self) -> dict[str, Any]:
         """Return plain data for text or JSON."""
@@ -42,6 +51,8 @@ class Inspection:
             "duration": float(log.time[-1] - log.time[0]),
             "rate": float(1.0 / np.median(steps)),
             "channels": channels,
+            "ingest": self.ingest,
+            "lacking": self.lacking,
         }
 
     def _channel(self, name: str, values: Array, unit: str, use: str) -> dict[str, Any]:
@@ -57,9 +68,30 @@ class Inspection:
             "median": middle,
             "max": high,
             "dropped": self.log.defects.dropped.get(name, 0),
+            "refresh": _refresh(self.log.time, values),
         }
 
 
-def inspect_log(path: Path, needed: Mapping[str, Channel], policies: LogPolicies) -> Inspection:
-    """Return what is in a log; raises DataError where no estimate could use it."""
-    return Inspection(path, read_log(path, needed, policies, auxiliary=True), needed, channel_units(path))
+def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> Inspection:
+    """Return what is in a log; raises DataError where no estimate could use it.
+
+    `needed` is what the engine needs; None: the first engine that the log suits, else the diesel. A log that `ingest` made is shown
+    even if it suits no engine: it may have been recorded for something else.
+    """
+    units, record = channel_units(path), stored_record(path)
+    lacking: dict[str, list[str]] = {}
+    if needed is None:
+        lacking = {
+            name: [channel for channel in kind.channels if channel not in units] for name, kind in AIR_PATHS.items()
+        }
+        suited = [AIR_PATHS[name].channels for name, missing in lacking.items() if not missing]
+        needed = suited[0] if suited else {} if record else Diesel.channels
+        lacking = {} if suited else lacking
+    log = read_log(path, needed, policies, auxiliary=True)
+    return Inspection(path, log, needed, units, record, lacking)
+
+
+def _refresh(time: Array, values: Array) -> float:
+    """Return how often a channel changes [Hz]: the inverse of the usual time between changes, NaN for a constant."""
+    changed = time[np.flatnonzero(values[1:] != values[:-1]) + 1]
+    return float(1.0 / np.median(np.diff(changed))) if changed.size > 1 else float("nan")

@@ -1,0 +1,53 @@
+"""`lpvobs export`."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
+
+
+@guarded
+def export(
+    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
+    file_format: Annotated[str, typer.Option("--format", metavar="FORMAT", help="dcm, csv or netcdf.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write.")],
+    source: Annotated[
+        str,
+        typer.Option("--values", metavar="GROUP", help="map or extrapolation; by default the latter if there is one."),
+    ] = "",
+    only_estimated: Annotated[
+        bool, typer.Option("--only-estimated", help="No extrapolated node: old values there, or nothing.")
+    ] = False,
+    old: Annotated[
+        Path | None,
+        typer.Option(metavar="OLD.dcm", help="The map as it was: its axes, units and kind stay, changes are listed."),
+    ] = None,
+    name: Annotated[str, typer.Option(metavar="LABEL", help="Label of the map, also in the old file.")] = "delta_W_c",
+    kind: Annotated[str, typer.Option(metavar="KIND", help="KENNFELD (default) or GRUPPENKENNFELD.")] = "",
+    digits: Annotated[int, typer.Option(metavar="N", help="Significant digits in dcm and csv.")] = 7,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the map for calibration tools, and list what it changes against an old DCM.
+
+    Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c
+    """
+    from lpvobs.report.tables import change_rows, origin_counts
+    from lpvobs.steps.export import Request, export_result
+
+    request = Request(file_format, source, only_estimated, old, name, kind.upper(), digits)
+    refuse_overwriting(out, [result, *([old] if old else [])])
+    done = export_result(result, out, request)
+    counts = origin_counts(done.surface)
+    if as_json:
+        changed = None if done.changes is None else [asdict(change) for change in done.changes]
+        content = {"out": str(out), "format": file_format, "values": done.surface.source, "digits": digits}
+        print_json("export", content | {"nodes": counts, "changes": changed})
+        return
+    if done.changes:
+        print(table(*change_rows(done.surface, done.changes)))
+    if done.changes is not None:
+        say(f"{len(done.changes)} of {done.surface.origin.size} nodes differ from {old}")
+    say(f"{out}: {', '.join(f'{count} {origin}' for origin, count in counts.items())}")

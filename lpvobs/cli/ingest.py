@@ -1,0 +1,37 @@
+"""`lpvobs ingest`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
+
+
+@guarded
+def ingest(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="SOURCE...", help="CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
+    ],
+    profile: Annotated[
+        str,
+        typer.Option(metavar="NAME|TOML", help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.
+
+    Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
+    """
+    from lpvobs.report.tables import ingest_notes, ingest_rows
+    from lpvobs.steps.ingest import ingest_log
+
+    refuse_overwriting(out, [*sources, Path(profile)])
+    record = ingest_log(sources, profile, out)
+    if as_json:
+        print_json("ingest", {"log": str(out), **{key: value for key, value in record.items() if key != "schema"}})
+        return
+    print("\n".join([*ingest_notes(record), table(*ingest_rows(record))]))
+    say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` shows this again")

@@ -1,0 +1,199 @@
+"""DCM files (KONSERVIERUNG_FORMAT 2.0): the text in which application systems exchange maps.
+
+X runs along a line of values, Y from line to line. A map is a KENNFELD with axes of its own, or a GRUPPENKENNFELD whose axes are
+shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` name.
+"""
+
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.records import Array
+
+KINDS = ("KENNFELD", "GRUPPENKENNFELD")
+READ_KINDS = (*KINDS, "FESTKENNFELD")
+ENCODING = "latin-1"
+"""Of most DCM files; read and written so, the bytes of units and texts stay what they were whatever they mean."""
+
+LONGEST_LINE = 1 << 16
+MOST_VALUES = 1 << 20
+PER_LINE = 6
+NAME = re.compile(r"[A-Za-z_][\w.\[\]]{0,254}")
+_QUOTED = re.compile(r'"([^"]*)"')
+
+
+@dataclass(frozen=True)
+class DcmMap:
+    """One map of a DCM file.
+
+    Attributes
+    ----------
+    name, kind : str
+        Its label; one of READ_KINDS.
+    x, y : ndarray, shapes (nx,) and (ny,)
+        [unit_x], [unit_y]
+    values : ndarray, shape (ny, nx)
+        [unit]
+    unit_x, unit_y, unit, long_name : str
+    x_name, y_name : str
+        Labels of the shared axes of a GRUPPENKENNFELD, else empty.
+    """
+
+    name: str
+    kind: str
+    x: Array
+    y: Array
+    values: Array
+    unit_x: str = ""
+    unit_y: str = ""
+    unit: str = ""
+    long_name: str = ""
+    x_name: str = ""
+    y_name: str = ""
+
+
+def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
+    """Return a DCM file with one map, every number rounded to `digits` significant digits."""
+    head = [f"* {' '.join(line.split())}" for line in comments]
+    shared = []
+    names = []
+    if item.kind == "GRUPPENKENNFELD":
+        names = [f"*SSTX {item.x_name}", f"*SSTY {item.y_name}"]
+        for label, nodes, unit in ((item.x_name, item.x, item.unit_x), (item.y_name, item.y, item.unit_y)):
+            shared += ["", f"STUETZSTELLENVERTEILUNG {label} {nodes.size}", "*SST", f'   EINHEIT_X "{unit}"']
+            shared += [*_lines("ST/X", nodes, digits), "END"]
+    body = [
+        f"{item.kind} {item.name} {item.x.size} {item.y.size}",
+        f'   LANGNAME "{item.long_name}"',
+        f'   EINHEIT_X "{item.unit_x}"',
+        f'   EINHEIT_Y "{item.unit_y}"',
+        f'   EINHEIT_W "{item.unit}"',
+        *names,
+        *_lines("ST/X", item.x, digits),
+    ]
+    for node, row in zip(item.y, item.values, strict=True):
+        body += [f"   ST/Y {_number(node, digits)}", *_lines("WERT", row, digits)]
+    return "\n".join([*head, "", "KONSERVIERUNG_FORMAT 2.0", "", *body, "END", *shared, ""])
+
+
+def _lines(keyword: str, values: Array, digits: int) -> list[str]:
+    words = [_number(value, digits) for value in values]
+    return [f"   {keyword} {' '.join(words[start : start + PER_LINE])}" for start in range(0, len(words), PER_LINE)]
+
+
+def _number(value: float, digits: int) -> str:
+    """Return a number with at most so many significant digits, and with a point, so that every reader takes it for a float.
+
+    Examples
+    --------
+    >>> _number(0.0123456789, 4), _number(1500.0, 7), _number(-2e-9, 3)
+    ('0.01235', '1500.0', '-2.0e-09')
+    """
+    word = f"{value:.{digits}g}"
+    mantissa, letter, exponent = word.partition("e")
+    return word if "." in mantissa else f"{mantissa}.0{letter}{exponent}"
+
+
+def read_dcm_map(path: Path, name: str) -> DcmMap:
+    """Return the map with this label in a DCM file; the rest of the file is passed over.
+
+    Raises
+    ------
+    DataError
+        If the file is no DCM, lacks the map, or the map is damaged.
+    """
+    seen: list[str] = []
+    lines = _words(path)
+    for number, words in lines:
+        if words[0] not in READ_KINDS or len(words) < 4:
+            continue
+        seen.append(words[1])
+        if words[1] == name:
+            return _parsed(path, number, words, lines)
+    near = difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]
+    raise DataError(
+        f"{path}: has no map '{name}'; {'has ' + ', '.join(near) if near else 'has no map at all'}; name one: --name"
+    )
+
+
+def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and words of every line that says something, after the line that every DCM begins with."""
+    begun = False
+    try:
+        with path.open(encoding=ENCODING) as stream:
+            for number, line in enumerate(iter(lambda: stream.readline(LONGEST_LINE), ""), 1):
+                words = line.split()
+                if not words or (words[0][0] in "!*." and not words[0].startswith("*SST")):
+                    continue
+                if not begun and words[0] != "KONSERVIERUNG_FORMAT":
+                    raise DataError(f"{path}: not a DCM file (line {number}); expected KONSERVIERUNG_FORMAT 2.0 first")
+                begun = True
+                yield number, words
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); name a DCM file") from None
+    if not begun:
+        raise DataError(f"{path}: is empty; expected a DCM file")
+
+
+@dataclass
+class _Body:
+    """What is gathered of a map while its lines go by."""
+
+    texts: dict[str, str] = field(default_factory=dict)
+    x: list[float] = field(default_factory=list)
+    y: list[float] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+
+
+def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, list[str]]]) -> DcmMap:
+    body = _Body()
+    place = start
+    try:
+        across, down = int(head[2]), int(head[3])
+        if not (across > 1 and down > 1 and across * down <= MOST_VALUES):
+            raise ValueError(f"{across} by {down} nodes")
+        for number, words in lines:
+            place = number
+            if words[0] == "END":
+                break
+            _take(body, words)
+        else:
+            raise ValueError("no END")
+        x, y = np.array(body.x), np.array(body.y)
+        values = np.array(body.rows)
+        if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
+            raise ValueError(
+                f"{x.size} by {y.size} nodes instead of {across} by {down}, or lines of values of other lengths"
+            )
+        if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
+            raise ValueError("values that are not finite, or axes that do not increase")
+    except (ValueError, IndexError) as error:
+        raise DataError(f"{path}: map '{head[1]}' (line {place}) is damaged: {error}; export it again") from None
+    return DcmMap(head[1], head[0], x, y, values, **body.texts)
+
+
+TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
+
+
+def _take(body: _Body, words: list[str]) -> None:
+    """Add what one line says."""
+    keyword, rest = words[0], words[1:]
+    if keyword in TEXTS:
+        quoted = _QUOTED.search(" ".join(rest))
+        body.texts[TEXTS[keyword]] = quoted.group(1) if quoted else ""
+    elif keyword in ("*SSTX", "*SSTY"):
+        body.texts[f"{keyword[-1].lower()}_name"] = rest[0]
+    elif keyword == "ST/X":
+        body.x += map(float, rest)
+    elif keyword == "ST/Y":
+        body.y += map(float, rest)
+        body.rows.append([])
+    elif keyword == "WERT":
+        body.rows[-1] += map(float, rest)
+    elif keyword.startswith("ST_TX"):
+        raise ValueError("an axis of words")

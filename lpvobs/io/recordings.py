@@ -1,0 +1,185 @@
+"""What every foreign file looks like to `ingest`: columns with a name, a unit, and sometimes a time base of their own."""
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.records import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MOST_BYTES = 2 << 30
+"""What one source may take in memory; checked before it is read."""
+
+_NUMBER = r"^[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|[nN][aA][nN]|[iI][nN][fF])$"
+_WITH_UNIT = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]\s*")
+
+
+@dataclass(frozen=True)
+class Head:
+    """What is known of a column before it is read.
+
+    Attributes
+    ----------
+    name : str
+        Without the unit.
+    unit : str
+        As the file says it; empty where it does not.
+    size : int
+        Samples; -1 where the file does not say before it is read.
+    """
+
+    name: str
+    unit: str
+    size: int = -1
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as it was recorded: numbers, or text where the file holds text.
+
+    Attributes
+    ----------
+    data : pyarrow.Array or ChunkedArray, length N
+    time : ndarray, shape (N,), or None
+        [s], where the format keeps a time base with each channel.
+    """
+
+    data: "pa.Array | pa.ChunkedArray"
+    time: Array | None = None
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A column as numbers.
+
+    Attributes
+    ----------
+    values : ndarray, shape (N,)
+        NaN where the file has none.
+    unreadable : int
+        Entries that are neither empty nor a number.
+    example : str
+        The first of them.
+    """
+
+    values: Array
+    unreadable: int = 0
+    example: str = ""
+
+
+class Recording(Protocol):
+    """An open foreign file."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+
+    @property
+    def heads(self) -> Mapping[str, Head]:
+        """Every column by the full name that tells it from all others."""
+
+    @property
+    def notes(self) -> Mapping[str, str]:
+        """What had to be mended to read the file at all."""
+
+    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
+        """Return the columns with these full names."""
+
+
+def find(heads: Mapping[str, Head], names: Iterable[str]) -> str | None:
+    """Return the full name of the first wanted column that is there, None where none is; names may lack the unit.
+
+    Raises
+    ------
+    ValueError
+        If a name without unit or group fits more than one column.
+    """
+    for name in names:
+        if name in heads:
+            return name
+        fitting = [full for full, head in heads.items() if head.name == name]
+        if len(fitting) > 1:
+            raise ValueError(
+                f"'{name}' is there {len(fitting)} times: {', '.join(fitting[:6])}; name one of them in full"
+            )
+        if fitting:
+            return fitting[0]
+    return None
+
+
+def nearest(heads: Mapping[str, Head], names: Sequence[str]) -> str:
+    """Return a hint at what the file has instead of the names wanted."""
+    present = list(dict.fromkeys(head.name for head in heads.values()))
+    near = [found for name in names for found in difflib.get_close_matches(name, present, n=2, cutoff=0.6)]
+    if near:
+        return f"nearest: {', '.join(dict.fromkeys(near))}"
+    more = f" and {len(present) - 12} more" if len(present) > 12 else ""
+    return f"present: {', '.join(present[:12]) or 'nothing'}{more}"
+
+
+def split_unit(header: str) -> tuple[str, str]:
+    """Return name and unit of a header that may hold a unit in brackets at its end.
+
+    Examples
+    --------
+    >>> split_unit("Engine RPM [RPM]"), split_unit("p_im (kPa)"), split_unit("time")
+    (('Engine RPM', 'RPM'), ('p_im', 'kPa'), ('time', ''))
+    """
+    found = _WITH_UNIT.fullmatch(header)
+    return (found.group(1), found.group(2).strip()) if found else (header.strip(), "")
+
+
+def check_size(path: Path, needed: float) -> None:
+    """Refuse what would take more memory than a source may."""
+    if needed > MOST_BYTES:
+        raise DataError(
+            f"{path}: reading it would take {needed / 2**30:.1f} GiB, expected at most {MOST_BYTES / 2**30:.0f} GiB; "
+            f"cut the recording into parts, or export fewer channels"
+        )
+
+
+def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Numbers:
+    """Return a column as floats, NaN for what is no number.
+
+    Raises
+    ------
+    ValueError
+        If the column holds something that is neither numbers nor text.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_dictionary(data.type):
+        data = data.cast(data.type.value_type)
+    if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
+        return _numbers_of_text(data, decimal)
+    if pa.types.is_boolean(data.type):
+        data = data.cast(pa.int8())
+    if not (pa.types.is_integer(data.type) or pa.types.is_floating(data.type) or pa.types.is_decimal(data.type)):
+        raise ValueError(f"holds {data.type}, expected numbers")
+    return Numbers(_floats(pc.fill_null(data.cast(pa.float64(), safe=False), float("nan"))))
+
+
+def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Numbers:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    data = pc.fill_null(pc.utf8_trim_whitespace(data), "")
+    mended = pc.replace_substring(data, ",", ".") if decimal == "," else data
+    good = pc.match_substring_regex(mended, _NUMBER)
+    odd = data.filter(pc.and_(pc.invert(good), pc.not_equal(data, "")))
+    numbers = pc.if_else(good, mended, "nan").cast(pa.float64())
+    return Numbers(_floats(numbers), len(odd), odd[0].as_py() if len(odd) else "")
+
+
+def _floats(data: "pa.Array | pa.ChunkedArray") -> Array:
+    chunks = getattr(data, "chunks", [data])
+    return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in chunks if len(chunk))])

@@ -1,0 +1,109 @@
+"""From the stamps at which a channel was recorded to the raster of the log, by a rule that the profile states.
+
+Pure functions of arrays; t is strictly increasing and v finite, both of shape (N,).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
+
+SLACK = 1e-9
+"""[s] Rounding of stamps; a sample this much too old is not too old."""
+
+
+def hold(t: Array, v: Array, at: Array, limit: float) -> Array:
+    """Return the last sample at or before each time, NaN where it is older than `limit` [s] or there is none.
+
+    Examples
+    --------
+    >>> hold(np.array([0.0, 1.0]), np.array([5.0, 7.0]), np.array([0.5, 1.0, 1.8]), 0.7)
+    array([ 5.,  7., nan])
+    """
+    left = np.searchsorted(t, at + SLACK, side="right") - 1
+    known = (left >= 0) & (at - t[np.maximum(left, 0)] <= limit + SLACK)
+    return np.where(known, v[np.maximum(left, 0)], np.nan)
+
+
+def linear(t: Array, v: Array, at: Array, limit: float) -> Array:
+    """Return the value on the line between the neighbours of each time, NaN where these are further apart than `limit` [s].
+
+    A sample at the very time stands for itself, however far away its neighbours are.
+
+    Examples
+    --------
+    >>> linear(np.array([0.0, 1.0, 9.0]), np.array([5.0, 7.0, 8.0]), np.array([0.5, 1.0, 5.0]), 2.0)
+    array([ 6.,  7., nan])
+    """
+    left = np.clip(np.searchsorted(t, at + SLACK, side="right") - 1, 0, t.size - 1)
+    right = np.minimum(left + 1, t.size - 1)
+    there = np.abs(at - t[left]) <= SLACK
+    between = (at > t[left]) & (right > left) & (t[right] - t[left] <= limit + SLACK)
+    share = np.clip((at - t[left]) / np.where(right > left, t[right] - t[left], 1.0), 0.0, 1.0)
+    return np.where(there, v[left], np.where(between, v[left] + share * (v[right] - v[left]), np.nan))
+
+
+def mean(t: Array, v: Array, at: Array, limit: float, width: float) -> Array:
+    """Return the mean of the signal over `width` [s] around each time: a centred box, which delays nothing.
+
+    The signal is the line between neighbours; where these are further apart than `limit` [s] there is none. NaN where less than
+    three quarters of the box hold signal, as at both ends. The box suppresses what lies at multiples of 1/width altogether, and at
+    half of it by 3.9 dB.
+
+    Examples
+    --------
+    >>> mean(np.arange(5.0), np.array([0.0, 2.0, 0.0, 2.0, 0.0]), np.array([2.0]), 1.5, 2.0)
+    array([1.])
+    """
+    step = np.diff(t)
+    step = np.where(step <= limit + SLACK, step, 0.0)
+    cover = np.concatenate(([0.0], np.cumsum(step)))
+    area = np.concatenate(([0.0], np.cumsum(step * 0.5 * (v[1:] + v[:-1]))))
+    (low_cover, low_area), (high_cover, high_area) = (
+        _integrals(t, v, cover, area, np.clip(at + side, t[0], t[-1]), limit) for side in (-width / 2, width / 2)
+    )
+    held = high_cover - low_cover
+    return np.where(held >= 0.75 * width - SLACK, (high_area - low_area) / np.where(held > 0, held, 1.0), np.nan)
+
+
+def _integrals(t: Array, v: Array, cover: Array, area: Array, at: Array, limit: float) -> tuple[Array, Array]:
+    """Return time covered by signal, and integral of the signal, from the first stamp to each time."""
+    left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(t.size - 2, 0))
+    right = np.minimum(left + 1, t.size - 1)
+    step = t[right] - t[left]
+    inside = np.where(step <= limit + SLACK, at - t[left], 0.0)
+    slope = (v[right] - v[left]) / np.where(step > 0, step, 1.0)
+    return cover[left] + inside, area[left] + inside * (v[left] + 0.5 * inside * slope)
+
+
+def raster(times: list[Array], rate: float, gap: float) -> Array:
+    """Return evenly spaced times, shape (M,), from the first to the last sample of all channels, none inside a gap of all.
+
+    Parameters
+    ----------
+    times : list of ndarray
+        [s], the stamps of each channel.
+    rate : float
+        [Hz]
+    gap : float
+        [s]; where no channel has a sample for longer, no time of the raster lies.
+    """
+    stamps = np.unique(np.concatenate(times))
+    count = int(np.floor((stamps[-1] - stamps[0]) * rate + 1e-6)) + 1
+    at = stamps[0] + np.arange(count) / rate
+    left = np.clip(np.searchsorted(stamps, at + SLACK, side="right") - 1, 0, stamps.size - 1)
+    right = np.minimum(left + 1, stamps.size - 1)
+    inside = (stamps[right] - stamps[left] > gap) & (at > stamps[left] + SLACK) & (at < stamps[right] - SLACK)
+    return np.asarray(at[~inside])
+
+
+def median_step(t: Array) -> float:
+    """Return the usual distance of samples [s], NaN for fewer than two."""
+    return float(np.median(np.diff(t))) if t.size > 1 else float("nan")
+
+
+def bridged(t: Array, at: Array) -> NDArray[np.bool_]:
+    """Return which times stand between samples more than twice the usual step apart: the rule speaks there, not the sensor."""
+    left = np.clip(np.searchsorted(t, at + SLACK, side="right") - 1, 0, t.size - 1)
+    right = np.minimum(left + 1, t.size - 1)
+    return np.asarray((t[right] - t[left] > 2.0 * median_step(t)) & (at > t[left] + SLACK))

@@ -1,0 +1,89 @@
+"""TOML files read strictly into frozen records.
+
+What the record does not know is refused with the nearest key that exists; what the file lacks is named.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from lpvobs.errors import UsageError
+
+Record = TypeVar("Record")
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a TOML file, or say why it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read ({error.strerror}); name a TOML file") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"{path}: is not UTF-8 text; name a TOML file") from None
+
+
+def parse(text: str, path: Path) -> dict[str, Any]:
+    """Return the document in a TOML text; `path` names it in errors."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
+
+
+def convert(path: Path, document: Mapping[str, Any], record: type[Record], example: str) -> Record:
+    """Return a document as a record; `example` is a commented file that shows every key."""
+    _refuse_unknown(path, document, record, "", example)
+    try:
+        return msgspec.convert(document, record)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"{path}: {error}; mend that key") from None
+
+
+def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str, example: str) -> None:
+    """Raise for the first key that the record does not have, at any depth."""
+    known = {item.name: item for item in fields(record)}
+    hints = get_type_hints(record)
+    for key, value in document.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
+            hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+            raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
+        inner = _record_in(hints[key])
+        if inner is None:
+            continue
+        for place, item in _tables(value, f"{where}{key}", _is_mapping(hints[key])):
+            _refuse_unknown(path, item, inner, f"{place}.", example)
+    for key, wanted in known.items():
+        if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
+            raise UsageError(f"{path}: key '{where}{key}' is missing; see the commented {example}")
+
+
+def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return the tables in a value with their places: the value itself, its entries by name, or those of a list."""
+    if isinstance(value, list):
+        entries = [(f"{where}[{number}]", item) for number, item in enumerate(value)]
+    elif by_name and isinstance(value, Mapping):
+        entries = [(f"{where}.{name}", item) for name, item in value.items()]
+    else:
+        entries = [(where, value)]
+    return [(place, item) for place, item in entries if isinstance(item, Mapping)]
+
+
+def _is_mapping(hint: Any) -> bool:
+    origin = get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping)
+
+
+def _record_in(hint: Any) -> type | None:
+    """Return the dataclass inside a type hint: itself, of an optional, a tuple, or a mapping's values."""
+    if is_dataclass(hint) and isinstance(hint, type):
+        return hint
+    if get_origin(hint) in (Union, UnionType, tuple) or _is_mapping(hint):
+        return next((found for found in map(_record_in, get_args(hint)) if found is not None), None)
+    return None

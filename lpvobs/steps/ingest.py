@@ -1,0 +1,37 @@
+"""`ingest`: foreign recordings of one drive to a log that says what was done to it."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lpvobs.io.foreign import KEY, ingest
+from lpvobs.io.logs import write_log
+from lpvobs.io.profiles import load_profile
+
+
+def ingest_log(sources: Sequence[Path], profile: str, out: Path) -> dict[str, Any]:
+    """Write the log in foreign files, and return what was done to make it.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Files of one drive, on one clock.
+    profile : str
+        Name of a shipped profile, or path of a TOML file.
+    out : Path
+
+    Raises
+    ------
+    UsageError
+        If the profile cannot be used.
+    DataError
+        If the files cannot.
+    """
+    rules, name, text = load_profile(profile)
+    made = ingest(sources, rules)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}
+    write_log(out, made.channels, made.units, {KEY: json.dumps(record)})
+    return record

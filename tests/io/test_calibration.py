@@ -1,0 +1,235 @@
+"""The map in files for calibration tools, read back by readers that are not ours."""
+
+import csv
+import re
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.dcm import DcmMap, dcm_text, read_dcm_map
+from lpvobs.io.surfaces import ESTIMATED, EXTRAPOLATED, NONE, OLD, keep_old, onto, read_surface
+from lpvobs.steps.export import Request, export_result
+
+SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)
+TRUTH = -0.004 + 1e-6 * np.add.outer(SPEED, 30.0 * FUEL)
+INSIDE = np.add.outer(np.arange(SPEED.size), np.arange(FUEL.size)) % 5 != 0
+
+
+@pytest.fixture
+def result(tmp_path):
+    """Return a file with the parts of a result that export reads."""
+    path = tmp_path / "result.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["schema"] = "lpvobs/result/1"
+        for name, support, filled in (
+            ("map", np.where(INSIDE, 1, 0), np.where(INSIDE, TRUTH, np.nan)),
+            ("extrapolation", np.where(INSIDE, 1, 2), TRUTH),
+        ):
+            group = file.create_group(name)
+            for axis, nodes, unit in (("n_e", SPEED, "rpm"), ("u_delta", FUEL, "mg/cycle")):
+                group[axis] = nodes
+                group[axis].attrs.update({"units": unit, "long_name": axis})
+            group["delta_W_c"], group["standard_error"], group["support"] = (
+                filled,
+                0.0 * filled + 1e-4,
+                support.astype(np.int8),
+            )
+            group["delta_W_c"].attrs["units"] = "kg/s"
+        file["map"].attrs["axes"] = "u_delta n_e"
+    return path
+
+
+def write_old(path, name="MAP", **changed):
+    """Write an old map in other units, turned, with nodes of its own."""
+    item = {
+        "name": name, "kind": "KENNFELD", "x": np.array([0.0, 5.0, 20.0, 40.0, 50.0]), "y": np.array([500.0, 1000.0, 2750.0]),
+        "values": 0.36 * np.arange(15.0).reshape(3, 5), "unit_x": "mg/Hub", "unit_y": "1/min", "unit": "kg/h",
+        "long_name": "as it was",
+    }  # fmt: skip
+    path.write_text(dcm_text(DcmMap(**(item | changed)), 6, ["old"]), encoding="latin-1")
+    return path
+
+
+def independent(path):
+    """Return the maps in a DCM file as the library dcmReader has them."""
+    library = pytest.importorskip("dcmReader.dcm_reader", reason="dcmReader is not installed")
+    reader = library.DcmReader()
+    reader.read(str(path), file_encoding="latin-1")
+    return reader
+
+
+def values_of(found):
+    """Return x, y and values, shape (ny, nx), of a map that dcmReader has read."""
+    y = list(found.values)
+    return np.array(list(found.values[y[0]])), np.array(y), np.array([list(found.values[node].values()) for node in y])
+
+
+@pytest.mark.parametrize("kind", ["KENNFELD", "GRUPPENKENNFELD"])
+@pytest.mark.parametrize("digits", [4, 7, 17])
+def test_an_independent_reader_finds_what_was_exported(result, tmp_path, kind, digits):
+    out = tmp_path / "maf.dcm"
+    export_result(result, out, Request("dcm", name="MAF_dW", kind=kind, digits=digits))
+    reader = independent(out)
+    (found,) = reader.get_characteristic_maps() if kind == "KENNFELD" else reader.get_group_characteristic_maps()
+    x, y, values = values_of(found)
+    assert (found.name, found.unit_x, found.unit_y, found.unit_values) == ("MAF_dW", "rpm", "mg/cycle", "kg/s")
+    assert np.array_equal(x, SPEED)
+    assert np.array_equal(y, FUEL)
+    np.testing.assert_allclose(
+        values, TRUTH.T, rtol=0.5 * 10.0 ** (1 - digits) + 1e-16
+    )  # half a unit of the last digit
+    if kind == "GRUPPENKENNFELD":
+        shared = {item.name: item.values for item in reader.get_distributions()}
+        assert shared == {found.x_mapping: SPEED.tolist(), found.y_mapping: FUEL.tolist()}
+
+
+def test_our_reader_reads_what_theirs_does(result, tmp_path):
+    out = tmp_path / "maf.dcm"
+    export_result(result, out, Request("dcm", kind="GRUPPENKENNFELD"))
+    found = read_dcm_map(out, "delta_W_c")
+    assert (found.kind, found.x_name, found.y_name) == ("GRUPPENKENNFELD", "delta_W_c_n_e", "delta_W_c_u_delta")
+    (theirs,) = independent(out).get_group_characteristic_maps()
+    for mine, other in zip((found.x, found.y, found.values), values_of(theirs), strict=True):
+        assert np.array_equal(mine, other)
+
+
+def test_old_values_axes_and_units_stay_and_changes_are_listed(result, tmp_path):
+    old, out = write_old(tmp_path / "old.dcm"), tmp_path / "new.dcm"
+    done = export_result(result, out, Request("dcm", only_estimated=True, old=old, name="MAP", digits=6))
+    (found,) = independent(out).get_characteristic_maps()
+    x, y, values = values_of(found)
+    before = read_dcm_map(old, "MAP")
+    assert np.array_equal(x, before.x)
+    assert np.array_equal(y, before.y)
+    assert (found.unit_x, found.unit_y, found.unit_values) == ("mg/Hub", "1/min", "kg/h")
+    assert "as it was" in found.description
+    truth = -0.004 + 1e-6 * np.add.outer(before.y, 30.0 * before.x)
+    for i, speed in enumerate(before.y):
+        for j, fuel in enumerate(before.x):
+            corners = INSIDE[np.ix_(np.abs(SPEED - speed) < 500, np.abs(FUEL - fuel) < 10)]
+            mine = corners.size > 0 and corners.all() and fuel <= FUEL[-1]
+            wanted = 3600 * truth[i, j] if mine else before.values[i, j]
+            assert values[i, j] == pytest.approx(wanted, rel=5e-6), (speed, fuel)
+    changed = {(item.x, item.y) for item in done.changes}
+    different = np.argwhere(~np.isclose(values, before.values, rtol=1e-9))
+    assert changed == {(before.y[i], before.x[j]) for i, j in different}
+    assert {item.origin for item in done.changes} == {"estimated"}
+    assert np.count_nonzero(done.surface.origin == OLD) + np.count_nonzero(done.surface.origin == ESTIMATED) == 15
+
+
+def test_an_export_against_itself_changes_nothing(result, tmp_path):
+    first, second = tmp_path / "first.dcm", tmp_path / "second.dcm"
+    export_result(result, first, Request("dcm"))
+    done = export_result(result, second, Request("dcm", old=first))
+    assert done.changes == []
+    assert first.read_text().splitlines()[4:] == second.read_text().splitlines()[5:]  # one comment more
+
+
+def test_csv_is_read_back(result, tmp_path):
+    out = tmp_path / "maf.csv"
+    export_result(result, out, Request("csv", source="map", digits=17))
+    with out.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0]) == ["n_e [rpm]", "u_delta [mg/cycle]", "delta_W_c [kg/s]", "standard_error [kg/s]", "origin"]
+    for row, x, y, value, inside in zip(
+        rows, np.repeat(SPEED, FUEL.size), np.tile(FUEL, SPEED.size), TRUTH.ravel(), INSIDE.ravel(), strict=True
+    ):
+        assert (float(row["n_e [rpm]"]), float(row["u_delta [mg/cycle]"])) == (x, y)
+        assert row["origin"] == ("estimated" if inside else "none")
+        assert row["delta_W_c [kg/s]"] == "" if not inside else float(row["delta_W_c [kg/s]"]) == value
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_netcdf_opens_with_axes_units_and_names(result, tmp_path, engine):
+    out = tmp_path / "maf.nc"
+    export_result(result, out, Request("netcdf", only_estimated=True))
+    with xr.open_dataset(out, engine=engine) as found:
+        assert found.attrs["Conventions"] == "CF-1.8"
+        assert found["delta_W_c"].dims == ("n_e", "u_delta")
+        np.testing.assert_array_equal(found["delta_W_c"], np.where(INSIDE, TRUTH, np.nan))
+        np.testing.assert_array_equal(found["n_e"], SPEED)
+        assert found["delta_W_c"].attrs["units"] == "kg/s"
+        assert all("long_name" in found[name].attrs for name in found.variables)
+        assert found["origin"].attrs["flag_meanings"] == "none estimated extrapolated old"
+        assert float(found["delta_W_c"].sel(n_e=1000.0, u_delta=10.0)) == TRUTH[1, 1]
+
+
+def test_netcdf_is_valid_for_the_netcdf_library(result, tmp_path):
+    import netCDF4
+
+    out = tmp_path / "maf.nc"
+    export_result(result, out, Request("netcdf"))
+    with netCDF4.Dataset(out) as found:
+        assert found.data_model == "NETCDF4"
+        assert {name: item.size for name, item in found.dimensions.items()} == {"n_e": SPEED.size, "u_delta": FUEL.size}
+
+
+def test_laid_onto_its_own_axes_a_surface_is_itself(result):
+    surface = read_surface(result, "map")
+    again = onto(surface, SPEED * (1 + 1e-9), FUEL)
+    np.testing.assert_array_equal(again.values, surface.values)
+    np.testing.assert_array_equal(again.origin, surface.origin)
+    np.testing.assert_array_equal(again.standard_error, surface.standard_error)
+
+
+def test_a_node_between_is_as_sure_as_the_least_it_leans_on(result):
+    surface = read_surface(result, "extrapolation")
+    between = onto(surface, np.array([400.0, 750.0, 1250.0]), np.array([5.0, 15.0, 20.0]))
+    assert np.all(between.origin[0] == NONE)
+    assert between.origin[1].tolist() == [EXTRAPOLATED, ESTIMATED, ESTIMATED]
+    np.testing.assert_allclose(between.values[1:], -0.004 + 1e-6 * np.add.outer([750.0, 1250.0], [150.0, 450.0, 600.0]))
+    kept = keep_old(between, np.full((3, 3), 0.5), True)
+    assert np.array_equal(kept.origin == OLD, between.origin != ESTIMATED)
+    assert np.all(kept.values[kept.origin == OLD] == 0.5)
+
+
+def test_a_dcm_has_a_value_everywhere(result, tmp_path):
+    with pytest.raises(DataError, match=r"6 of 30 nodes have no value.*extrapolate"):
+        export_result(result, tmp_path / "maf.dcm", Request("dcm", source="map"))
+    assert not (tmp_path / "maf.dcm").exists()
+
+
+@pytest.mark.parametrize(
+    ("request_of", "words"),
+    [
+        ({"format": "xlsx"}, "--format xlsx"),
+        ({"format": "dcm", "source": "gain"}, "--values gain"),
+        ({"format": "dcm", "kind": "FESTWERT"}, "--kind FESTWERT"),
+        ({"format": "csv", "kind": "KENNFELD"}, "only a DCM has kinds"),
+        ({"format": "dcm", "name": "two words"}, "--name two words"),
+        ({"format": "dcm", "digits": 1}, "--digits 1"),
+        ({"format": "dcm", "only_estimated": True}, "--old OLD.dcm"),
+    ],
+)
+def test_requests_that_contradict_themselves(request_of, words):
+    with pytest.raises(UsageError, match=re.escape(words)):
+        Request(**request_of)
+
+
+DAMAGE = {
+    "no format": (lambda text: text.replace("KONSERVIERUNG_FORMAT 2.0", ""), "not a DCM file"),
+    "empty": (lambda text: "", "is empty"),
+    "cut": (lambda text: text[: len(text) // 2], "is damaged"),
+    "words": (lambda text: text.replace("WERT 0.36", "WERT zero"), "is damaged"),
+    "fewer nodes": (lambda text: text.replace("MAP 5 3", "MAP 6 3"), "instead of 6 by 3"),
+    "many nodes": (lambda text: text.replace("MAP 5 3", "MAP 99999 99999"), "99999 by 99999"),
+    "not finite": (lambda text: text.replace("WERT 0.36", "WERT nan"), "is damaged"),
+    "value first": (lambda text: re.sub(r"ST/Y .*", "", text), "is damaged"),
+    "another map": (lambda text: text.replace("MAP 5 3", "MAPS 5 3"), "has no map 'MAP'; has MAPS"),
+    "other units": (lambda text: text.replace("kg/h", "hPa"), "units X 'mg/Hub', Y '1/min', W 'hPa'"),
+    "fixed": (lambda text: text.replace("KENNFELD", "FESTKENNFELD"), "say which: --kind"),
+}
+
+
+@pytest.mark.parametrize("case", DAMAGE)
+def test_old_files_that_cannot_be_used_are_refused_in_one_line(result, tmp_path, case):
+    change, words = DAMAGE[case]
+    old = write_old(tmp_path / "old.dcm", values=0.36 + np.arange(15.0).reshape(3, 5))
+    old.write_text(change(old.read_text(encoding="latin-1")), encoding="latin-1")
+    with pytest.raises(DataError, match=re.escape(words)) as failure:
+        export_result(result, tmp_path / "new.dcm", Request("dcm", old=old, name="MAP"))
+    assert "\n" not in str(failure.value)
+    assert not (tmp_path / "new.dcm").exists()
