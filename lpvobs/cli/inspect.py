@@ -63,4 +63,15 @@ def _text(content: dict[str, Any]) -> str:
         ]
         for name, item in content["channels"].items()
     ]
-    return head + "\n" + table(["channel", "unit", "use", "min", "median", "max", "dropped"], rows)
+    shown = head + "\n" + table(["channel", "unit", "use", "min", "median", "max", "dropped"], rows)
+    found = [
+        [
+            item["defect"],
+            item["channel"],
+            str(item["count"]),
+            f"{item['first']:.6g} s" if "first" in item else "",
+            item["policy"],
+        ]
+        for item in content["defects"]
+    ]
+    return shown + "\n" + table(["defect", "channel", "count", "first", "policy"], found) if found else shown

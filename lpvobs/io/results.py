@@ -50,6 +50,9 @@ class LogSummary:
     duration : float
         [s]
     dropped : mapping of str to int
+        By channel.
+    found : mapping of str to int
+        Samples that are stuck, saturated or spiked, by kind and channel, such as `stuck p_im`; they are among the dropped.
     share_certified : float
         Share of the samples inside the region that the gain's certificate covers.
     lower, upper : ndarray, shape (m,)
@@ -67,6 +70,7 @@ class LogSummary:
     repeated: int
     duration: float
     dropped: Mapping[str, int]
+    found: Mapping[str, int]
     share_certified: float
     lower: Array
     upper: Array
@@ -326,6 +330,8 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
         group.attrs[name] = getattr(log, name)
     for channel, count in log.dropped.items():
         group.attrs[f"dropped_{channel}"] = count
+    for finding, count in log.found.items():
+        group.attrs[f"found_{finding}"] = count
     if log.metrics is not None:
         write_group(
             metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()}
@@ -349,6 +355,7 @@ def _read_log(file: h5py.File, name: str) -> LogSummary:
             for key, value in attributes.items()
             if key.startswith("dropped_") and key != "dropped_rows"
         },
+        found={key.removeprefix("found_"): int(value) for key, value in attributes.items() if key.startswith("found_")},
         share_certified=float(group["share_certified"][()]),
         lower=group["lower"][()],
         upper=group["upper"][()],

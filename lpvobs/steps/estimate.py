@@ -166,6 +166,7 @@ def _summary(stored: StoredGain, run: LogRun, metrics: Metrics | None) -> LogSum
         repeated=run.defects.repeated,
         duration=run.duration,
         dropped=run.defects.dropped,
+        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
         share_certified=float(stored.gain.region.contains(run.parameters).mean()),
         lower=run.parameters.min(axis=0),
         upper=run.parameters.max(axis=0),
