@@ -1,7 +1,6 @@
 """Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
 
 import math
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,9 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.io.atomic import replacing
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.hdf import Field, flags, reading, text, write_group
+from lpvobs.io.hdf import Field, changing, creating, flags, reading, text, write_group
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
@@ -113,7 +111,7 @@ def write_result(
     provenance: Provenance,
 ) -> None:
     """Write a new result; at any instant the target is absent, the old file, or the complete new one."""
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         file.attrs["air_path"] = air_path
         file.attrs["method"] = estimate.method
@@ -196,10 +194,8 @@ def update(path: Path, change: Callable[[h5py.File], None]) -> None:
     """Apply a change to a copy of a result that then takes its place."""
     with reading(path, KIND, REMEDY):
         pass
-    with replacing(path) as temporary:
-        shutil.copyfile(path, temporary)
-        with h5py.File(temporary, "r+") as file:
-            change(file)
+    with changing(path, path) as file:
+        change(file)
 
 
 def read_result(path: Path) -> StoredResult:
