@@ -11,6 +11,29 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Finding:
+    """Samples of a channel that are numbers, but no readings.
+
+    Attributes
+    ----------
+    kind : str
+        `stuck`, `saturated` or `spike`.
+    channel : str
+    samples : int
+    first : float
+        [s], time of the first of them.
+    policy : str
+        What was done: `drop`.
+    """
+
+    kind: str
+    channel: str
+    samples: int
+    first: float
+    policy: str
+
+
+@dataclass(frozen=True)
 class Defects:
     """What the reader found in a log and what the policies did about it.
 
@@ -19,13 +42,15 @@ class Defects:
     samples_read : int
         Rows in the file.
     dropped : Mapping[str, int]
-        Rows dropped because this channel was not finite there (a row may count for several channels).
+        Rows dropped because this channel was not finite or not possible there (a row may count for several channels).
     dropped_rows : int
         Rows dropped altogether.
     gaps : int
         Places where the time step exceeds the limit; each splits the log.
     repeated : int
         Rows removed because their time repeats or runs backward (only on request; otherwise the log is refused).
+    findings : tuple of Finding
+        Stuck, saturated and spiked samples, which were dropped as well.
     """
 
     samples_read: int
@@ -33,6 +58,7 @@ class Defects:
     dropped_rows: int = 0
     gaps: int = 0
     repeated: int = 0
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)

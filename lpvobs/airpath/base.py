@@ -1,5 +1,6 @@
 """What every engine offers, so that gain, observer, tracer and report need not know which one they serve."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -21,6 +22,13 @@ class Channel:
         Range in which the median of a whole log lies; outside, the unit or the sign is wrong.
     meaning : str
         For people.
+    still : float
+        [s], longest time that a working sensor may stand exactly still while the engine moves; infinite for what may rest
+        for a whole log, such as a valve or the weather.
+    above : tuple of str and float, optional
+        A channel that this one does not fall below by more than so much, in a healthy engine.
+    reaches : float
+        What some sample of every log reaches.
     """
 
     unit: str
@@ -28,6 +36,9 @@ class Channel:
     high: float
     typical: tuple[float, float]
     meaning: str
+    still: float = math.inf
+    above: tuple[str, float] | None = None
+    reaches: float = -math.inf
 
 
 @dataclass(frozen=True)

@@ -61,18 +61,20 @@ class Diesel:
         MapAxis("n_e", "rpm", "engine speed"),
     )
     channels: ClassVar[Mapping[str, Channel]] = {
-        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed"),
-        "u_delta": Channel("mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle"),
+        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed", 60.0),
+        "u_delta": Channel(
+            "mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle", 300.0, reaches=1.0
+        ),
         "u_egr": Channel("%", -20.0, 120.0, (-5.0, 105.0), "EGR valve opening"),
         "u_vgt": Channel("%", -20.0, 120.0, (-5.0, 105.0), "VGT vane opening"),
-        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure"),
-        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure"),
-        "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed"),
-        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature"),
-        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature"),
+        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure", 120.0, ("p_amb", 6e4)),
+        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure", 60.0, ("p_amb", 2e4)),
+        "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed", 30.0),
+        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
+        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", 300.0, ("T_amb", 40.0)),
         "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
         "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
-        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
     }
 
     @property

@@ -67,6 +67,18 @@ def _text(content: dict[str, Any]) -> str:
         for name, item in content["channels"].items()
     ]
     parts = [head, table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
+    found = [
+        [
+            item["defect"],
+            item["channel"],
+            str(item["count"]),
+            f"{item['first']:.6g} s" if "first" in item else "",
+            item["policy"],
+        ]
+        for item in content["defects"]
+    ]
+    if found:
+        parts.append(table(["defect", "channel", "count", "first", "policy"], found))
     for engine, missing in content["lacking"].items():
         parts.append(f"no log for the engine '{engine}': lacks {', '.join(missing)}")
     if content["ingest"] is not None:

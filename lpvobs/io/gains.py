@@ -9,8 +9,7 @@ import h5py
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.atomic import replacing
-from lpvobs.io.hdf import Field, flags, reading, text, write_group
+from lpvobs.io.hdf import Field, creating, flags, reading, text, write_group
 from lpvobs.io.provenance import Provenance
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate
@@ -50,7 +49,7 @@ class StoredGain:
 
 def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
     """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         write_gain_group(file, stored)
         provenance.write(file)

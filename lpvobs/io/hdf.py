@@ -1,5 +1,6 @@
 """HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
 
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,6 +11,9 @@ import h5py
 import numpy as np
 
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.atomic import replacing
+from lpvobs.io.plain import expect_plain
+from lpvobs.io.seal import expect_sound, seal
 
 
 @dataclass(frozen=True)
@@ -59,26 +63,46 @@ def text(values: Sequence[str]) -> Any:
 
 
 @contextmanager
+def creating(target: Path) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error."""
+    with replacing(target) as temporary:
+        with h5py.File(temporary, "w") as file:
+            yield file
+        seal(temporary)
+
+
+@contextmanager
+def changing(source: Path, target: Path) -> Iterator[h5py.File]:
+    """Yield a copy of an HDF5 file for changes; it takes the target's place, sealed, when the block ends without an error."""
+    with replacing(target) as temporary:
+        shutil.copyfile(source, temporary)
+        with h5py.File(temporary, "r+") as file:
+            yield file
+        seal(temporary)
+
+
+@contextmanager
 def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     """Yield an open HDF5 file whose root attribute `schema` is `lpvobs/<kind>/1`.
 
     Raises
     ------
     DataError
-        If it is absent, not HDF5, of another kind, or lacks or garbles a dataset that is read inside the block.
+        If it is absent, not HDF5, damaged, of another kind, or lacks or garbles a dataset that is read inside the block.
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; {remedy}")
+    if not h5py.is_hdf5(path):
+        raise DataError(f"{path}: not a readable HDF5 file; {remedy}")
+    expect_sound(path, remedy)
     try:
         file = h5py.File(path, "r")
     except OSError:
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
     with file:
-        schema = str(file.attrs.get("schema", ""))
-        if schema != f"lpvobs/{kind}/1":
-            found = f"schema '{schema}'" if schema else "no lpvobs schema"
-            raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")
+        expect_plain(file, f"{path}", remedy)
         try:
+            _expect_kind(file, path, kind, remedy)
             yield file
         except (
             KeyError,
@@ -88,6 +112,14 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
             ValueError,
             TypeError,
             RuntimeError,
+            MemoryError,
             UsageError,
         ) as error:
             raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None
+
+
+def _expect_kind(file: h5py.File, path: Path, kind: str, remedy: str) -> None:
+    schema = str(file.attrs.get("schema", ""))
+    if schema != f"lpvobs/{kind}/1":
+        found = f"schema '{schema}'" if schema else "no lpvobs schema"
+        raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from lpvobs.airpath.base import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.atomic import replacing
+from lpvobs.io.parquet import metadata_of, refuse_huge, schema_of, state_of, unreadable
+from lpvobs.io.plausibility import refuse_implausible, refuse_odd_rate, spoiled
 from lpvobs.io.units import convert
 from lpvobs.records import Array, Defects, Log
 
@@ -80,30 +82,46 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         If the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
     """
     wanted = {"time": "s"} | {name: channel.unit for name, channel in channels.items()}
-    schema = _schema(path)
+    before = state_of(path)
+    metadata = metadata_of(path)
+    schema = schema_of(path, metadata)
     for name, unit in wanted.items():
         _expect(path, schema, name, unit)
     extra = _numeric(schema, wanted) if auxiliary else []
+    refuse_huge(path, metadata.num_rows, len(wanted) + len(extra))
     table = _read(path, [*wanted, *extra])
     values = {name: _column(path, table, name, unit) for name, unit in wanted.items()}
     time = values.pop("time")
     if time.size == 0:
         raise DataError(f"{path}: the log has no rows; expected at least two samples; record or export it again")
-    for name, channel in channels.items():
-        _plausible(path, name, values[name], channel)
+    refuse_implausible(path, values, channels)
     keep, dropped = _usable(time, values, channels)
     rows = np.flatnonzero(keep)
     rows, repeated = _increasing(path, time, rows, policies)
+    refuse_odd_rate(path, time[rows], policies.gap_limit)
+    findings = []
+    for finding, samples in list(spoiled(time[rows], {name: values[name][rows] for name in values}, channels)):
+        findings.append(finding)
+        dropped[finding.channel] += samples.size
+        keep[rows[samples]] = False
+    rows = rows[keep[rows]]
     if rows.size < 2:
         worst = max(dropped, key=lambda name: dropped[name], default="time")
+        kinds = sorted({finding.kind for finding in findings if finding.channel == worst})
+        why = f" ({', '.join(kinds)})" if kinds else ""
         raise DataError(
             f"{path}: {rows.size} of {time.size} samples are usable, expected at least two; "
-            f"channel '{worst}' spoils the most, see `lpvobs inspect`"
+            f"channel '{worst}' spoils the most{why}, see `lpvobs inspect`"
         )
     time = time[rows]
+    digest = file_digest(path)
+    if state_of(path) != before:
+        raise DataError(
+            f"{path}: changed while it was read; expected a finished file; wait for the recorder and try again"
+        )
     return Log(
         name=path.stem,
-        sha256=file_digest(path),
+        sha256=digest,
         time=time,
         channels={name: column[rows] for name, column in values.items()},
         auxiliary={name: _as_floats(table, name)[rows] for name in extra},
@@ -115,6 +133,7 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
             dropped_rows=int(keep.size - np.count_nonzero(keep)),
             gaps=int(np.count_nonzero(np.diff(time) > policies.gap_limit)),
             repeated=repeated,
+            findings=tuple(findings),
         ),
     )
 
@@ -160,15 +179,7 @@ def file_digest(path: Path) -> str:
 
 def _schema(path: Path) -> "pa.Schema":
     """Return the schema of a Parquet file, or say why it is not a log."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    if not path.is_file():
-        raise DataError(f"{path}: no such log; name a Parquet file")
-    try:
-        return pq.read_schema(path)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
+    return schema_of(path, metadata_of(path))
 
 
 def _read(path: Path, columns: list[str]) -> "pa.Table":
@@ -180,12 +191,7 @@ def _read(path: Path, columns: list[str]) -> "pa.Table":
         with pq.ParquetFile(path) as file:
             return file.read(columns=columns)
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> DataError:
-    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
+        raise unreadable(path, error) from None
 
 
 def _expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
@@ -212,9 +218,13 @@ def _column(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
 
     field = table.schema.field(name)
     try:
+        if not _is_numeric(field.type):
+            raise pa.ArrowTypeError(str(field.type))
         values = _as_floats(table, name)
     except pa.ArrowException:
-        raise DataError(f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}") from None
+        raise DataError(
+            f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}; export it as numbers"
+        ) from None
     try:
         return np.asarray(convert(values, _unit(field), wanted), dtype=float)
     except ValueError as error:
@@ -258,22 +268,6 @@ def _increasing(
     return rows[later], wrong
 
 
-def _plausible(path: Path, name: str, column: Array, channel: Channel) -> None:
-    """Refuse a channel whose median no working engine shows: a wrong unit or sign."""
-    finite = column[np.isfinite(column)]
-    if finite.size == 0:
-        raise DataError(
-            f"{path}: channel '{name}' has no number in it; expected readings in {channel.unit}; record it again"
-        )
-    middle = float(np.median(finite))
-    low, high = channel.typical
-    if not low <= middle <= high:
-        raise DataError(
-            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected between {low:g} and {high:g}; "
-            f"its unit or sign is probably wrong"
-        )
-
-
 def _segments(time: Array, gap_limit: float) -> tuple[tuple[int, int], ...]:
     """Return the half-open ranges of samples between gaps."""
     cuts = (np.flatnonzero(np.diff(time) > gap_limit) + 1).tolist()
@@ -282,13 +276,21 @@ def _segments(time: Array, gap_limit: float) -> tuple[tuple[int, int], ...]:
 
 def _numeric(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str]:
     """Return the numeric channels that the air path does not need; references stay out."""
-    import pyarrow as pa
 
     def wanted(field: "pa.Field") -> bool:
-        numeric = pa.types.is_integer(field.type) or pa.types.is_floating(field.type) or pa.types.is_boolean(field.type)
-        return numeric and field.name not in needed and not field.name.startswith("ref_")
+        return _is_numeric(field.type) and field.name not in needed and not field.name.startswith("ref_")
 
     return [field.name for field in schema if wanted(field) and len(schema.get_all_field_indices(field.name)) == 1]
+
+
+def _is_numeric(kind: "pa.DataType") -> bool:
+    """Return whether a column of this type holds numbers; text that looks like numbers does not."""
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(kind):
+        return _is_numeric(kind.value_type)
+    tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean)
+    return any(test(kind) for test in tests)
 
 
 def _as_floats(table: "pa.Table", name: str) -> Array:

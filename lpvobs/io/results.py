@@ -1,7 +1,6 @@
 """Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
 
 import math
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,9 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.io.atomic import replacing
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.hdf import Field, flags, reading, text, write_group
+from lpvobs.io.hdf import Field, changing, creating, flags, reading, text, write_group
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
@@ -50,6 +48,9 @@ class LogSummary:
     duration : float
         [s]
     dropped : mapping of str to int
+        By channel.
+    found : mapping of str to int
+        Samples that are stuck, saturated or spiked, by kind and channel, such as `stuck p_im`; they are among the dropped.
     share_certified : float
         Share of the samples inside the region that the gain's certificate covers.
     lower, upper : ndarray, shape (m,)
@@ -67,6 +68,7 @@ class LogSummary:
     repeated: int
     duration: float
     dropped: Mapping[str, int]
+    found: Mapping[str, int]
     share_certified: float
     lower: Array
     upper: Array
@@ -109,7 +111,7 @@ def write_result(
     provenance: Provenance,
 ) -> None:
     """Write a new result; at any instant the target is absent, the old file, or the complete new one."""
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         file.attrs["air_path"] = air_path
         file.attrs["method"] = estimate.method
@@ -192,10 +194,8 @@ def update(path: Path, change: Callable[[h5py.File], None]) -> None:
     """Apply a change to a copy of a result that then takes its place."""
     with reading(path, KIND, REMEDY):
         pass
-    with replacing(path) as temporary:
-        shutil.copyfile(path, temporary)
-        with h5py.File(temporary, "r+") as file:
-            change(file)
+    with changing(path, path) as file:
+        change(file)
 
 
 def read_result(path: Path) -> StoredResult:
@@ -326,6 +326,8 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
         group.attrs[name] = getattr(log, name)
     for channel, count in log.dropped.items():
         group.attrs[f"dropped_{channel}"] = count
+    for finding, count in log.found.items():
+        group.attrs[f"found_{finding}"] = count
     if log.metrics is not None:
         write_group(
             metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()}
@@ -349,6 +351,7 @@ def _read_log(file: h5py.File, name: str) -> LogSummary:
             for key, value in attributes.items()
             if key.startswith("dropped_") and key != "dropped_rows"
         },
+        found={key.removeprefix("found_"): int(value) for key, value in attributes.items() if key.startswith("found_")},
         share_certified=float(group["share_certified"][()]),
         lower=group["lower"][()],
         upper=group["upper"][()],

@@ -112,7 +112,7 @@ def defect_rows(report: Report) -> Table:
     rows = {}
     for view in report.results:
         for log in view.stored.logs:
-            causes = ", ".join(f"{name} {count}" for name, count in log.dropped.items()) or "-"
+            causes = ", ".join(f"{name} {count}" for name, count in ({**log.dropped, **log.found}).items()) or "-"
             counts = [str(log.samples), str(log.samples_read), str(log.dropped_rows), causes, str(log.gaps)]
             rows[log.sha256] = [log.name, *counts, str(log.repeated), f"{log.duration:.1f}"]
     return header, list(rows.values())

@@ -64,6 +64,7 @@ def logs_content(logs: Sequence[LogSummary]) -> list[dict[str, Any]]:
                 "samples": log.samples,
                 "samples_read": log.samples_read,
                 "dropped_rows": log.dropped_rows,
+                "found": dict(log.found),
                 "gaps": log.gaps,
                 "repeated": log.repeated,
                 "duration": log.duration,

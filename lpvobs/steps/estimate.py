@@ -167,6 +167,7 @@ def _summary(run: LogRun, metrics: Metrics | None) -> LogSummary:
         repeated=run.defects.repeated,
         duration=run.duration,
         dropped=run.defects.dropped,
+        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
         share_certified=run.share_certified,
         lower=run.lower,
         upper=run.upper,

@@ -12,7 +12,35 @@ from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.engines import AIR_PATHS
 from lpvobs.io.foreign import stored_record
 from lpvobs.io.logs import LogPolicies, channel_units, read_log
-from lpvobs.records import Array, Log
+from lpvobs.records import Array, Defects, Log
+
+
+def defect_list(defects: Defects) -> list[dict[str, Any]]:
+    """Return every defect found in a log with its channel, the samples it concerns, and what was done about it."""
+    spoiled: dict[str, int] = {}
+    for item in defects.findings:
+        spoiled[item.channel] = spoiled.get(item.channel, 0) + item.samples
+    missing = {name: count - spoiled.get(name, 0) for name, count in defects.dropped.items()}
+    found: list[dict[str, Any]] = [
+        {"defect": "no reading", "channel": name, "count": count, "policy": "drop"}
+        for name, count in missing.items()
+        if count
+    ]
+    found += [
+        {
+            "defect": item.kind,
+            "channel": item.channel,
+            "count": item.samples,
+            "first": item.first,
+            "policy": item.policy,
+        }
+        for item in defects.findings
+    ]
+    if defects.gaps:
+        found.append({"defect": "gap", "channel": "time", "count": defects.gaps, "policy": "split"})
+    if defects.repeated:
+        found.append({"defect": "repeated or backward", "channel": "time", "count": defects.repeated, "policy": "drop"})
+    return found
 
 
 @dataclass(frozen=True)
@@ -50,6 +78,7 @@ class Inspection:
             "segments": len(log.segments),
             "duration": float(log.time[-1] - log.time[0]),
             "rate": float(1.0 / np.median(steps)),
+            "defects": defect_list(defects),
             "channels": channels,
             "ingest": self.ingest,
             "lacking": self.lacking,

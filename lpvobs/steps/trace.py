@@ -16,7 +16,7 @@ from lpvobs.discovery.problem import MapPrior, free_map
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
-from lpvobs.io.hdf import reading
+from lpvobs.io.hdf import changing, reading
 from lpvobs.io.logs import read_log
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update
 from lpvobs.records import Log
@@ -83,11 +83,12 @@ def refine_result(
         file.create_group("metrics")
         file.create_group("refinement").attrs["json"] = content
 
-    with replacing(out) as temporary:
-        shutil.copyfile(path, temporary)
-        if found.findings:
-            with h5py.File(temporary, "r+") as file:
-                change(file)
+    if found.findings:
+        with changing(path, out) as file:
+            change(file)
+    else:
+        with replacing(out) as temporary:
+            shutil.copyfile(path, temporary)
     return found, closed.frozen
 
 

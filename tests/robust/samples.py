@@ -1,0 +1,36 @@
+"""One good file of every kind that is read, made in a few seconds without the command line."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from robust.defects import Bench
+
+from lpvobs.io.config import load_config
+from lpvobs.io.gains import write_gain
+from lpvobs.io.provenance import Provenance
+from lpvobs.steps.estimate import estimate_logs
+from lpvobs.steps.extrapolate import extrapolate_result
+from lpvobs.steps.gain import make_published_gain
+
+CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
+
+
+@dataclass(frozen=True)
+class Samples:
+    folder: Path
+    config: Path
+    log: Path
+    gain: Path
+    result: Path
+
+
+def make(folder: Path) -> Samples:
+    """Write a log, a gain and a result with its extrapolation into a folder."""
+    log, gain, result = folder / "drive.parquet", folder / "gain.h5", folder / "result.h5"
+    Bench(folder).write()
+    config, text = load_config(CONFIG)
+    stored = make_published_gain(config, "ETC")
+    write_gain(gain, stored, Provenance({}, text))
+    estimate_logs(config, text, stored, [log], result, "batch", lambda done: None)
+    extrapolate_result(result)
+    return Samples(folder, CONFIG, log, gain, result)
