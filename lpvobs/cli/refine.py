@@ -14,6 +14,14 @@ def refine(
     result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
     out: Annotated[Path, typer.Option(metavar="REFINED.h5", help="The refined result to write.")],
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="LOG",
+            help="A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
+        ),
+    ] = None,
     freeze_map: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -21,11 +29,12 @@ def refine(
 
     Example: lpvobs refine nominal.h5 nedc.parquet --out refined.h5
     """
-    from lpvobs.steps.trace import refine_result
+    from lpvobs.steps.trace import Sources, refine_result
 
-    refuse_overwriting(out, [result, *logs])
+    unseen = hold_out or []
+    refuse_overwriting(out, [result, *logs, *unseen])
     with progress("refining") as report:
-        found, frozen = refine_result(result, logs, out, freeze_map, report)
+        found, frozen = refine_result(Sources(result, logs, unseen, freeze_map), out, report)
     if as_json:
         print_json("refine", {"map_frozen": frozen, **found.as_json(refined=True)})
         return

@@ -30,10 +30,10 @@ def trace(
 
     Example: lpvobs trace nominal.h5 nedc.parquet
     """
-    from lpvobs.steps.trace import trace_result
+    from lpvobs.steps.trace import Sources, trace_result
 
     with progress("tracing") as report:
-        found, frozen = trace_result(result, logs, freeze_map, report)
+        found, frozen = trace_result(Sources(result, logs, (), freeze_map), report)
     if as_json:
         print_json("trace", {"map_frozen": frozen, **found.as_json(refined=False)})
         return

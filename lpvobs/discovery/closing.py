@@ -1,24 +1,28 @@
 """The entry points: from logs and a nominal model to what is missing in it, and to the model that has it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.fit import refit
-from lpvobs.discovery.heldout import Comparison, carried_over, compare
+from lpvobs.discovery.candidates import Candidate, in_place
+from lpvobs.discovery.carried import Losses, carried, together
+from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.heldout import held_out_losses
 from lpvobs.discovery.linear import Linear, Term
-from lpvobs.discovery.outcome import Finding, Parameter, Ranked, Trace
+from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.plant import Plant
-from lpvobs.discovery.problem import MapPrior, Problem, free_map, lay_out, place_in_logs
+from lpvobs.discovery.problem import MapPrior, Problem, lay_out
 from lpvobs.discovery.selection import Accepted, Selection, select
+from lpvobs.discovery.standing import Standing, own_time, term_on
+from lpvobs.discovery.telling import finding_of, log_part, parameter_of, standing_of, told
 from lpvobs.discovery.whiteness import Whiteness, whiteness
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
-NINETY = 1.645
 LIKENESS = 2e-4
 """[kg/s], how much the nodes of two maps of the same surface differ because a bilinear map is an approximation."""
 
@@ -34,10 +38,10 @@ class Refinement:
         [kg/s], the map beside the effects.
     covariance : ndarray, shape (p, p)
         [kg^2/s^2]
-    beta : mapping of str to float
-        Relative deviation of each uncertain constant.
-    terms : tuple of Term
-        The effects that are part of the model.
+    beta, beta_deviation : mapping of str to float
+        Relative deviation of each uncertain constant from the configured one, and its standard deviation.
+    standing : tuple of Standing
+        Every effect of the model: those that it had, re-estimated, then those that were found.
     before, after : Linear
         Residual, regressors and weights of either model, for reports.
     whiteness_before, whiteness_after : Whiteness
@@ -47,18 +51,17 @@ class Refinement:
     theta: Array
     covariance: Array
     beta: Mapping[str, float]
-    terms: tuple[Term, ...]
+    beta_deviation: Mapping[str, float]
+    standing: tuple[Standing, ...]
     before: Linear
     after: Linear
     whiteness_before: Whiteness
     whiteness_after: Whiteness
 
-    def on_other_logs(
-        self, plant: Plant, grid: Grid, tolerance: Mapping[str, float], logs: Sequence[Log]
-    ) -> Comparison:
-        """Return the error before and after on logs that took no part, nothing fitted to them."""
-        prior = free_map(grid, len(tolerance), 0.1)
-        return carried_over(self.before, self.after, lay_out(plant, grid, tolerance, prior, logs))
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The effects as they act on these logs."""
+        return self.after.terms
 
 
 def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Array, prior_map: float) -> MapPrior:
@@ -86,18 +89,6 @@ def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Arr
     return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
 
 
-def trace(
-    plant: Plant,
-    grid: Grid,
-    tolerance: Mapping[str, float],
-    prior: MapPrior,
-    logs: Sequence[Log],
-    progress: Callable[[float], None] = lambda _: None,
-) -> Trace:
-    """Return what the logs hold that the model lacks; arguments as for `refine`."""
-    return refine(plant, grid, tolerance, prior, logs, progress).trace
-
-
 def refine(
     plant: Plant,
     grid: Grid,
@@ -105,6 +96,8 @@ def refine(
     prior: MapPrior,
     logs: Sequence[Log],
     progress: Callable[[float], None] = lambda _: None,
+    had: Sequence[Standing] = (),
+    hold_out: Sequence[Log] = (),
 ) -> Refinement:
     """Return the model with the effects that the logs prove.
 
@@ -113,40 +106,61 @@ def refine(
     plant : Plant
     grid : Grid
     tolerance : mapping of str to float
-        Uncertain constants of the engine: the truth lies within this fraction of the configured value.
+        Uncertain constants of the engine: the truth lies within this fraction of the plant's value.
     prior : MapPrior
         `free_map` on the logs that make the map, `nominal_map` on others.
     logs : sequence of Log
         Pooled.
     progress : callable
         Told the share that is done.
+    had : sequence of Standing
+        Effects that the model has already; they are estimated again.
+    hold_out : sequence of Log
+        Nothing is fitted to these, no decision sees them; the error before and after is judged on them, too.
 
     Raises
     ------
     DataError
-        If a log is too short.
+        If a log is too short, or lacks a channel that an effect of the model follows.
     """
-    problem = lay_out(plant, grid, tolerance, prior, logs)
-    selection = select(problem, progress)
-    before = refit(selection.after, ()) if selection.after.terms else selection.after
-    comparison = compare(before, selection.after)
-    own = [structure(linear) for linear in (before, selection.after)]
+    lay = partial(lay_out, plant, grid, tolerance, prior)
+    problem = lay(logs)
+    terms = tuple(term_on(standing, problem, logs) for standing in had)
+    selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
+    own = [structure(linear) for linear in (before, after)]
+    accepted = tuple(_again(after, len(had) + i, item) if had else item for i, item in enumerate(selection.accepted))
+    kept = tuple(_kept(after, i, standing, logs) for i, standing in enumerate(had))
+    found = tuple(standing_of(problem, logs, item) for item in accepted)
+    findings = tuple(finding_of(problem, logs, item) for item in accepted)
+    pooled, parts = _by_log(before, after, logs)
+    judged = [_unseen(lay, (before, after), (kept, kept + found), log) for log in hold_out]
+    of_log = own_time(problem, logs)[1]
+    tell = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
     result = Trace(
         verdict=selection.verdict,
-        findings=tuple(finding_of(problem, logs, item) for item in selection.accepted),
-        ranking=tuple(_ranked(selection)),
-        comparison=comparison,
+        findings=findings,
+        ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
+        comparison=pooled.comparison(),
         white=own[1].white,
         correlated_with=own[1].correlated_with,
+        standing=tuple(told(standing) for standing in kept),
+        logs=(
+            *(tell(log, parts[i].comparison(), structure(after, of_log == i)) for i, log in enumerate(logs)),
+            *(tell(log, losses.comparison(), None) for log, losses in zip(hold_out, judged, strict=True)),
+        ),
+        held_out=together(judged).comparison() if judged else None,
     )
-    after = selection.after
+    progress(1.0)
     inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.pull.size), check_finite=False)
+    p, q = after.p, after.beta.size
+    deviation = np.sqrt(np.maximum(np.diag(inverse)[p : p + q], 0.0))
     return Refinement(
         trace=result,
         theta=after.theta.reshape(grid.shape),
-        covariance=inverse[: after.p, : after.p],
+        covariance=inverse[:p, :p],
         beta=dict(zip(problem.names, after.beta.tolist(), strict=True)),
-        terms=after.terms,
+        beta_deviation=dict(zip(problem.names, deviation.tolist(), strict=True)),
+        standing=kept + found,
         before=before,
         after=after,
         whiteness_before=own[0],
@@ -154,43 +168,78 @@ def refine(
     )
 
 
-def structure(linear: Linear) -> Whiteness:
-    """Return the structure of a model's residual, with respect to every input and channel."""
+def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
+    """Return the structure of a model's residual with respect to every input and channel, at some instants or all."""
     problem = linear.problem
     K = problem.K
     inputs = {n: linear.problem.scene[n][:K] for n in problem.plant.channels if n != problem.plant.sensor}
-    return whiteness(linear.residual[0], problem.first, inputs | dict(problem.auxiliary))
+    every = inputs | dict(problem.auxiliary)
+    if on is None:
+        return whiteness(linear.residual[0], problem.first, every)
+    first = np.flatnonzero(np.diff(problem.block[on], prepend=-1))
+    return whiteness(linear.residual[0][:, on], first, {name: values[on] for name, values in every.items()})
 
 
-def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
-    """Return an accepted effect for people and programs."""
-    candidate, term = item.candidate, item.candidate.term
-    half = NINETY * np.sqrt(max(candidate.unevenness, 1.0) / candidate.information)
-    parameter = Parameter(term.size, term.effect.unit, (term.size - half, term.size + half))
-    return Finding(
-        id=term.effect.id,
-        parameters={term.effect.parameter: parameter},
-        onset=place_in_logs(logs, term.begin),
-        end=place_in_logs(logs, term.end),
-        explained=item.share,
-        p_value=item.p_value,
-        indistinguishable=item.alike,
-        drive=term.effect.drive,
-        curve=_curve(item.curve),
-    )
+def _selected(
+    problem: Problem, had: tuple[Term, ...], progress: Callable[[float], None]
+) -> tuple[Selection, Linear, Linear]:
+    """Return what was found, and the model before and after, both with the effects that were there already.
+
+    Those are estimated first, then held while others are sought: at their optimum the search loses nothing by it but power
+    against what resembles them. In the end all are estimated together.
+    """
+    if not had:
+        selection = select(problem, progress)
+        after = selection.after
+        return selection, (refit(after, ()) if after.terms else after), after
+    base = fit(problem, had)
+    selection = select(replace(problem, scene=base.scene), lambda share: progress(0.1 + 0.9 * share))
+    if not selection.accepted:
+        return selection, base, base
+    after = fit(problem, [*base.terms, *selection.after.terms], start=base)
+    return selection, refit(after, after.terms[: len(had)]), after
 
 
-def _curve(curve: Curve | None) -> dict[str, object] | None:
-    if curve is None:
-        return None
-    return {
-        "channel": curve.channel,
-        "of": curve.of,
-        "changes": curve.carrier,
-        "knots": curve.knots.tolist(),
-        "values": curve.values.tolist(),
-    }
+def _again(after: Linear, index: int, item: Accepted) -> Accepted:
+    """Return an accepted effect as it stands in the joint model."""
+    return replace(item, candidate=in_place(after, index, item.candidate))
 
 
-def _ranked(selection: Selection) -> list[Ranked]:
-    return [Ranked(c.id, c.term.size, c.term.effect.unit, float(c.gain), c.unevenness) for c in selection.ranking]
+def _kept(after: Linear, index: int, standing: Standing, logs: Sequence[Log]) -> Standing:
+    """Return an effect that the model had, estimated again, with the logs that have told of it now."""
+    term = after.terms[index]
+    blank = Candidate(term, 0.0, 1.0, 1.0, np.empty(0))
+    parameter = parameter_of(in_place(after, index, blank))
+    known = {(span.log, span.sha256) for span in standing.spans}
+    new = tuple(standing.span_on(log) for log in logs if (log.name, log.sha256) not in known)
+    return replace(standing, value=parameter.value, ci90=parameter.ci90, spans=standing.spans + new)
+
+
+def _by_log(before: Linear, after: Linear, logs: Sequence[Log]) -> tuple[Losses, list[Losses]]:
+    """Return the held-out losses of both models, of all logs and of each."""
+    lost, counted = held_out_losses(before)
+    left, also = (lost, counted) if after is before else held_out_losses(after)
+    use = counted & also
+    scale = float(np.sqrt(1.0 / np.mean((after.whitener**2).sum((1, 2)))))
+    coarse = after.problem.block // after.problem.per_coarse
+    lost, left = np.where(use, lost, 0.0), np.where(use, left, 0.0)
+    pooled = Losses(lost, left, coarse, int(use.sum()), scale)
+    _, of_log = own_time(after.problem, logs)
+    return pooled, [_part_of(pooled, use, of_log == i) for i in range(len(logs))]
+
+
+def _part_of(pooled: Losses, use: NDArray[np.bool_], on: NDArray[np.bool_]) -> Losses:
+    coarse = pooled.coarse[on] - pooled.coarse[on][0]
+    return Losses(pooled.before[on], pooled.after[on], coarse, int((use & on).sum()), pooled.scale)
+
+
+def _unseen(
+    lay: Callable[[Sequence[Log]], Problem],
+    models: tuple[Linear, Linear],
+    effects: tuple[tuple[Standing, ...], tuple[Standing, ...]],
+    log: Log,
+) -> Losses:
+    """Return the losses of the model before and after on a log that took no part."""
+    problem = lay([log])
+    before, after = ([term_on(item, problem, [log]) for item in each] for each in effects)
+    return carried(models, (before, after), problem)

@@ -7,8 +7,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, normal_of
-from lpvobs.discovery.linear import Linear, Term, operating_nodes, residual_of
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.linear import Linear
 from lpvobs.records import Array
 
 FOLDS = 5
@@ -83,26 +82,3 @@ def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, 
     picked = sums[:, draws].sum(-1)
     low, high = np.quantile(np.sqrt(picked[1] / np.maximum(picked[0], 1e-300)), [0.05, 0.95])
     return Comparison(before, after, after / max(before, 1e-300), (float(low), float(high)))
-
-
-def carried_over(before: Linear, after: Linear, unseen: Problem) -> Comparison:
-    """Return the error of two models on logs that neither has seen: map, constants and effects as they are, nothing fitted.
-
-    Onsets and ends belong to the logs on which they were found; elsewhere an effect acts all the time. Every balance is weighted
-    by its mean weight.
-    """
-    weight = np.sqrt(np.mean((after.whitener**2).sum(1), axis=0))[:, None]
-    losses, nodes = [], after.nodes
-    for linear in (before, after):
-        scene = unseen.scene
-        for term in linear.terms:
-            scene = Term(term.effect, term.size).put(scene)
-        nodes = operating_nodes(unseen, scene)
-        raw = residual_of(unseen, scene, linear.constants, linear.theta, nodes)[0]
-        losses.append(((weight * raw) ** 2).sum(0))
-    time = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p)
-    known = np.all((time[nodes[0]] >= SUPPORT) | (nodes[1] < NOTHING), axis=1)
-    coarse = unseen.block // unseen.per_coarse
-    scale = float(1.0 / np.sqrt(np.sum(weight**2)))
-    lost, left = (np.where(known, loss, 0.0) for loss in losses)
-    return compared(coarse, scale, lost, left, int(known.sum()))

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lpvobs.discovery.carried import HOW_WHOLE
 from lpvobs.discovery.heldout import HOW, MEASURE, Comparison
+from lpvobs.discovery.whiteness import Whiteness
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,10 @@ class Finding:
     parameters : mapping of str to Parameter
     onset, end : float or None
         [s] since the start of its log; None where the effect acts from the first or to the last sample.
-    explained : float
-        Share of the residual's power above noise that goes with it, of what is left without it.
-    p_value : float
+    explained : float or None
+        Share of the residual's power above noise that goes with it, of what is left without it; None for an effect that the
+        model had already.
+    p_value : float or None
         After all effects and intervals that were tried.
     indistinguishable : tuple of str
         Effects that explain these logs as well.
@@ -42,8 +45,8 @@ class Finding:
     parameters: Mapping[str, Parameter]
     onset: float | None
     end: float | None
-    explained: float
-    p_value: float
+    explained: float | None
+    p_value: float | None
     indistinguishable: tuple[str, ...]
     drive: str
     curve: Mapping[str, Any] | None
@@ -80,6 +83,39 @@ class Ranked:
 
 
 @dataclass(frozen=True)
+class LogPart:
+    """What is said of one log of several.
+
+    Attributes
+    ----------
+    log, verdict : str
+    findings : tuple of Finding
+        Those of the pooled logs that act on it, with onset and end on it.
+    comparison : Comparison
+    own : Whiteness or None
+        Structure of what is left of its residual; None for a log that took no part.
+    """
+
+    log: str
+    verdict: str
+    findings: tuple[Finding, ...]
+    comparison: Comparison
+    own: Whiteness | None
+
+    def as_json(self, refined: bool) -> dict[str, Any]:
+        """Return the contract's object for this log."""
+        shown = {
+            "log": self.log,
+            "verdict": self.verdict,
+            "effects": [finding.as_json() for finding in self.findings],
+            "error": error_content(self.comparison, refined, HOW_WHOLE if self.own is None else HOW),
+        }
+        if self.own is not None:
+            shown["residual"] = {"white": self.own.white, "correlated_with": list(self.own.correlated_with)}
+        return shown
+
+
+@dataclass(frozen=True)
 class Trace:
     """What the logs hold that the model lacks.
 
@@ -95,6 +131,12 @@ class Trace:
         Of the residual that is left.
     correlated_with : mapping of str to float
         Signals that it follows, with the correlation.
+    standing : tuple of Finding
+        Effects that the model had already, estimated again.
+    logs : tuple of LogPart
+        One for each log, then one for each log held out.
+    held_out : Comparison or None
+        Of all logs held out together.
     """
 
     verdict: str
@@ -103,19 +145,32 @@ class Trace:
     comparison: Comparison
     white: bool
     correlated_with: Mapping[str, float]
+    standing: tuple[Finding, ...]
+    logs: tuple[LogPart, ...]
+    held_out: Comparison | None
 
     def as_json(self, refined: bool) -> dict[str, Any]:
         """Return the object of the contract, without its schema; `after` and what follows from it only where refined."""
-        error: dict[str, Any] = {"measure": MEASURE, "unit": "kg/s", "before": self.comparison.before}
-        if refined:
-            error |= {
-                "after": self.comparison.after,
-                "ratio": self.comparison.ratio,
-                "ratio_ci90": list(self.comparison.ratio_ci90),
-            }
-        return {
+        shown: dict[str, Any] = {
             "verdict": self.verdict,
             "effects": [finding.as_json() for finding in self.findings],
-            "error": error | {"held_out": HOW},
+            "error": error_content(self.comparison, refined, HOW),
             "residual": {"white": self.white, "correlated_with": list(self.correlated_with)},
         }
+        if self.standing:
+            shown["standing"] = [finding.as_json() for finding in self.standing]
+        if self.held_out is not None:
+            shown["error_on_held_out_logs"] = error_content(self.held_out, refined, HOW_WHOLE)
+        return shown | {"logs": [part.as_json(refined) for part in self.logs]}
+
+
+def error_content(comparison: Comparison, refined: bool, how: str) -> dict[str, Any]:
+    """Return the contract's `error`."""
+    shown: dict[str, Any] = {"measure": MEASURE, "unit": "kg/s", "before": comparison.before}
+    if refined:
+        shown |= {
+            "after": comparison.after,
+            "ratio": comparison.ratio,
+            "ratio_ci90": list(comparison.ratio_ci90),
+        }
+    return shown | {"held_out": how}

@@ -2,8 +2,8 @@
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -11,85 +11,111 @@ import numpy as np
 
 from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.closing import Refinement, nominal_map, refine
+from lpvobs.discovery.heldout import Comparison
 from lpvobs.discovery.outcome import Trace
+from lpvobs.discovery.plant import Plant
 from lpvobs.discovery.problem import MapPrior, free_map
+from lpvobs.discovery.standing import Span, Standing
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
-from lpvobs.io.hdf import changing, reading
+from lpvobs.io.hdf import reading
 from lpvobs.io.logs import read_log
+from lpvobs.io.refinements import StoredRefinement, read_refinement, write_comparison, write_refinement, write_whiteness
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update
 from lpvobs.records import Log
 
+POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
+LEAST_LEFT = 1.0 / 3.0
+"""Of a constant's tolerance: what one refinement may narrow it to. Its own interval is of a model linear around its optimum, with
+noise less independent than it takes it for."""
 
-def trace_result(
-    path: Path, log_paths: Sequence[Path], freeze_map: bool | None, progress: Callable[[float], None]
-) -> tuple[Trace, bool]:
-    """Trace the residual of a stored model on logs, write `/trace` into the result; return it, and whether the map was frozen.
 
-    Parameters
+@dataclass(frozen=True)
+class Sources:
+    """What to work on.
+
+    Attributes
     ----------
-    path : Path
-        A result.
-    log_paths : sequence of Path
+    result : Path
+    logs, hold_out : sequence of Path
+        Logs to learn from, and logs that only the error is judged on.
     freeze_map : bool or None
         Whether the stored map stands. None decides: it stands on logs that did not make it, and is estimated jointly on those
         that did.
-    progress : callable
-        Takes the fraction done.
+    """
+
+    result: Path
+    logs: Sequence[Path]
+    hold_out: Sequence[Path] = ()
+    freeze_map: bool | None = None
+
+
+def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[Trace, bool]:
+    """Trace the residual of a stored model on logs, write `/trace` into the result; return it, and whether the map was frozen.
+
+    `progress` takes the fraction done.
 
     Raises
     ------
     DataError
         If the result or a log cannot be used.
     UsageError
-        If some of the logs made the map and others did not, and nothing says what holds.
+        If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
-    closed = _close(path, log_paths, freeze_map, progress)
-    found = closed.refinement.trace
-    content = closed.content(refined=False)
+    closed = _close(sources, progress)
 
     def change(file: h5py.File) -> None:
         if "trace" in file:
             del file["trace"]
-        file.create_group("trace").attrs["json"] = content
+        group = file.create_group("trace")
+        group.attrs["json"] = closed.content(refined=False)
+        write_comparison(group, closed.comparisons)
+        write_whiteness(
+            group, "whiteness", closed.refinement.whiteness_before, closed.refinement.before.problem.plant.balances
+        )
 
-    update(path, change)
-    return found, closed.frozen
+    update(sources.result, change)
+    return closed.refinement.trace, closed.frozen
 
 
-def refine_result(
-    path: Path, log_paths: Sequence[Path], out: Path, freeze_map: bool | None, progress: Callable[[float], None]
-) -> tuple[Trace, bool]:
+def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]) -> tuple[Trace, bool]:
     """Add the effects that the logs prove to a stored model, estimate again, write the refined model.
 
-    Without a finding the model of before is written, byte for byte. Parameters and errors as for `trace_result`; DataError also
-    for a result that has been refined already: its effects are stored, but not yet part of the model that is traced.
+    Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
+    those that are added. Arguments and errors as for `trace_result`.
     """
-    closed = _close(path, log_paths, freeze_map, progress)
+    closed = _close(sources, progress)
     refinement, stored = closed.refinement, closed.stored
     found = refinement.trace
-    content = closed.content(refined=True)
 
     def change(file: h5py.File) -> None:
-        error = np.sqrt(np.maximum(np.diag(refinement.covariance), 0.0)).reshape(stored.grid.shape)
-        file["map/delta_W_c"][()] = np.where(stored.supported, refinement.theta, np.nan)
-        file["map/standard_error"][()] = np.where(stored.supported, error, np.nan)
-        file["nodes/covariance"][()] = refinement.covariance
-        file["nodes/noise"][()] = refinement.covariance
-        for group in ("extrapolation", "metrics", "trace", "refinement"):
+        for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
-        file.create_group("metrics")
-        file.create_group("refinement").attrs["json"] = content
+        if not closed.frozen:
+            _replace_map(file, refinement, stored)
+        closed.write(file)
 
-    if found.findings:
-        with changing(path, out) as file:
-            change(file)
-    else:
-        with replacing(out) as temporary:
-            shutil.copyfile(path, temporary)
+    with replacing(out) as temporary:
+        shutil.copyfile(sources.result, temporary)
+        if found.findings:
+            with h5py.File(temporary, "r+") as file:
+                change(file)
     return found, closed.frozen
+
+
+def _replace_map(file: h5py.File, refinement: Refinement, stored: StoredResult) -> None:
+    """Write the map that was estimated beside the effects, and remove what belonged to the one of before."""
+    error = np.sqrt(np.maximum(np.diag(refinement.covariance), 0.0)).reshape(stored.grid.shape)
+    file["map/delta_W_c"][()] = np.where(stored.supported, refinement.theta, np.nan)
+    file["map/standard_error"][()] = np.where(stored.supported, error, np.nan)
+    file["nodes/covariance"][()] = refinement.covariance
+    file["nodes/noise"][()] = refinement.covariance
+    for group in ("extrapolation", "metrics"):
+        if group in file:
+            del file[group]
+    file.create_group("metrics")
 
 
 @dataclass(frozen=True)
@@ -97,29 +123,90 @@ class _Closed:
     """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
 
     stored: StoredResult
-    logs: tuple[str, ...]
+    logs: tuple[Log, ...]
+    hold_out: tuple[Log, ...]
     refinement: Refinement
     frozen: bool
 
+    @property
+    def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
+        """The error before and after by log, and pooled."""
+        trace = self.refinement.trace
+        found = {POOLED: (trace.comparison, False)}
+        if trace.held_out is not None:
+            found[POOLED_UNSEEN] = (trace.held_out, True)
+        return found | {part.log: (part.comparison, part.own is None) for part in trace.logs}
+
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""
-        head = {"logs": list(self.logs), "map_frozen": self.frozen}
+        head = {"logs_used": [log.name for log in self.logs], "map_frozen": self.frozen}
         return json.dumps(head | self.refinement.trace.as_json(refined=refined))
 
+    def write(self, file: h5py.File) -> None:
+        """Write `/refinement`."""
+        found = self.refinement
+        stored = StoredRefinement(
+            effects=tuple(self._with_healthy(effect) for effect in found.standing),
+            constants=found.beta,
+            deviations=found.beta_deviation,
+            map_stood=self.frozen,
+            json=self.content(refined=True),
+        )
+        structure = {"before": found.whiteness_before, "after": found.whiteness_after}
+        write_refinement(file, stored, self.comparisons, structure, found.before.problem.plant.balances)
 
-def _close(
-    path: Path, log_paths: Sequence[Path], freeze_map: bool | None, progress: Callable[[float], None]
-) -> _Closed:
+    def _with_healthy(self, effect: Standing) -> Standing:
+        """Return an effect that says it is absent from the logs that made the map which it was found against."""
+        told = {span.sha256 for span in effect.spans}
+        without = [Span(log.name, log.sha256, np.inf, np.inf) for log in self.stored.logs if log.sha256 not in told]
+        return replace(effect, spans=effect.spans + tuple(without)) if self.frozen else effect
+
+
+def _close(sources: Sources, progress: Callable[[float], None]) -> _Closed:
+    path = sources.result
     stored = read_result(path)
     with reading(path, KIND, REMEDY) as file:
-        if "refinement" in file:
-            raise DataError(f"{path}: has been refined already; trace or refine the result that it was made from")
+        refined = read_refinement(file)
     config = config_of(stored.provenance.config, path)
-    logs = [read_log(item, config.engine_path().channels, config.policies, auxiliary=True) for item in log_paths]
-    frozen = _stands(stored, logs) if freeze_map is None else freeze_map
-    prior, tolerance = _prior(config, stored, frozen), config.estimate.tolerance
-    refinement = refine(diesel_plant(config.engine), config.grid(), tolerance, prior, logs, progress)
-    return _Closed(stored, tuple(log.name for log in logs), refinement, frozen)
+    logs, hold_out = (
+        tuple(read_log(item, config.engine_path().channels, config.policies, auxiliary=True) for item in items)
+        for items in (sources.logs, sources.hold_out)
+    )
+    _refuse_copies([*logs, *hold_out])
+    frozen = _stands(stored, logs) if sources.freeze_map is None else sources.freeze_map
+    prior, tolerance, plant = _prior(config, stored, frozen), config.estimate.tolerance, diesel_plant(config.engine)
+    if refined is not None and not any(effect.took_part(logs) for effect in refined.effects):
+        plant, prior, tolerance = _moved(plant, prior, tolerance, refined)
+    had = () if refined is None else refined.effects
+    found = refine(plant, config.grid(), tolerance, prior, logs, progress, had, hold_out)
+    return _Closed(stored, logs, hold_out, found, frozen)
+
+
+def _moved(
+    plant: Plant, prior: MapPrior, tolerance: Mapping[str, float], refined: StoredRefinement
+) -> tuple[Plant, MapPrior, dict[str, float]]:
+    """Return engine, map and tolerances around the constants of a refined model, for logs that have not told of them."""
+    beta = np.array([refined.constants.get(name, 0.0) for name in tolerance])
+    constants = {n: getattr(plant.constants, n) * (1.0 + b) for n, b in zip(tolerance, beta, strict=True)}
+    narrowed = {}
+    for name, width in tolerance.items():
+        spread = refined.deviations.get(name, width) * np.sqrt(3.0)  # as if uniform
+        narrowed[name] = float(np.clip(spread, LEAST_LEFT * width, width))
+    if refined.map_stood:
+        prior = replace(prior, mean=prior.mean + prior.sensitivity @ beta)
+    return replace(plant, constants=plant.constants._replace(**constants)), prior, narrowed
+
+
+def _refuse_copies(logs: Sequence[Log]) -> None:
+    """Raise for two logs of the same bytes, or of the same name."""
+    for i, log in enumerate(logs):
+        for other in logs[:i]:
+            if log.sha256 == other.sha256:
+                raise UsageError(
+                    f"{log.name}: same bytes as {other.name}; the same drive would count twice, leave one out"
+                )
+            if log.name == other.name:
+                raise UsageError(f"{log.name}: two logs of this name; results keep logs by name, rename one")
 
 
 def _stands(stored: StoredResult, logs: Sequence[Log]) -> bool:

@@ -35,30 +35,72 @@ def test_a_log_in_order_is_found_in_order(lpvobs, chain, tmp_path):
     assert out.read_bytes() == before
 
 
-def test_a_slow_sensor_is_named_sized_and_removed(lpvobs, chain, slow, tmp_path):
-    out = tmp_path / "refined.h5"
-    done = lpvobs("refine", chain.result, slow, "--out", out, "--json")
+@pytest.fixture(scope="module")
+def refined(lpvobs, chain, slow, tmp_path_factory):
+    """Return the refined result and what was said, with a second log held out."""
+    folder = tmp_path_factory.mktemp("refined")
+    out, other = folder / "refined.h5", folder / "other.parquet"
+    pq.write_table(pq.read_table(slow).slice(3000, 4000), other)
+    done = lpvobs("refine", chain.result, slow, "--hold-out", other, "--out", out, "--json")
     assert done.code == 0, done.err
-    assert done.json["verdict"] == "effect"
-    first = done.json["effects"][0]
+    return out, done.json
+
+
+def test_a_slow_sensor_is_named_sized_and_removed(refined):
+    _, said = refined
+    assert said["verdict"] == "effect"
+    first = said["effects"][0]
     assert "maf.lag" in (first["id"], *first["indistinguishable"])
     if first["id"] == "maf.lag":
         # at 20 Hz a lag of two samples is told from a dead time, but not better than to half a sample
         assert first["parameters"]["tau"]["value"] == pytest.approx(TAU, abs=0.025)
-    assert done.json["error"]["after"] < 0.8 * done.json["error"]["before"]
-    with h5py.File(out) as file:
-        assert "maf" in file["refinement"].attrs["json"]
-        assert "extrapolation" not in file
-    assert lpvobs("trace", out, slow).code == 3  # its effects are not part of the model that would be traced
+    assert said["error"]["after"] < 0.8 * said["error"]["before"]
 
 
-def test_trace_leaves_everything_but_its_own_group(lpvobs, chain, slow, tmp_path):
+def test_the_refined_model_is_stored_beside_the_map_that_stood(refined, chain):
+    out, said = refined
+    first = said["effects"][0]
+    with h5py.File(out) as file, h5py.File(chain.result) as nominal:
+        effect = file["refinement/effects/effect_1"]
+        assert effect.attrs["id"] == first["id"]
+        assert effect["value"][()] == next(iter(first["parameters"].values()))["value"]
+        assert list(effect["log"].asstr()) == ["slow", "ftp75_cold"]
+        assert list(effect["acts"]) == [1, 0]  # the log that made the map is without it
+        assert file["refinement/comparison/ratio"][0] == said["error"]["ratio"]
+        assert np.array_equal(file["map/delta_W_c"], nominal["map/delta_W_c"], equal_nan=True)
+        assert "extrapolation" in file
+
+
+def test_a_refined_model_is_complete(lpvobs, refined, slow, tmp_path):
+    out, said = refined
+    again = tmp_path / "again.h5"
+    done = lpvobs("refine", out, slow, "--out", again, "--json")
+    assert done.code == 0, done.err
+    assert done.json["verdict"] == "none"
+    assert [effect["id"] for effect in done.json["standing"]] == [said["effects"][0]["id"]]
+    assert again.read_bytes() == out.read_bytes()
+
+
+def test_a_log_held_out_is_judged(refined):
+    _, said = refined
+    assert said["error_on_held_out_logs"]["ratio_ci90"][1] < 1.0
+    assert [part["log"] for part in said["logs"]] == ["slow", "other"]
+
+
+def test_a_log_that_is_there_twice_is_refused(lpvobs, chain, slow, tmp_path):
+    done = lpvobs("refine", chain.result, slow, "--hold-out", slow, "--out", tmp_path / "out.h5")
+    assert done.code == 2
+    assert "same bytes" in done.err
+
+
+def test_trace_leaves_everything_but_its_own_group(lpvobs, chain, refined, slow, tmp_path):
     result = tmp_path / "result.h5"
     result.write_bytes(chain.result.read_bytes())
     done = lpvobs("trace", result, slow, "--json")
     assert done.code == 0, done.err
     assert done.json["schema"] == "lpvobs/trace/1"
     assert "after" not in done.json["error"]
+    assert done.json["effects"] == refined[1]["effects"]  # a log held out teaches nothing
     with h5py.File(result) as after, h5py.File(chain.result) as before:
         assert set(after) - set(before) == {"trace"}
         assert np.array_equal(after["map/delta_W_c"][()], before["map/delta_W_c"][()], equal_nan=True)

@@ -1,0 +1,211 @@
+"""Effects that are part of a model: what they are, where they act on each log, and how they enter the search on other logs.
+
+An effect that was still there at the end of the last log it was found on belongs to the engine from then on: on a log that took no
+part it acts from the first sample to the last. One that ended stays with its log. Logs that made the nominal map are without it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.channels import Curve, rate_of
+from lpvobs.discovery.fit import WIDEST
+from lpvobs.discovery.linear import Term
+from lpvobs.discovery.plant import Effect, Plant, Scene
+from lpvobs.discovery.problem import Problem, starts
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Log
+
+NINETY = 1.645
+CHANNEL = "channel:"
+
+
+@dataclass(frozen=True)
+class Span:
+    """Where an effect acts on one log.
+
+    Attributes
+    ----------
+    log, sha256 : str
+    begin, end : float
+        [s] on the log's own time axis; infinite where it acts from the first or to the last sample, begin = end = inf where it
+        does not act at all.
+    """
+
+    log: str
+    sha256: str
+    begin: float
+    end: float
+
+    @property
+    def acts(self) -> bool:
+        """Whether any of the log is under the effect."""
+        return self.begin < self.end
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One effect of a model.
+
+    Attributes
+    ----------
+    id, place, parameter, unit : str
+    value : float
+    ci90 : tuple of float
+    spans : tuple of Span
+        One per log that it was estimated on, or is known to be absent from.
+    lasting : bool
+        Whether it was there at the end of the last log, and therefore acts on logs that came later.
+    curve : Curve or None
+        For a channel: what the size of the carrier follows, at amplitude one, rates per second.
+    """
+
+    id: str
+    place: str
+    parameter: str
+    unit: str
+    value: float
+    ci90: tuple[float, float]
+    spans: tuple[Span, ...]
+    lasting: bool
+    curve: Curve | None
+
+    @property
+    def standard_deviation(self) -> float:
+        """Half the interval over its quantile, in the parameter's unit."""
+        return (self.ci90[1] - self.ci90[0]) / (2.0 * NINETY)
+
+    def span_on(self, log: Log) -> Span:
+        """Return where it acts on a log, whether the log took part or not."""
+        for span in self.spans:
+            if span.sha256 == log.sha256 and span.log == log.name:
+                return span
+        return Span(log.name, log.sha256, -np.inf if self.lasting else np.inf, np.inf)
+
+    def took_part(self, logs: Sequence[Log]) -> bool:
+        """Whether any of the logs has already told of it."""
+        return any(span.acts and any(span.sha256 == log.sha256 for log in logs) for span in self.spans)
+
+
+def spans_of(term: Term, logs: Sequence[Log]) -> tuple[Span, ...]:
+    """Return where an interval of the common clock lies on each log."""
+    return tuple(_span(term, log, start) for log, start in zip(logs, starts(logs), strict=True))
+
+
+def _span(term: Term, log: Log, start: float) -> Span:
+    first, last = float(log.time[0]), float(log.time[-1])
+    begin, end = (first + edge - start for edge in (term.begin, term.end))
+    if begin > last or end <= first:
+        return Span(log.name, log.sha256, np.inf, np.inf)
+    return Span(log.name, log.sha256, begin if begin > first else -np.inf, end if end <= last else np.inf)
+
+
+def term_on(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Term:
+    """Return the effect as a term of the logs' problem.
+
+    On logs that have not told of it yet, the stored value and its interval are what is known beforehand; on logs that have, it is
+    estimated from them anew.
+
+    Raises
+    ------
+    DataError
+        If the model's effect is none that this version knows, or a log lacks the channel that it follows.
+    """
+    effect = _effect(standing, problem, logs)
+    if not standing.took_part(logs):
+        spread = max(standing.standard_deviation, 1e-9 * effect.size)
+        effect = replace(effect, null=standing.value, size=spread / WIDEST)
+    on = active(standing, problem, logs)
+    return Term(effect if on.all() else replace(effect, apply=_masked(effect, np.tile(on, 2))), standing.value)
+
+
+def active(standing: Standing, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
+    """Return at which instants an effect acts, shape (K,)."""
+    time, of_log = own_time(problem, logs)
+    spans = [standing.span_on(log) for log in logs]
+    begin, end = (np.array([getattr(span, name) for span in spans])[of_log] for name in ("begin", "end"))
+    return np.asarray((time >= begin) & (time < end), dtype=bool)
+
+
+def own_time(problem: Problem, logs: Sequence[Log]) -> tuple[Array, NDArray[np.int64]]:
+    """Return the time of every instant on its log's own axis [s], and the number of its log, both of shape (K,)."""
+    clock = problem.scene.clock[: problem.K]
+    of_log = np.maximum(np.searchsorted(starts(logs), clock, side="right") - 1, 0)
+    first = np.array([log.time[0] for log in logs])
+    return problem.scene.time[: problem.K] + first[of_log], of_log
+
+
+def stored_curve(curve: Curve, problem: Problem) -> Curve:
+    """Return a fitted curve as it is kept: its mean along the logs taken out, its rates per second."""
+    values = problem.auxiliary[curve.channel]
+    along = np.interp(rate_of(values) if curve.of == "rate" else values, curve.knots, curve.values)
+    knots = curve.knots / _spacing(problem) if curve.of == "rate" else curve.knots
+    return replace(curve, knots=knots, values=curve.values - along.mean())
+
+
+def carrier_of(curve: Curve, plant: Plant) -> Effect:
+    """Return the effect whose size follows the curve."""
+    return catalogued(curve.carrier, plant)
+
+
+def catalogued(name: str, plant: Plant) -> Effect:
+    """Return an effect of the catalogue by its identifier."""
+    for effect in plant.catalogue:
+        if effect.id == name:
+            return effect
+    known = ", ".join(effect.id for effect in plant.catalogue)
+    raise DataError(f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine anew")
+
+
+def _effect(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Effect:
+    curve = standing.curve
+    if curve is None:
+        return catalogued(standing.id, problem.plant)
+    carrier = carrier_of(curve, problem.plant)
+    time, of_log = own_time(problem, logs)
+    values = np.concatenate([channel_at(log, curve, time[of_log == i]) for i, log in enumerate(logs)])
+    shape = np.tile(np.interp(values, curve.knots, curve.values), 2)
+
+    def apply(scene: Scene, amplitude: float) -> Scene:
+        return carrier.apply(scene, carrier.null + amplitude * shape)
+
+    return Effect(
+        standing.id, standing.parameter, standing.unit, 0.0, 0.2, -5.0, 5.0, carrier.place, apply,
+        f"drives on which {curve.channel} changes by itself",
+    )  # fmt: skip
+
+
+def channel_at(log: Log, curve: Curve, time: Array) -> Array:
+    """Return what a curve follows at given times of a log; raises DataError where the log does not have it."""
+    if curve.channel not in log.auxiliary:
+        raise DataError(
+            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect '{CHANNEL}{curve.channel}' follows it; "
+            f"record it, or name the result from before it was refined"
+        )
+    recorded = log.auxiliary[curve.channel]
+    known = np.isfinite(recorded)
+    values = np.interp(time, log.time[known], recorded[known]) if known.any() else np.zeros(time.size)
+    if curve.of == "value":
+        return np.asarray(values)
+    return rate_of(values) / max(float(np.median(np.diff(time))), 1e-9)
+
+
+def _masked(effect: Effect, on: NDArray[np.bool_]):  # type: ignore[no-untyped-def]
+    """Return the effect's correction where it acts, the scene as it is elsewhere."""
+
+    def apply(scene: Scene, size: float) -> Scene:
+        other = effect.apply(scene, size)
+        return replace(
+            scene,
+            value=np.where(on, other.value, scene.value),
+            rate=np.where(on, other.rate, scene.rate),
+            lacks=np.where(on, other.lacks, scene.lacks),
+        )
+
+    return apply
+
+
+def _spacing(problem: Problem) -> float:
+    return float(np.median(np.diff(problem.scene.time[: problem.K])))

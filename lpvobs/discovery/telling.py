@@ -1,0 +1,100 @@
+"""Accepted effects as records: for people and programs, and as the model keeps them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lpvobs.discovery.candidates import Candidate
+from lpvobs.discovery.channels import Curve
+from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.outcome import Finding, LogPart, Parameter
+from lpvobs.discovery.problem import Problem, place_in_logs
+from lpvobs.discovery.selection import Accepted
+from lpvobs.discovery.standing import NINETY, Standing, spans_of, stored_curve
+from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.records import Log
+
+
+def parameter_of(candidate: Candidate) -> Parameter:
+    """Return an effect's size with its interval."""
+    half = NINETY * np.sqrt(max(candidate.unevenness, 1.0) / candidate.information)
+    size = candidate.term.size
+    return Parameter(size, candidate.term.effect.unit, (size - half, size + half))
+
+
+def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
+    """Return an accepted effect for people and programs."""
+    candidate, term = item.candidate, item.candidate.term
+    return Finding(
+        id=term.effect.id,
+        parameters={term.effect.parameter: parameter_of(candidate)},
+        onset=place_in_logs(logs, term.begin),
+        end=place_in_logs(logs, term.end),
+        explained=item.share,
+        p_value=item.p_value,
+        indistinguishable=item.alike,
+        drive=term.effect.drive,
+        curve=_curve(item.curve),
+    )
+
+
+def standing_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Standing:
+    """Return an accepted effect as the model keeps it."""
+    term, parameter = item.candidate.term, parameter_of(item.candidate)
+    return Standing(
+        id=term.effect.id,
+        place=term.effect.place,
+        parameter=term.effect.parameter,
+        unit=term.effect.unit,
+        value=parameter.value,
+        ci90=parameter.ci90,
+        spans=spans_of(term, logs),
+        lasting=not np.isfinite(term.end),
+        curve=None if item.curve is None else stored_curve(item.curve, problem),
+    )
+
+
+def told(standing: Standing) -> Finding:
+    """Return an effect that the model had already."""
+    parameter = Parameter(standing.value, standing.unit, standing.ci90)
+    return Finding(standing.id, {standing.parameter: parameter}, None, None, None, None, (), "", None)
+
+
+def log_part(
+    log: Log,
+    comparison: Comparison,
+    own: Whiteness | None,
+    *,
+    verdict: str,
+    findings: Sequence[Finding],
+    found: Sequence[Standing],
+) -> LogPart:
+    """Return what is said of one log: the pooled findings that act on it, and its own error.
+
+    `own` is the structure of what is left of its residual, None for a log that took no part.
+    """
+    start, acting = float(log.time[0]), []
+    for finding, standing in zip(findings, found, strict=True):
+        span = standing.span_on(log)
+        if span.acts:
+            acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
+    if verdict == "effect" and not acting:
+        verdict = "none"
+    return LogPart(log.name, verdict, tuple(acting), comparison, own)
+
+
+def _since(start: float, edge: float) -> float | None:
+    return edge - start if np.isfinite(edge) else None
+
+
+def _curve(curve: Curve | None) -> dict[str, object] | None:
+    if curve is None:
+        return None
+    return {
+        "channel": curve.channel,
+        "of": curve.of,
+        "changes": curve.carrier,
+        "knots": curve.knots.tolist(),
+        "values": curve.values.tolist(),
+    }
