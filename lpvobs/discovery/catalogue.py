@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.airpath.diesel_engine import DieselEngine, constants_of
-from lpvobs.discovery.diesel import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances
+from lpvobs.discovery.diesel import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances, known_inputs
 from lpvobs.discovery.plant import Effect, Plant, Scene
 from lpvobs.records import Array
 
@@ -142,4 +142,5 @@ def diesel_plant(engine: DieselEngine) -> Plant:
         imbalances=imbalances,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
+        inputs=known_inputs,
     )

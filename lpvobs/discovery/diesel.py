@@ -98,3 +98,16 @@ def turbine(
         W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
         p_es = p_amb + k_exhaust * W_t * W_t
     return W_t, Pi_t
+
+
+def known_inputs(c: DieselConstants, x: Array, change: Array) -> Array:
+    """Return what a change of the imbalances, shape (4, K) [kg/s], adds to dp_im/dt, dp_em/dt and domega_t/dt, shape (3, K).
+
+    The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third what
+    enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
+    """
+    omega_t, T_im, T_em = (x[CHANNELS.index(name)] for name in ("omega_t", "T_im", "T_em"))
+    a_1, a_2 = c.R_a * T_im / c.V_im, c.R_e * T_em / c.V_em
+    return np.stack(
+        [a_1 * (change[1] - change[0]), a_2 * change[2], change[3] * POWER / (c.J_t * np.maximum(omega_t, 1.0))]
+    )

@@ -136,6 +136,9 @@ class Plant:
     catalogue : tuple of Effect
     carriers : tuple of str
         Effects of the catalogue that a logged channel may drive; their `apply` takes a size per sample, too.
+    inputs : callable or None
+        What a change of the balances [kg/s] adds to the state equation of the observer, shape (n, K), from constants, values and
+        the change; None where the state equation stays.
     """
 
     balances: tuple[str, ...]
@@ -150,3 +153,4 @@ class Plant:
     imbalances: Callable[[Any, Array, Array, Array], Array]
     catalogue: tuple[Effect, ...]
     carriers: tuple[str, ...]
+    inputs: Callable[[Any, Array, Array], Array] | None = None

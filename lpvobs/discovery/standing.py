@@ -4,7 +4,7 @@ An effect that was still there at the end of the last log it was found on belong
 part it acts from the first sample to the last. One that ended stays with its log. Logs that made the nominal map are without it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +14,11 @@ from lpvobs.discovery.channels import Curve, rate_of
 from lpvobs.discovery.fit import WIDEST
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.plant import Effect, Plant, Scene
-from lpvobs.discovery.problem import Problem, starts
+from lpvobs.discovery.problem import SPACING, Problem, starts
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
 NINETY = 1.645
-CHANNEL = "channel:"
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def term_on(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Term:
     DataError
         If the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
-    effect = _effect(standing, problem, logs)
+    effect = _effect(standing, problem.plant, _on_instants(problem, logs))
     if not standing.took_part(logs):
         spread = max(standing.standard_deviation, 1e-9 * effect.size)
         effect = replace(effect, null=standing.value, size=spread / WIDEST)
@@ -145,11 +144,6 @@ def stored_curve(curve: Curve, problem: Problem) -> Curve:
     return replace(curve, knots=knots, values=curve.values - along.mean())
 
 
-def carrier_of(curve: Curve, plant: Plant) -> Effect:
-    """Return the effect whose size follows the curve."""
-    return catalogued(curve.carrier, plant)
-
-
 def catalogued(name: str, plant: Plant) -> Effect:
     """Return an effect of the catalogue by its identifier."""
     for effect in plant.catalogue:
@@ -159,14 +153,28 @@ def catalogued(name: str, plant: Plant) -> Effect:
     raise DataError(f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine anew")
 
 
-def _effect(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Effect:
+def effect_along(standing: Standing, plant: Plant, log: Log) -> Effect:
+    """Return the effect as it acts on every sample of one log, seen once."""
+    effect = _effect(standing, plant, lambda curve: channel_at(log, curve, log.time))
+    span = standing.span_on(log)
+    on = (log.time >= span.begin) & (log.time < span.end)
+    return effect if on.all() else replace(effect, apply=_masked(effect, on))
+
+
+def _on_instants(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:
+    """Return what gives the values that a curve follows at the instants of a problem, twice."""
+    time, of_log = own_time(problem, logs)
+    return lambda curve: np.tile(
+        np.concatenate([channel_at(log, curve, time[of_log == i]) for i, log in enumerate(logs)]), 2
+    )
+
+
+def _effect(standing: Standing, plant: Plant, followed: Callable[[Curve], Array]) -> Effect:
     curve = standing.curve
     if curve is None:
-        return catalogued(standing.id, problem.plant)
-    carrier = carrier_of(curve, problem.plant)
-    time, of_log = own_time(problem, logs)
-    values = np.concatenate([channel_at(log, curve, time[of_log == i]) for i, log in enumerate(logs)])
-    shape = np.tile(np.interp(values, curve.knots, curve.values), 2)
+        return catalogued(standing.id, plant)
+    carrier = catalogued(curve.carrier, plant)
+    shape = np.interp(followed(curve), curve.knots, curve.values)
 
     def apply(scene: Scene, amplitude: float) -> Scene:
         return carrier.apply(scene, carrier.null + amplitude * shape)
@@ -181,15 +189,17 @@ def channel_at(log: Log, curve: Curve, time: Array) -> Array:
     """Return what a curve follows at given times of a log; raises DataError where the log does not have it."""
     if curve.channel not in log.auxiliary:
         raise DataError(
-            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect '{CHANNEL}{curve.channel}' follows it; "
+            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect 'channel:{curve.channel}' follows it; "
             f"record it, or name the result from before it was refined"
         )
     recorded = log.auxiliary[curve.channel]
     known = np.isfinite(recorded)
-    values = np.interp(time, log.time[known], recorded[known]) if known.any() else np.zeros(time.size)
+    if not known.any():
+        return np.zeros(time.size)
     if curve.of == "value":
-        return np.asarray(values)
-    return rate_of(values) / max(float(np.median(np.diff(time))), 1e-9)
+        return np.asarray(np.interp(time, log.time[known], recorded[known]))
+    grid = np.arange(log.time[0], log.time[-1] + SPACING, SPACING)
+    return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time[known], recorded[known])) / SPACING))
 
 
 def _masked(effect: Effect, on: NDArray[np.bool_]):  # type: ignore[no-untyped-def]

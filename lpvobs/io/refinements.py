@@ -13,7 +13,9 @@ from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.heldout import Comparison
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.io.gains import StoredGain
 from lpvobs.io.hdf import Field, flags, text, write_group
+from lpvobs.synthesis.sensor_state import SensorState
 
 YES = flags([0, 1], ["no", "yes"])
 BOUNDS = np.array([0.05, 0.95])
@@ -93,6 +95,26 @@ def read_refinement(file: h5py.File) -> StoredRefinement | None:
         deviations=dict(zip(names, spread, strict=True)),
         map_stood=bool(group.attrs["map_frozen"]),
         json=str(group.attrs["json"]),
+    )
+
+
+def write_sensor_state(parent: h5py.Group, found: SensorState, gain: StoredGain) -> None:
+    """Write gain and proof of the observer with the sensor's state."""
+    states, outputs = (*gain.states, "sensor"), (*gain.outputs, "sensor")
+    write_group(
+        parent,
+        "observer",
+        {
+            "state": Field(text(states), "1", "state"),
+            "other_state": Field(text(states), "1", "state"),
+            "output": Field(text(outputs), "1", "output"),
+            "end": Field(np.array([0, 1], dtype=np.int8), "1", "which end", (), flags([0, 1], ["lower", "upper"])),
+            "L": Field(found.L, "SI", "gain of the observer with the sensor's state", ("state", "output")),
+            "P": Field(found.P, "SI", "Lyapunov matrix that falls while the map stands", ("state", "other_state")),
+            "tau": Field(np.array(found.tau), "s", "time constants that are covered", ("end",)),
+            "vertices": Field(found.vertices, "1", "vertices at which it was proven"),
+            "smallest_pivot": Field(found.smallest_pivot, "1", "smallest relative pivot"),
+        },
     )
 
 

@@ -33,7 +33,7 @@ def estimate_logs(
 ) -> tuple[MapEstimate, tuple[LogSummary, ...], tuple[str, ...]]:
     """Estimate the map from logs and write the result; return it, what it keeps of each log, and why others were left out.
 
-    The reference channels are read after the map is final, by `_metrics`, and by nothing else.
+    The reference channels are read after the map is final, by `metrics_of`, and by nothing else.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def estimate_logs(
     _refuse_copies(logs)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     estimate = _estimate(config, air_path, grid, gain, list(logs.values()), method)
-    _refuse_empty(estimate)
+    refuse_empty(estimate)
     progress(0.9)
     summaries = tuple(
-        _summary(run, _metrics(air_path, estimate, path, log))
+        summary_of(run, metrics_of(air_path, estimate, path, log))
         for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
@@ -108,7 +108,7 @@ def _refuse_copies(logs: Mapping[Path, Log]) -> None:
         seen[log.sha256] = path
 
 
-def _refuse_empty(estimate: MapEstimate) -> None:
+def refuse_empty(estimate: MapEstimate) -> None:
     """Raise where no node is informed, or a value is not a number."""
     if not estimate.supported.any():
         names = ", ".join(run.name for run in estimate.runs)
@@ -147,7 +147,7 @@ def _refuse_doubles(paths: Sequence[Path]) -> None:
         seen[path.stem] = path
 
 
-def _metrics(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:
+def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:
     """Compare the final map with the references of a log, if it has any."""
     references = read_references(path, log.rows)
     if references is None:
@@ -156,7 +156,8 @@ def _metrics(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> 
     return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references.delta_W_c)
 
 
-def _summary(run: LogRun, metrics: Metrics | None) -> LogSummary:
+def summary_of(run: LogRun, metrics: Metrics | None) -> LogSummary:
+    """Return what a result keeps of a log."""
     return LogSummary(
         name=run.name,
         sha256=run.sha256,

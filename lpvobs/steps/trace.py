@@ -21,9 +21,18 @@ from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
 from lpvobs.io.hdf import reading
 from lpvobs.io.logs import read_log
-from lpvobs.io.refinements import StoredRefinement, read_refinement, write_comparison, write_refinement, write_whiteness
-from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update
+from lpvobs.io.provenance import Provenance
+from lpvobs.io.refinements import (
+    StoredRefinement,
+    read_refinement,
+    write_comparison,
+    write_refinement,
+    write_sensor_state,
+    write_whiteness,
+)
+from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
+from lpvobs.steps.refined import estimate_refined
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 LEAST_LEFT = 1.0 / 3.0
@@ -83,39 +92,57 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     """Add the effects that the logs prove to a stored model, estimate again, write the refined model.
 
     Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
-    those that are added. Arguments and errors as for `trace_result`.
+    those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
+    Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
     """
-    closed = _close(sources, progress)
-    refinement, stored = closed.refinement, closed.stored
-    found = refinement.trace
+    closed = _close(sources, lambda share: progress(0.95 * share))
+    found = closed.refinement
+    if not found.trace.findings:
+        with replacing(out) as temporary:
+            shutil.copyfile(sources.result, temporary)
+    elif closed.frozen:
+        _write_beside(sources.result, out, closed)
+    else:
+        _write_anew(out, closed, sources.logs)
+    progress(1.0)
+    return found.trace, closed.frozen
 
-    def change(file: h5py.File) -> None:
-        for group in ("trace", "refinement"):
-            if group in file:
-                del file[group]
-        if not closed.frozen:
-            _replace_map(file, refinement, stored)
-        closed.write(file)
 
+def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
+    """Write the effects beside a map that stands."""
     with replacing(out) as temporary:
-        shutil.copyfile(sources.result, temporary)
-        if found.findings:
-            with h5py.File(temporary, "r+") as file:
-                change(file)
-    return found, closed.frozen
+        shutil.copyfile(result, temporary)
+        with h5py.File(temporary, "r+") as file:
+            for group in ("trace", "refinement"):
+                if group in file:
+                    del file[group]
+            closed.write(file)
 
 
-def _replace_map(file: h5py.File, refinement: Refinement, stored: StoredResult) -> None:
-    """Write the map that was estimated beside the effects, and remove what belonged to the one of before."""
-    error = np.sqrt(np.maximum(np.diag(refinement.covariance), 0.0)).reshape(stored.grid.shape)
-    file["map/delta_W_c"][()] = np.where(stored.supported, refinement.theta, np.nan)
-    file["map/standard_error"][()] = np.where(stored.supported, error, np.nan)
-    file["nodes/covariance"][()] = refinement.covariance
-    file["nodes/noise"][()] = refinement.covariance
-    for group in ("extrapolation", "metrics"):
-        if group in file:
-            del file[group]
-    file.create_group("metrics")
+def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
+    """Write the map that the observer finds with the effects in the model, and the effects."""
+    stored, found = closed.stored, closed.refinement
+    config = config_of(stored.provenance.config, stored.path)
+    logs = list(zip(paths, closed.logs, strict=True))
+    seen = estimate_refined(config, stored.gain, found.standing, found.beta, logs)
+    air_path = config.engine_path()
+    axes = (air_path.axes[0].channel, air_path.axes[1].channel)
+    provenance = Provenance({path.name: log.sha256 for path, log in logs}, stored.provenance.config)
+    with replacing(out) as temporary:
+        write_result(
+            temporary,
+            air_path.name,
+            axes,
+            air_path.parameter_names,
+            seen.estimate,
+            seen.summaries,
+            stored.gain,
+            provenance,
+        )
+        with h5py.File(temporary, "r+") as file:
+            closed.write(file)
+            if seen.sensor_state is not None:
+                write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,108 @@
+"""The refined map: estimated by the observer from the logs, with the effects in the model."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from lpvobs.discovery.catalogue import diesel_plant
+from lpvobs.discovery.observed import Refined, observed, observed_path
+from lpvobs.discovery.standing import Standing
+from lpvobs.io.config import Config
+from lpvobs.io.gains import StoredGain
+from lpvobs.io.results import LogSummary
+from lpvobs.observer.estimate import MapEstimate, StateGain, estimate_default
+from lpvobs.records import Log
+from lpvobs.steps.estimate import metrics_of, refuse_empty, summary_of
+from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class RefinedEstimate:
+    """A map that the observer found with the effects accounted for.
+
+    Attributes
+    ----------
+    estimate : MapEstimate
+    summaries : tuple of LogSummary
+    sensor_state : SensorState or None
+        Gain and proof of the larger observer where an effect adds a state.
+    """
+
+    estimate: MapEstimate
+    summaries: tuple[LogSummary, ...]
+    sensor_state: SensorState | None
+
+
+def estimate_refined(
+    config: Config,
+    gain: StoredGain,
+    effects: tuple[Standing, ...],
+    constants: Mapping[str, float],
+    logs: Sequence[tuple[Path, Log]],
+) -> RefinedEstimate:
+    """Return the map from logs, by the default method.
+
+    Parameters
+    ----------
+    config : Config
+    gain : StoredGain
+        Of the result that is refined.
+    effects : tuple of Standing
+    constants : mapping of str to float
+        Relative deviation of constants of the engine from the configured ones.
+    logs : sequence of (Path, Log)
+        With their auxiliary channels.
+
+    Raises
+    ------
+    NotProven
+        If an effect adds a state and the larger observer cannot be proven.
+    """
+    engine = scaled(config.engine, constants)
+    air_path, grid = replace(config, engine=engine).engine_path(), config.grid()
+    settings = config.estimate.limited_to(air_path.balance_constants)
+    refined = Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, settings.smoothing, effects)
+    seen = [observed(refined, log) for _, log in logs]
+    path = observed_path(refined)
+    estimate = estimate_default(path, grid, StateGain(gain.outputs, gain.gain.L), seen, settings)
+    refuse_empty(estimate)
+    summaries = tuple(
+        summary_of(gain, run, metrics_of(air_path, estimate, file, log))
+        for (file, log), run in zip(logs, estimate.runs, strict=True)
+    )
+    return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
+
+
+def sensor_state(refined: Refined, gain: StoredGain) -> SensorState | None:
+    """Return gain and proof of the observer with the sensor's state, None where no effect adds one."""
+    if not refined.lags:
+        return None
+    system = partial(refined.air_path.system, outputs=gain.outputs)
+    problem = Problem(system, gain.gain.region, len(gain.outputs))
+    ends = [edge for effect in refined.lags for edge in (*effect.ci90, effect.value)]
+    shortest = min(edge for edge in ends if edge > 0.0)
+    return with_sensor_state(problem, gain.gain, (shortest, max(ends)), refined.correction())
+
+
+def scaled(record: Record, constants: Mapping[str, float]) -> Record:
+    """Return an engine with some of its constants multiplied by one plus their relative deviation, wherever they stand.
+
+    Examples
+    --------
+    >>> from lpvobs.airpath.diesel_engine import Egr
+    >>> scaled(Egr(1.0, 0.0, 2.0, 0.65, 0.6), {"c_egr2": 0.5}).c_egr2
+    3.0
+    """
+    changed: dict[str, Any] = {}
+    for item in fields(record):  # type: ignore[arg-type]
+        value = getattr(record, item.name)
+        if is_dataclass(value):
+            changed[item.name] = scaled(value, constants)
+        elif item.name in constants:
+            changed[item.name] = value * (1.0 + constants[item.name])
+    return replace(record, **changed)  # type: ignore[type-var]

@@ -1,0 +1,134 @@
+"""One more state: a sensor that follows the flow with a lag, and the proof that the observer with it is stable.
+
+    tau dW_m/dt = C_2 x + Psi theta - W_m,    y = W_m:
+
+where a sensor is slow, the flow is no output any more but drives a state of its own, and the gain of Eq. (26) gets a row and a
+column. The sensor corrects that state alone (gain l), so the states before it do not hear of the map, as in the cascade without.
+
+Proven is, in exact rational arithmetic and at every vertex of the region times the range of 1/tau, that V = e^T P_4 e with
+P_4 = diag(P, k) falls along the errors of the four states while the map stands. Departure from the paper: Theorem 1 has the map in
+an output; here it stands in a state equation, where its error acts like an input, and the map is what is estimated from that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from lpvobs.errors import NotProven
+from lpvobs.records import Array
+from lpvobs.synthesis.certificate import smallest_pivot
+from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.problem import Matrix, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class SensorState:
+    """The gain of the observer with the sensor's state, and its proof.
+
+    Attributes
+    ----------
+    L : ndarray, shape (n + 1, r)
+        [state unit / (output unit s)]; the last column is the sensor's, zero but for the last row.
+    P : ndarray, shape (n + 1, n + 1)
+        Of V.
+    tau : tuple of float
+        [s], range of time constants that is covered.
+    vertices : int
+    smallest_pivot : float
+        Of P and of all matrices -dV, relative to their diagonals.
+    """
+
+    L: Array
+    P: Array
+    tau: tuple[float, float]
+    vertices: int
+    smallest_pivot: float
+
+
+def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
+    """Return the gain for four states, proven for time constants in a range.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the observer without the sensor's state; `map_output` is the flow that drives the sensor.
+    gain : Gain
+        Its gain, a cascade: the sensor's column is zero.
+    tau : tuple of float
+        [s], smallest and largest.
+    correction : float
+        [1/s], l, not negative.
+
+    Raises
+    ------
+    NotProven
+        If the gain is no cascade, or no k makes V fall.
+    """
+    if np.any(gain.L[:, problem.map_output] != 0.0):
+        raise NotProven(
+            "gain: the sensor corrects the state, expected a cascade; synthesise with cascade = true in [gain]"
+        )
+    n = gain.L.shape[0]
+    L = np.zeros((n + 1, gain.L.shape[1]))
+    L[:n], L[n, problem.map_output] = gain.L, correction
+    ends = [1.0 / tau[1], 1.0 / tau[0]]
+    k = _weight(problem, gain, ends, correction)
+    P = np.zeros((n + 1, n + 1))
+    P[:n, :n], P[n, n] = gain.P, k
+    return prove(problem, L, P, tau)
+
+
+def prove(problem: Problem, L: Array, P: Array, tau: tuple[float, float]) -> SensorState:
+    """Return the proof for given numbers; raises NotProven where it fails. Needs no solver."""
+    exact_P, exact_L = _fractions(P), _fractions(L)
+    smallest, count = smallest_pivot(exact_P), 0
+    for vertex in problem.region.vertices():
+        for slowness in (Fraction(1.0 / tau[1]), Fraction(1.0 / tau[0])):
+            A, C = augmented(problem, vertex, slowness)
+            closed = _minus(A, _product(exact_L, C))
+            half = _product(exact_P, closed)
+            falls = [[-(half[i][j] + half[j][i]) for j in range(len(half))] for i in range(len(half))]
+            smallest, count = min(smallest, smallest_pivot(falls)), count + 1
+            if smallest <= 0:
+                place = ", ".join(
+                    f"{name} = {float(v):.6g}" for name, v in zip(problem.region.names, vertex, strict=True)
+                )
+                raise NotProven(f"sensor state: V does not fall at {place}, tau = {1.0 / float(slowness):.4g} s")
+    return SensorState(L, P, tau, count, smallest)
+
+
+def augmented(problem: Problem, vertex: Sequence[Fraction], slowness: Fraction) -> tuple[Matrix, Matrix]:
+    """Return A and C of the four states, exactly; `slowness` is 1/tau."""
+    A, C = problem.at(vertex)
+    zero, drive = Fraction(0), C[problem.map_output]
+    larger = [[*row, zero] for row in A]
+    larger.append([*(slowness * entry for entry in drive), -slowness])
+    outputs = [[*row, zero] for row in C]
+    outputs[problem.map_output] = [*([zero] * len(A)), Fraction(1)]
+    return larger, outputs
+
+
+def _weight(problem: Problem, gain: Gain, ends: Sequence[float], correction: float) -> float:
+    """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them."""
+    A, C = problem.matrices()
+    half = gain.P @ (A - gain.L @ C)
+    falls = -(half + half.swapaxes(1, 2))
+    drive = C[:, problem.map_output, :]
+    pushed = np.einsum("ni,nij,nj->n", drive, np.linalg.inv(falls), drive)
+    worst = max(float(pushed.max()) * s**2 / (2.0 * (s + correction)) for s in ends)
+    return 0.5 / max(worst, 1e-300)
+
+
+def _fractions(values: Array) -> Matrix:
+    return [[Fraction(float(value)) for value in row] for row in values]
+
+
+def _product(left: Matrix, right: Matrix) -> Matrix:
+    columns = list(zip(*right, strict=True))
+    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in left]
+
+
+def _minus(left: Matrix, right: Matrix) -> Matrix:
+    return [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)]
