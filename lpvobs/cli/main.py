@@ -13,6 +13,7 @@ from lpvobs.cli import (
     extrapolate,
     ingest,
     inspect,
+    profile,
     refine,
     report,
     simulate,
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 app.command("simulate", short_help="Drive the nonlinear engine over a cycle and record a log.")(simulate.simulate)
 app.command("ingest", short_help="Make a log of a foreign recording.")(ingest.ingest)
+app.command("profile", short_help="Draft a profile for ingest by looking at a recording.")(profile.profile)
 app.command("inspect", short_help="Show channels, units, ranges and defects of logs.")(inspect.inspect)
 app.command("synth-gain", short_help="Find the observer gain and prove it.")(synth_gain.synth_gain)
 app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)

@@ -193,8 +193,11 @@ def _base(recording: Recording, column: Column, name: str, is_clock: bool, profi
     """Return a time base in seconds with the rows that run forward."""
     path = recording.path
     if is_clock:
+        unit = profile.time.unit or recording.heads[name].unit
+        if not unit:
+            raise DataError(f"{path}: time column '{name}' has no unit in the file; state unit in the profile's [time]")
         try:
-            found = stamps(column.data, profile.time.unit, profile.source.decimal)
+            found = stamps(column.data, unit, profile.source.decimal)
         except ValueError as error:
             raise DataError(f"{path}: time column '{name}' {error}; mend unit in the profile's [time]") from None
         time, repairs = found.time, {"nights": found.nights, "unreadable": found.unreadable}

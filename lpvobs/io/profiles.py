@@ -60,7 +60,7 @@ class TimeRules:
     source : str
         Column or variable. Not for MDF, whose channels have their own.
     unit : str
-        A unit of time, `clock` for a time of day as text (h:mm:ss.sss), or `datetime` for ISO 8601.
+        A unit of time, `clock` for a time of day as text (h:mm:ss.sss), or `datetime` for ISO 8601; empty: what the file says.
     from_zero : bool
         Let the log start at 0 s.
     backward : str
@@ -68,7 +68,7 @@ class TimeRules:
     """
 
     source: str = ""
-    unit: str = "s"
+    unit: str = ""
     from_zero: bool = False
     backward: str = "refuse"
 

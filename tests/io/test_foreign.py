@@ -11,6 +11,7 @@ MINIMAL = """
 schema = 1
 [time]
 source = "t"
+unit = "s"
 [channels.p_im]
 source = "map"
 unit = "Pa"
@@ -37,7 +38,7 @@ def run(tmp_path):
 
 def test_names_units_and_decimals(run):
     text = MINIMAL.replace("[time]", '[source]\ndelimiter = ";"\ndecimal = ","\nunit_row = 2\n[time]').replace(
-        'source = "t"', 'source = "t"\nunit = "ms"'
+        'unit = "s"\n', "", 1
     )
     made = run(text, "t;map;other\nms;hPa;-\n0;1000,5;x\n10;999;x\n")
     np.testing.assert_allclose(made.channels["time"], [0.0, 0.01])
@@ -177,7 +178,7 @@ REFUSED = {
     "ragged": (MINIMAL, "t,map [Pa]\n0,1\n1\n2\n3,4\n", "wrong number of fields"),
     "empty": (MINIMAL, "", "no header"),
     "binary": (MINIMAL, b"\0\1\2\3" * 50, "no header"),
-    "time unit": (MINIMAL.replace('"t"', '"t"\nunit = "kPa"'), GOOD, "time column 't' unit 'kPa'"),
+    "time unit": (MINIMAL.replace('unit = "s"', 'unit = "kPa"'), GOOD, "time column 't' unit 'kPa'"),
     "far stamp": (
         MINIMAL.replace("[channels", "[raster]\nrate = 1000.0\n[channels"),
         GOOD + "1e12,1\n",
@@ -208,7 +209,10 @@ def test_many_backward_stamps_are_no_repair(run):
 
 
 BAD = {
-    "unknown key": (MINIMAL.replace("unit =", "unti ="), "unknown key 'channels.p_im.unti'; did you mean 'unit'"),
+    "unknown key": (
+        MINIMAL.replace('unit = "Pa"', 'unti = "Pa"'),
+        "unknown key 'channels.p_im.unti'; did you mean 'unit'",
+    ),
     "missing key": (MINIMAL.replace('unit = "Pa"', ""), "key 'channels.p_im.unit' is missing"),
     "no channels": ("schema = 1\n[channels]\n", "is empty"),
     "rule": (MINIMAL + 'rule = "cubic"', "rule must be one of hold, linear, mean"),

@@ -17,6 +17,7 @@ PROFILE = """
 schema = 1
 [time]
 source = "t"
+unit = "s"
 [raster]
 rate = 20.0
 [channels.n_e]
@@ -119,7 +120,7 @@ def mdf(path, groups):
     return path
 
 
-MDF_PROFILE = PROFILE.replace('source = "t"\n', "")
+MDF_PROFILE = PROFILE.replace('source = "t"\nunit = "s"\n', "")
 
 
 def test_mdf_4_with_a_time_base_per_group(tmp_path):

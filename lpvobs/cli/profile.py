@@ -1,0 +1,34 @@
+"""`lpvobs profile`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say
+
+
+@guarded
+def profile(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="A CSV, Parquet, MAT or MDF4 recording.")],
+    out: Annotated[Path | None, typer.Option(metavar="TOML", help="The profile to write; else it is printed.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.
+
+    Example: lpvobs profile drive.mf4 --out mine.toml
+    """
+    from lpvobs.io.atomic import replacing
+    from lpvobs.io.drafting import draft_profile
+
+    if out is not None:
+        refuse_overwriting(out, [source])
+    text = draft_profile(source)
+    if out is not None:
+        with replacing(out) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        say(f"{out}: read it, uncomment what is right, then lpvobs ingest {source} --profile {out} --out LOG.parquet")
+    if as_json:
+        print_json("profile", {"source": str(source), "profile": None if out is None else str(out), "text": text})
+    elif out is None:
+        print(text, end="")
