@@ -109,8 +109,12 @@ def write_result(
     logs: tuple[LogSummary, ...],
     gain: StoredGain,
     provenance: Provenance,
+    further: Callable[[h5py.File], None] | None = None,
 ) -> None:
-    """Write a new result; at any instant the target is absent, the old file, or the complete new one."""
+    """Write a new result; at any instant the target is absent, the old file, or the complete new one.
+
+    `further` adds groups to it before it takes its place.
+    """
     with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         file.attrs["air_path"] = air_path
@@ -122,6 +126,8 @@ def write_result(
         for log in logs:
             _write_log(*groups, log, parameter_names)
         provenance.write(file)
+        if further is not None:
+            further(file)
 
 
 def add_extrapolation(path: Path, fitted: QuadraticFit, outer_coverage: float) -> None:

@@ -12,7 +12,8 @@ from lpvobs.discovery.standing import Standing
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary
-from lpvobs.observer.estimate import MapEstimate, StateGain, estimate_default
+from lpvobs.observer.estimate import MapEstimate, estimate_default
+from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
 from lpvobs.steps.estimate import metrics_of, refuse_empty, summary_of
 from lpvobs.synthesis.problem import Problem
@@ -69,10 +70,10 @@ def estimate_refined(
     refined = Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, settings.smoothing, effects)
     seen = [observed(refined, log) for _, log in logs]
     path = observed_path(refined)
-    estimate = estimate_default(path, grid, StateGain(gain.outputs, gain.gain.L), seen, settings)
+    estimate = estimate_default(path, grid, StateGain(gain.outputs, gain.gain.L, gain.gain.region), seen, settings)
     refuse_empty(estimate)
     summaries = tuple(
-        summary_of(gain, run, metrics_of(air_path, estimate, file, log))
+        summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(logs, estimate.runs, strict=True)
     )
     return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))

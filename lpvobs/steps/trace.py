@@ -19,7 +19,7 @@ from lpvobs.discovery.standing import Span, Standing
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
-from lpvobs.io.hdf import reading
+from lpvobs.io.hdf import changing, reading
 from lpvobs.io.logs import read_log
 from lpvobs.io.provenance import Provenance
 from lpvobs.io.refinements import (
@@ -95,7 +95,7 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
     Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
     """
-    closed = _close(sources, lambda share: progress(0.95 * share))
+    closed = _close(sources, lambda share: progress(0.95 * share), anew=True)
     found = closed.refinement
     if not found.trace.findings:
         with replacing(out) as temporary:
@@ -110,13 +110,11 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
 
 def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
     """Write the effects beside a map that stands."""
-    with replacing(out) as temporary:
-        shutil.copyfile(result, temporary)
-        with h5py.File(temporary, "r+") as file:
-            for group in ("trace", "refinement"):
-                if group in file:
-                    del file[group]
-            closed.write(file)
+    with changing(result, out) as file:
+        for group in ("trace", "refinement"):
+            if group in file:
+                del file[group]
+        closed.write(file)
 
 
 def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
@@ -128,21 +126,14 @@ def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
     air_path = config.engine_path()
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     provenance = Provenance({path.name: log.sha256 for path, log in logs}, stored.provenance.config)
-    with replacing(out) as temporary:
-        write_result(
-            temporary,
-            air_path.name,
-            axes,
-            air_path.parameter_names,
-            seen.estimate,
-            seen.summaries,
-            stored.gain,
-            provenance,
-        )
-        with h5py.File(temporary, "r+") as file:
-            closed.write(file)
-            if seen.sensor_state is not None:
-                write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
+
+    def further(file: h5py.File) -> None:
+        closed.write(file)
+        if seen.sensor_state is not None:
+            write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
+
+    names, gain = air_path.parameter_names, stored.gain
+    write_result(out, air_path.name, axes, names, seen.estimate, seen.summaries, gain, provenance, further)
 
 
 @dataclass(frozen=True)
@@ -189,7 +180,7 @@ class _Closed:
         return replace(effect, spans=effect.spans + tuple(without)) if self.frozen else effect
 
 
-def _close(sources: Sources, progress: Callable[[float], None]) -> _Closed:
+def _close(sources: Sources, progress: Callable[[float], None], anew: bool = False) -> _Closed:
     path = sources.result
     stored = read_result(path)
     with reading(path, KIND, REMEDY) as file:
@@ -200,7 +191,7 @@ def _close(sources: Sources, progress: Callable[[float], None]) -> _Closed:
         for items in (sources.logs, sources.hold_out)
     )
     _refuse_copies([*logs, *hold_out])
-    frozen = _stands(stored, logs) if sources.freeze_map is None else sources.freeze_map
+    frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
     prior, tolerance, plant = _prior(config, stored, frozen), config.estimate.tolerance, diesel_plant(config.engine)
     if refined is not None and not any(effect.took_part(logs) for effect in refined.effects):
         plant, prior, tolerance = _moved(plant, prior, tolerance, refined)
@@ -236,9 +227,15 @@ def _refuse_copies(logs: Sequence[Log]) -> None:
                 raise UsageError(f"{log.name}: two logs of this name; results keep logs by name, rename one")
 
 
-def _stands(stored: StoredResult, logs: Sequence[Log]) -> bool:
+def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
+    """Return whether the map stands on these logs; `anew` where a map would be made that replaces the stored one."""
     made = [any(log.sha256 == own.sha256 for own in stored.logs) for log in logs]
     if all(made):
+        if anew and len(logs) < len(stored.logs):
+            names = ", ".join(log.name for log in stored.logs)
+            raise UsageError(
+                f"{stored.path}: made from {names}; name all of them, or say --free-map for a map from these logs alone"
+            )
         return False
     if any(made):
         names = ", ".join(log.name for log, own in zip(logs, made, strict=True) if own)

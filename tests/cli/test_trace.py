@@ -71,6 +71,24 @@ def test_the_refined_model_is_stored_beside_the_map_that_stood(refined, chain):
         assert "extrapolation" in file
 
 
+def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config, chain, slow, tmp_path):
+    own, out = tmp_path / "own.h5", tmp_path / "refined.h5"
+    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, slow, "--out", own).code == 0
+    done = lpvobs("refine", own, slow, "--out", out, "--json")
+    assert done.code == 0, done.err
+    assert not done.json["map_frozen"]
+    with h5py.File(out) as file, h5py.File(own) as before, h5py.File(chain.result) as quick:
+        error, unrefined, healthy = (
+            group["metrics"][log]["mean_relative_error"][()]
+            for group, log in ((file, "slow"), (before, "slow"), (quick, "ftp75_cold"))
+        )
+        assert error - healthy < 0.3 * (unrefined - healthy)
+        if file["refinement/effects/effect_1"].attrs["id"] == "maf.lag":
+            assert file["refinement/observer/L"].shape == (4, 4)
+            assert file["refinement/observer/smallest_pivot"][()] > 0.0
+        assert file["logs/slow/share_certified"][()] > 0.99
+
+
 def test_a_refined_model_is_complete(lpvobs, refined, slow, tmp_path):
     out, said = refined
     again = tmp_path / "again.h5"

@@ -10,7 +10,8 @@ from lpvobs.discovery.closing import refine
 from lpvobs.discovery.observed import FLOW, Refined, _innovations, added, corrected, observed, observed_path
 from lpvobs.discovery.problem import free_map
 from lpvobs.discovery.standing import Span, Standing
-from lpvobs.observer.estimate import StateGain, estimate_default
+from lpvobs.observer.estimate import estimate_default
+from lpvobs.observer.parts import StateGain
 
 L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
 OUTPUTS = ("p_im", "p_em", "omega_t")
