@@ -27,7 +27,11 @@ def refine(
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
 
-    Example: lpvobs refine nominal.h5 nedc.parquet --out refined.h5
+    Without a finding the model of before is written, byte for byte. A refined result can be refined again.
+
+    Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5
+
+    Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
     from lpvobs.steps.trace import Sources, refine_result
 
@@ -38,7 +42,7 @@ def refine(
     if as_json:
         print_json("refine", {"map_frozen": frozen, **found.as_json(refined=True)})
         return
-    show(found, frozen)
+    show(found, frozen, refined=True)
     error = found.comparison
     low, high = error.ratio_ci90
     say(

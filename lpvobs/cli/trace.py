@@ -1,5 +1,6 @@
 """`lpvobs trace`."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,7 +9,7 @@ import typer
 from lpvobs.cli.common import JsonOption, guarded, print_json, progress, say, table
 
 if TYPE_CHECKING:
-    from lpvobs.discovery.outcome import Trace
+    from lpvobs.discovery.outcome import Finding, Trace
 
 MapOption = Annotated[
     bool | None,
@@ -17,18 +18,26 @@ MapOption = Annotated[
         help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
     ),
 ]
+WIDTH = 80
+MOST_SHOWN = 6
 
 
 @guarded
 def trace(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /trace is written.")],
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate or refine; its /trace is written.")
+    ],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs, pooled.")],
     freeze_map: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.
 
-    Example: lpvobs trace nominal.h5 nedc.parquet
+    On the logs that made the map, map and effects are estimated together; on others the map stands.
+
+    Example: lpvobs trace nedc.h5 nedc.parquet
+
+    Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
     from lpvobs.steps.trace import Sources, trace_result
 
@@ -37,21 +46,65 @@ def trace(
     if as_json:
         print_json("trace", {"map_frozen": frozen, **found.as_json(refined=False)})
         return
-    show(found, frozen)
+    show(found, frozen, refined=False)
     say(f"held-out residual {1e3 * found.comparison.before:.3f} g/s rms; /trace written into {result}")
 
 
-def show(found: "Trace", frozen: bool) -> None:
-    """Print the verdict, the effects and the ranking."""
+def show(found: "Trace", frozen: bool, refined: bool) -> None:
+    """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
-    for finding in found.findings:
-        sizes = ", ".join(
-            f"{name} = {p.value:.4g} {p.unit} (90 %: {p.ci90[0]:.4g} to {p.ci90[1]:.4g})"
-            for name, p in finding.parameters.items()
-        )
-        when = "" if finding.onset is None else f", from {finding.onset:.1f} s"
-        alike = f"; cannot be told from {', '.join(finding.indistinguishable)}" if finding.indistinguishable else ""
-        print(f"  {finding.id}: {sizes}{when}, p = {finding.p_value:.2g}{alike}")
-    rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in found.ranking[:8]]
-    if rows:
-        print(table(["candidate alone", "size", "unit", "evidence"], rows))
+    if found.verdict == "unexplained":
+        from lpvobs.report.discovered import where
+
+        print(textwrap.fill(where(found.left), WIDTH, initial_indent="  ", subsequent_indent="  "))
+    for title, effects in (("found", found.findings), ("in the model already", found.standing)):
+        if effects:
+            print(f"\n{table(*_effects(title, effects))}")
+            _show_likes(effects)
+    if refined or len(found.logs) > 1:
+        print(f"\n{table(*_errors(found, refined))}")
+    ranked = [item for item in found.ranking if item.gain > 0.0][:MOST_SHOWN]
+    if ranked:
+        rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in ranked]
+        print("\n" + table(["candidate alone", "size", "unit", "evidence"], rows))
+
+
+def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], list[list[str]]]:
+    from lpvobs.report.numbers import chance, second, with_interval
+
+    edges = [edge for edge in ("onset", "end") if any(getattr(effect, edge) is not None for effect in effects)]
+    rows = []
+    for effect in effects:
+        for name, parameter in effect.parameters.items():
+            sizes = with_interval(parameter.value, *parameter.ci90)
+            times = [second(getattr(effect, edge)) for edge in edges]
+            rows.append([effect.id, name, *sizes, parameter.unit, *times, chance(effect.p_value)])
+    return [title, "", "value", "5 %", "95 %", "unit", *(f"{edge} s" for edge in edges), "p"], rows
+
+
+def _show_likes(effects: "tuple[Finding, ...]") -> None:
+    for effect in effects:
+        if effect.indistinguishable:
+            likes = f"{effect.id} cannot be told from {', '.join(effect.indistinguishable)}; what would: {effect.drive}"
+            print(textwrap.fill(likes, WIDTH, initial_indent="  ", subsequent_indent="    "))
+
+
+def _errors(found: "Trace", refined: bool) -> tuple[list[str], list[list[str]]]:
+    parts = [(part.log, part.comparison, part.own is None) for part in found.logs]
+    if found.held_out is not None:
+        parts = [("all logs held out", found.held_out, True), *parts]
+    if len(found.logs) > 1:
+        parts = [("all logs", found.comparison, False), *parts]
+    rows = []
+    for name, error, unseen in parts:
+        row = [
+            textwrap.shorten(name, 28, placeholder="..."),
+            "unseen" if unseen else "parts",
+            f"{1e3 * error.before:.3f}",
+        ]
+        if refined:
+            low, high = error.ratio_ci90
+            row += [f"{1e3 * error.after:.3f}", f"{error.ratio:.3f}", f"{low:.3f}", f"{high:.3f}"]
+        rows.append(row)
+    header = ["residual held out, g/s", "judged", "before"]
+    return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows

@@ -12,6 +12,7 @@ from lpvobs.discovery.candidates import Candidate, in_place
 from lpvobs.discovery.carried import Losses, carried, together
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import held_out_losses
+from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.plant import Plant
@@ -149,6 +150,9 @@ def refine(
             *(tell(log, losses.comparison(), None) for log, losses in zip(hold_out, judged, strict=True)),
         ),
         held_out=together(judged).comparison() if judged else None,
+        left=None
+        if own[1].white and selection.verdict != "unexplained"
+        else leftover(after, logs, own[1].correlated_with),
     )
     progress(1.0)
     inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.pull.size), check_finite=False)

@@ -6,6 +6,7 @@ from typing import Any
 
 from lpvobs.discovery.carried import HOW_WHOLE
 from lpvobs.discovery.heldout import HOW, MEASURE, Comparison
+from lpvobs.discovery.leftover import Leftover
 from lpvobs.discovery.whiteness import Whiteness
 
 
@@ -137,6 +138,8 @@ class Trace:
         One for each log, then one for each log held out.
     held_out : Comparison or None
         Of all logs held out together.
+    left : Leftover or None
+        What is known of what is left; None where that is white noise.
     """
 
     verdict: str
@@ -148,6 +151,7 @@ class Trace:
     standing: tuple[Finding, ...]
     logs: tuple[LogPart, ...]
     held_out: Comparison | None
+    left: Leftover | None
 
     def as_json(self, refined: bool) -> dict[str, Any]:
         """Return the object of the contract, without its schema; `after` and what follows from it only where refined."""
@@ -157,6 +161,8 @@ class Trace:
             "error": error_content(self.comparison, refined, HOW),
             "residual": {"white": self.white, "correlated_with": list(self.correlated_with)},
         }
+        if self.left is not None:
+            shown["residual"] |= self.left.as_json()
         if self.standing:
             shown["standing"] = [finding.as_json() for finding in self.standing]
         if self.held_out is not None:

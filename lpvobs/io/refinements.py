@@ -73,9 +73,7 @@ def write_refinement(
         _write_effect(effects, f"effect_{number}", effect)
     _write_constants(group, stored)
     write_comparison(group, comparisons)
-    structure = group.create_group("whiteness")
-    for name, found in whiteness.items():
-        write_whiteness(structure, name, found, balances)
+    write_structure(group, whiteness, balances)
 
 
 def read_refinement(file: h5py.File) -> StoredRefinement | None:
@@ -145,8 +143,31 @@ def write_comparison(parent: h5py.Group, comparisons: Mapping[str, tuple[Compari
     )
 
 
-def write_whiteness(parent: h5py.Group, name: str, found: Whiteness, balances: Sequence[str]) -> None:
-    """Write the tests of a residual, by balance."""
+def write_structure(parent: h5py.Group, whiteness: Mapping[str, Whiteness], balances: Sequence[str]) -> None:
+    """Write `whiteness`, the tests of the residual of each model (`before`, `after`), by balance."""
+    group = parent.create_group("whiteness")
+    for name, found in whiteness.items():
+        _write_whiteness(group, name, found, balances)
+
+
+def read_structure(parent: h5py.Group) -> dict[str, Whiteness]:
+    """Return the tests of the residual of each model; none where none were stored."""
+    return {name: _read_whiteness(group) for name, group in parent.get("whiteness", {}).items()}
+
+
+def _read_whiteness(group: h5py.Group) -> Whiteness:
+    return Whiteness(
+        white=bool(group["white"][()]),
+        autocorrelation=group["autocorrelation"][()],
+        band=group["band"][()],
+        p_values=group["p_value"][()],
+        periodogram_distance=group["periodogram_distance"][()],
+        periodogram_band=float(group["periodogram_band"][()]),
+        correlated_with={},
+    )
+
+
+def _write_whiteness(parent: h5py.Group, name: str, found: Whiteness, balances: Sequence[str]) -> None:
     lags = found.autocorrelation.shape[1]
     write_group(
         parent,

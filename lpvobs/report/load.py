@@ -16,6 +16,7 @@ from lpvobs.io.hdf import reading
 from lpvobs.io.logs import LogPolicies, References, file_digest, read_log, read_references
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result
 from lpvobs.records import Log
+from lpvobs.report.discovered import Discovered, read_discovered
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,11 @@ class LoadedLog:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Results in the order given, each with its origin, and the logs in the order given."""
+    """Results in the order given, each with its origin and what was found on it, and the logs in the order given."""
 
     results: tuple[StoredResult, ...]
     origins: tuple[Origin, ...]
+    discovered: tuple[tuple[Discovered, ...], ...]
     logs: tuple[LoadedLog, ...]
 
 
@@ -72,6 +74,7 @@ def load(paths: Sequence[Path]) -> Loaded:
     return Loaded(
         results=results,
         origins=tuple(read_origin(result.path) for result in results),
+        discovered=tuple(read_discovered(result.path) for result in results),
         logs=tuple(_load_log(path, digest, results) for digest, path in logs.items()),
     )
 

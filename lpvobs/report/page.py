@@ -6,7 +6,6 @@ from importlib.resources import files
 from pathlib import Path
 
 import jinja2
-from markupsafe import Markup
 
 from lpvobs import __version__
 from lpvobs.io.atomic import replacing
@@ -14,6 +13,7 @@ from lpvobs.io.results import LogSummary
 from lpvobs.report import figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
 from lpvobs.report.names import method_title, paper_error
+from lpvobs.report.residual import Picture, picture, residual_sections
 from lpvobs.report.tables import (
     Table,
     bounds_table,
@@ -25,14 +25,6 @@ from lpvobs.report.tables import (
 )
 
 TEMPLATE = "report.html.j2"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its caption."""
-
-    svg: Markup
-    caption: str
 
 
 @dataclass(frozen=True)
@@ -63,6 +55,7 @@ def page(report: Report) -> str:
         summary=report_rows(named),
         cycles=[_cycle(cycle, number) for number, cycle in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
+        residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
         bounds=_bounds(report),
         coefficients=coefficient_rows(fits) if fits else None,
         held=[
@@ -142,16 +135,16 @@ def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:
 def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[Picture]:
     title = cycle.title
     if drive.surface is not None:
-        yield _picture(
+        yield picture(
             figures.error_map(f"{name}-ref", f"reference error, {title}", drive.surface, limit),
             "Reference error where the drive goes, as the best bilinear map shows it (the paper's Figure 3).",
         )
-    yield _picture(
+    yield picture(
         figures.drive_series(f"{name}-drive", f"fuel and speed over time, {title}", cycle, drive),
         "Fuel quantity and engine speed over time (Figures 4a, 7a).",
     )
     surface = cycle.corrections[0].result.estimated
-    yield _picture(
+    yield picture(
         figures.trajectory(f"{name}-path", f"operating points, {title}", cycle, drive, surface),
         "Path of the operating point over the grid; cells without it are the area S (Figures 4b, 7b).",
     )
@@ -160,23 +153,23 @@ def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[
 def _correction(cycle: CycleView, correction: Correction, name: str, limit: float) -> Iterator[Picture]:
     view, drive = correction.result, cycle.drive
     what = f"{cycle.title}, {method_title(view.stored.method)}"
-    yield _picture(
+    yield picture(
         figures.error_map(f"{name}-map", f"estimated map, {what}", view.estimated, limit),
         f"Estimated error map, {what} (Figures 5a, 8a): empty nodes were not informed by the drive.",
     )
     if view.extrapolated is not None:
-        yield _picture(
+        yield picture(
             figures.error_map(f"{name}-full", f"extrapolated map, {what}", view.extrapolated, limit),
             f"The same, filled from the quadratic of Eq. (37), {what} (Figures 5b, 8b): hatched nodes are extrapolated.",
         )
     if drive is None or correction.estimate is None:
         return
     if drive.reference is not None:
-        yield _picture(
+        yield picture(
             figures.error_series(f"{name}-error", f"errors over time, {what}", drive, correction),
             f"Reference and estimated error along the drive, {what} (Figures 6a, 9a).",
         )
-    yield _picture(
+    yield picture(
         figures.flow_series(f"{name}-flow", f"flows over time, {what}", drive, correction),
         f"True flow where known, reading, and reading after correction, {what} (Figures 6b, 9b).",
     )
@@ -185,15 +178,11 @@ def _correction(cycle: CycleView, correction: Correction, name: str, limit: floa
 def _quality(view: ResultView, number: int) -> Iterator[Picture]:
     errors = Surface(view.stored.grid, view.axes, view.stored.standard_error, ~view.stored.supported)
     if (view.stored.standard_error > 0).any():
-        yield _picture(
+        yield picture(
             figures.standard_error_map(f"q{number}-se", f"standard error, {view.name}", errors),
             "Standard error of every estimated node, tolerance of the engine's constants included.",
         )
-    yield _picture(
+    yield picture(
         figures.excitation_map(f"q{number}-pe", f"excitation, {view.name}", view.estimated, view.stored.excitation),
         "Persistency of excitation of every cell: smallest eigenvalue of the integral of Eq. (29).",
     )
-
-
-def _picture(svg: str, caption: str) -> Picture:
-    return Picture(Markup(svg), caption)  # every name in it was escaped when it was drawn

@@ -14,13 +14,16 @@ from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.heldout import Comparison
 from lpvobs.discovery.outcome import Trace
 from lpvobs.discovery.plant import Plant
+from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.problem import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing
+from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.config import Config, config_of
 from lpvobs.io.hdf import changing, reading
 from lpvobs.io.logs import read_log
+from lpvobs.io.portraits import write_leftover, write_portrait, write_ranking
 from lpvobs.io.provenance import Provenance
 from lpvobs.io.refinements import (
     StoredRefinement,
@@ -28,7 +31,7 @@ from lpvobs.io.refinements import (
     write_comparison,
     write_refinement,
     write_sensor_state,
-    write_whiteness,
+    write_structure,
 )
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
@@ -77,12 +80,7 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[T
     def change(file: h5py.File) -> None:
         if "trace" in file:
             del file["trace"]
-        group = file.create_group("trace")
-        group.attrs["json"] = closed.content(refined=False)
-        write_comparison(group, closed.comparisons)
-        write_whiteness(
-            group, "whiteness", closed.refinement.whiteness_before, closed.refinement.before.problem.plant.balances
-        )
+        closed.write_trace(file)
 
     update(sources.result, change)
     return closed.refinement.trace, closed.frozen
@@ -160,6 +158,26 @@ class _Closed:
         head = {"logs_used": [log.name for log in self.logs], "map_frozen": self.frozen}
         return json.dumps(head | self.refinement.trace.as_json(refined=refined))
 
+    def write_trace(self, file: h5py.File) -> None:
+        """Write `/trace` into a result that has none."""
+        found = self.refinement
+        group = file.create_group("trace")
+        group.attrs["json"] = self.content(refined=False)
+        write_comparison(group, self.comparisons)
+        write_structure(group, self._structure, found.before.problem.plant.balances)
+        self._write_pictures(group)
+
+    @property
+    def _structure(self) -> dict[str, Whiteness]:
+        return {"before": self.refinement.whiteness_before, "after": self.refinement.whiteness_after}
+
+    def _write_pictures(self, group: h5py.Group) -> None:
+        found = self.refinement
+        write_portrait(group, portrait(found, self.logs))
+        write_ranking(group, found.trace.ranking)
+        if found.trace.left is not None:
+            write_leftover(group, found.trace.left)
+
     def write(self, file: h5py.File) -> None:
         """Write `/refinement`."""
         found = self.refinement
@@ -170,8 +188,8 @@ class _Closed:
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
-        structure = {"before": found.whiteness_before, "after": found.whiteness_after}
-        write_refinement(file, stored, self.comparisons, structure, found.before.problem.plant.balances)
+        write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.plant.balances)
+        self._write_pictures(file["refinement"])
 
     def _with_healthy(self, effect: Standing) -> Standing:
         """Return an effect that says it is absent from the logs that made the map which it was found against."""

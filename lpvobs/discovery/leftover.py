@@ -1,0 +1,140 @@
+"""What is known of a residual that no effect explains: when it is large, where in the map, how fast it changes, what it follows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.standing import own_time
+from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.records import Array, Log
+
+LARGE = 2.0
+"""Times the median power of all stretches, above which a stretch is named."""
+MOST_NAMED = 5
+LEAST_VISIT = 20
+"""Instants that a cell of the map must hold to be named."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a log in which the residual is large.
+
+    Attributes
+    ----------
+    log : str
+    begin, end : float
+        [s] since the start of the log.
+    share : float
+        Of the residual's power above the median.
+    """
+
+    log: str
+    begin: float
+    end: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What the residual looks like.
+
+    Attributes
+    ----------
+    stretches : tuple of Stretch
+        The strongest first, at most `MOST_NAMED`.
+    fuel, speed : tuple of float
+        Edges of the cell of the map with the largest mean square, in the units of the axes.
+    times_noise : float
+        That mean square over the median cell's.
+    half_power : float
+        [Hz], half of the power of the sums over blocks lies below.
+    balance : str
+        The balance in which most of it shows.
+    follows : mapping of str to float
+        Signals it is correlated with.
+    """
+
+    stretches: tuple[Stretch, ...]
+    fuel: tuple[float, float]
+    speed: tuple[float, float]
+    times_noise: float
+    half_power: float
+    balance: str
+    follows: Mapping[str, float]
+
+    def as_json(self) -> dict[str, object]:
+        """Return it for programs."""
+        return {
+            "when": [{"log": s.log, "from": s.begin, "to": s.end, "share": s.share} for s in self.stretches],
+            "where": {"fuel": list(self.fuel), "speed": list(self.speed), "times_median_power": self.times_noise},
+            "frequency": {"half_power_below": self.half_power, "unit": "Hz"},
+            "balance": self.balance,
+        }
+
+
+def block_sums(residual: Array, first: NDArray[np.int64]) -> Array:
+    """Return the sum of each balance over each block, over the root of its instants, shape (B, blocks)."""
+    counts = np.diff(np.append(first, residual.shape[1]))
+    return np.asarray(np.add.reduceat(residual, first, axis=1) / np.sqrt(counts))
+
+
+def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) -> Leftover:
+    """Return what is left of a model's residual."""
+    problem = linear.problem
+    power = (linear.residual[0] ** 2).mean(0)
+    cells = cell_numbers(problem.grid, linear.nodes[0])
+    time = np.bincount(cells)
+    mean = np.bincount(cells, power) / np.maximum(time, 1)
+    visited = time >= LEAST_VISIT
+    worst = int(np.argmax(np.where(visited, mean, 0.0)))
+    columns = problem.grid.u_delta.size - 1
+    row, column = divmod(worst, columns)
+    u, n = problem.grid.u_delta, problem.grid.n_e
+    sums = block_sums(linear.residual[0], problem.first)
+    return Leftover(
+        stretches=tuple(_stretches(linear, power, logs)),
+        fuel=(float(u[column]), float(u[column + 1])),
+        speed=(float(n[row]), float(n[row + 1])),
+        times_noise=float(mean[worst] / np.median(mean[visited])) if visited.any() else 1.0,
+        half_power=_half_power(sums, problem.begins),
+        balance=problem.plant.balances[int(np.argmax((sums**2).sum(1)))],
+        follows=follows,
+    )
+
+
+def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretch]:
+    """Return runs of stretches with much power, the strongest first."""
+    problem = linear.problem
+    coarse = problem.block // problem.per_coarse
+    time, of_log = own_time(problem, logs)
+    first = np.flatnonzero(np.diff(coarse, prepend=-1))
+    last = np.append(first[1:], coarse.size) - 1
+    mean = np.add.reduceat(power, first) / (last - first + 1)
+    usual = float(np.median(mean))
+    excess = np.maximum(mean - usual, 0.0) * (last - first + 1)
+    total = max(float(excess.sum()), 1e-300)
+    found: list[Stretch] = []
+    run: list[int] = []
+    for i in range(first.size + 1):
+        if i < first.size and mean[i] > LARGE * usual and (not run or of_log[first[i]] == of_log[first[run[0]]]):
+            run.append(i)
+            continue
+        if run:
+            log = logs[int(of_log[first[run[0]]])]
+            begin, end = (float(time[at] - log.time[0]) for at in (first[run[0]], last[run[-1]]))
+            found.append(Stretch(log.name, begin, end, float(excess[run].sum() / total)))
+        run = [i] if i < first.size and mean[i] > LARGE * usual else []
+    return sorted(found, key=lambda stretch: -stretch.share)[:MOST_NAMED]
+
+
+def _half_power(sums: Array, begins: Array) -> float:
+    """Return the frequency below which half of the power of the block sums lies [Hz]."""
+    power = (np.abs(np.fft.rfft(sums - sums.mean(1, keepdims=True))[:, 1:]) ** 2).sum(0)
+    if power.size == 0 or begins.size < 2:
+        return 0.0
+    frequency = np.fft.rfftfreq(sums.shape[1], float(np.median(np.diff(begins))))[1:]
+    at = int(np.searchsorted(np.cumsum(power), 0.5 * power.sum()))
+    return float(frequency[min(at, frequency.size - 1)])

@@ -1,0 +1,249 @@
+"""What there is to see of a residual before and after, bounded in size whatever the length of the logs: data for figures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+import scipy.stats
+from numpy.typing import NDArray
+
+from lpvobs.discovery.closing import Refinement
+from lpvobs.discovery.leftover import block_sums
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.standing import own_time
+from lpvobs.discovery.whiteness import LAGS, SIGNIFICANT
+from lpvobs.records import Array, Log
+
+MOST_COLUMNS = 500
+"""Columns that all logs together are drawn with; each holds the smallest and the largest value."""
+MOST_POINTS = 1500
+"""Of the cloud of one partial residual."""
+BINS = 25
+SEGMENT = 256
+"""Instants of a stretch that a spectrum is averaged from."""
+STILL = 1e-6
+"""Of its size: a channel that moves less stands still, and nothing can follow it."""
+LEAST_PART = 0.05
+"""Of an effect's power: a balance that holds less of it is left out of its partial residual."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """The residual along one log, in M columns.
+
+    Attributes
+    ----------
+    log : str
+    time : ndarray, shape (M,)
+        [s] since the start of the log, the middle of each column.
+    before, after : ndarray, shape (B, 2, M)
+        [kg/s], smallest and largest value of every balance.
+    judged : ndarray of bool, shape (M,)
+        Columns that the error before and after is taken from.
+    """
+
+    log: str
+    time: Array
+    before: Array
+    after: Array
+    judged: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Partial:
+    """The residual without one effect against what the effect says of it, both freed of map, constants and the other effects.
+
+    Attributes
+    ----------
+    id : str
+    regressor, residual : ndarray, shape (m,)
+        [standard deviations of the noise], some of the points.
+    binned : ndarray, shape (3, BINS)
+        Mean regressor, mean residual and its standard error of as many points each, of all points.
+    """
+
+    id: str
+    regressor: Array
+    residual: Array
+    binned: Array
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """Data for the figures of a trace or a refinement, B balances.
+
+    Attributes
+    ----------
+    balances : tuple of str
+    tracks : tuple of Track
+    partials : tuple of Partial
+    block : float
+        [s], length of the blocks whose sums are tested, blocks : int how many there are.
+    frequency : ndarray, shape (F,)
+        [Hz]
+    spectrum : ndarray, shape (2, B, F)
+        [s], of the residual in units of its noise, before and after.
+    cumulated : ndarray, shape (2, B, P)
+        Cumulated periodogram of the block sums.
+    signals : tuple of str
+        S inputs and channels.
+    cross : ndarray, shape (2, S, 2 LAGS + 1)
+        Correlation with each, the strongest among the balances, for lags of -LAGS to LAGS blocks: positive where the residual
+        follows the signal.
+    cross_limit : ndarray, shape (2, S, 2 LAGS + 1)
+        What white noise of the same uneven variance stays under, all lags and signals together.
+    effective : ndarray, shape (2, B)
+        Effective number of independent blocks.
+    """
+
+    balances: tuple[str, ...]
+    tracks: tuple[Track, ...]
+    partials: tuple[Partial, ...]
+    block: float
+    blocks: int
+    frequency: Array
+    spectrum: Array
+    cumulated: Array
+    signals: tuple[str, ...]
+    cross: Array
+    cross_limit: Array
+    effective: Array
+
+
+def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:
+    """Return what is to be drawn of a refinement (or of a trace, whose residual before is that of the model as it was)."""
+    both = (found.before, found.after)
+    problem = found.after.problem
+    first = problem.first
+    signals = _signals(problem)
+    spacing = float(np.median(np.diff(problem.scene.time[: problem.K])))
+    spectra = [_spectrum(linear, spacing) for linear in both]
+    crossed = [cross_correlations(linear.residual[0], first, signals) for linear in both]
+    return Portrait(
+        balances=problem.plant.balances,
+        tracks=tuple(_tracks(both, logs)),
+        partials=tuple(_partial(found.after, i) for i in range(len(found.after.terms))),
+        block=float(np.median(np.diff(problem.begins))) if first.size > 1 else 0.0,
+        blocks=first.size,
+        frequency=spectra[0][0],
+        spectrum=np.stack([power for _, power in spectra]),
+        cumulated=np.stack([_cumulated(linear.residual[0], first) for linear in both]),
+        signals=tuple(signals),
+        cross=np.stack([values for values, _ in crossed]),
+        cross_limit=np.stack([limit for _, limit in crossed]),
+        effective=np.stack([_effective(linear.residual[0], first) for linear in both]),
+    )
+
+
+def cross_correlations(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return correlations with signals at lags of blocks, the strongest among the balances, and their limits.
+
+    Both of shape (S, 2 LAGS + 1). At a positive lag the residual comes after the signal.
+    """
+    sums = block_sums(residual, first)
+    counts = np.diff(np.append(first, residual.shape[1]))
+    tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
+    times = float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / tests))
+    found = np.zeros((2, len(signals), 2 * LAGS + 1))
+    for s, values in enumerate(signals.values()):
+        mean = np.add.reduceat(values, first) / counts
+        for at, lag in enumerate(range(-LAGS, LAGS + 1)):
+            pairs = [_correlation(row, mean, lag) for row in sums]
+            found[:, s, at] = max(pairs, key=lambda pair: abs(pair[0]))
+    return found[0], times * found[1]
+
+
+def _correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
+    """Return the correlation of x with y `lag` blocks earlier, and its standard deviation for noise of x's own variance."""
+    if x.size <= abs(lag) + 2:
+        return 0.0, 0.0
+    a, b = (x[lag:], y[: y.size - lag]) if lag >= 0 else (x[:lag], y[-lag:])
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    if size <= 0.0:
+        return 0.0, 0.0
+    return float(a @ b) / size, float(np.sqrt((a**2) @ (b**2))) / size
+
+
+def _signals(problem: Problem) -> dict[str, Array]:
+    plant = problem.plant
+    inputs = {name: problem.scene[name][: problem.K] for name in plant.channels if name != plant.sensor}
+    moving = {name: values for name, values in inputs.items() if np.ptp(values) > STILL * np.abs(values).max()}
+    return moving | dict(problem.auxiliary)
+
+
+def _tracks(both: tuple[Linear, Linear], logs: Sequence[Log]) -> list[Track]:
+    time, of_log = own_time(both[1].problem, logs)
+    columns = max(20, MOST_COLUMNS // len(logs))
+    found = []
+    for i, log in enumerate(logs):
+        on = np.flatnonzero(of_log == i)
+        starts = np.unique(np.linspace(0, on.size, min(columns, on.size) + 1).astype(int)[:-1])
+        ends = [np.stack([_extremes(linear.raw[0][:, on], starts) for linear in both])]
+        counts = np.diff(np.append(starts, on.size))
+        middle = np.add.reduceat(time[on] - log.time[0], starts) / counts
+        found.append(Track(log.name, middle, ends[0][0], ends[0][1], np.ones(starts.size, dtype=bool)))
+    return found
+
+
+def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
+    return np.stack([np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1)], axis=1)
+
+
+def _partial(linear: Linear, index: int) -> Partial:
+    """Return the added-variable plot of one effect (Frisch and Waugh), in the linear model around the optimum."""
+    at = linear.p + linear.beta.size + index
+    unit = np.zeros(linear.pull.size)
+    unit[at] = 1.0
+    row = linear.project(unit)
+    term = linear.terms[index]
+    alone = -linear.moved(np.zeros_like(linear.residual), row)[0] / row[at]
+    regressor = -alone * (term.size - _absent(term.effect.id, linear))
+    residual = linear.residual[0] + regressor
+    power = (regressor**2).sum(1)
+    kept = power >= LEAST_PART * power.sum()
+    x, y = regressor[kept].ravel(), residual[kept].ravel()
+    order = np.argsort(x)
+    parts = [order[a:b] for a, b in zip(*_edges(x.size), strict=True)]
+    binned = np.array([[x[p].mean(), y[p].mean(), y[p].std() / np.sqrt(p.size)] for p in parts]).T
+    some = np.sort(np.random.default_rng(0).permutation(x.size)[:MOST_POINTS])
+    return Partial(term.effect.id, x[some], y[some], binned)
+
+
+def _absent(name: str, linear: Linear) -> float:
+    """Return the size of an effect that is not there."""
+    return next((effect.null for effect in linear.problem.plant.catalogue if effect.id == name), 0.0)
+
+
+def _edges(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where bins of as many sorted points each begin and end; the outer ones are small, where an effect shows most."""
+    share = 0.5 * (1.0 + np.sin(np.pi * (np.linspace(0.0, 1.0, BINS + 1) - 0.5)))
+    edges = np.unique(np.round(share * size).astype(np.int64))
+    return edges[:-1], edges[1:]
+
+
+def _spectrum(linear: Linear, spacing: float) -> tuple[Array, Array]:
+    residual = linear.residual[0]
+    length = min(SEGMENT, residual.shape[1])
+    frequency, power = scipy.signal.welch(residual, fs=1.0 / spacing, nperseg=length, detrend="constant")
+    return np.asarray(frequency[1:]), np.asarray(power[:, 1:])
+
+
+def _cumulated(residual: Array, first: NDArray[np.int64]) -> Array:
+    sums = block_sums(residual, first)
+    power = np.abs(np.fft.rfft(sums - sums.mean(1, keepdims=True))[:, 1:]) ** 2
+    total = np.maximum(power.sum(1, keepdims=True), 1e-300)
+    return np.asarray(np.cumsum(power, axis=1) / total)
+
+
+def _effective(residual: Array, first: NDArray[np.int64]) -> Array:
+    """Return how many independent values each balance's block sums are worth, shape (B,): n / (1 + 2 sum of correlations)."""
+    sums = block_sums(residual, first)
+    x = sums - sums.mean(1, keepdims=True)
+    n = x.shape[1]
+    power = np.maximum((x**2).sum(1), 1e-300)
+    lags = range(1, min(LAGS, n - 1) + 1)
+    together = sum(((x[:, lag:] * x[:, :-lag]).sum(1) / power for lag in lags), np.zeros(x.shape[0]))
+    return np.asarray(np.clip(n / np.maximum(1.0 + 2.0 * together, 1.0 / n), 1.0, n))

@@ -1,0 +1,188 @@
+"""What a result says of its residual: the outcome of `trace` and `refine`, read back for the page."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lpvobs.discovery.leftover import Leftover
+from lpvobs.discovery.outcome import Ranked
+from lpvobs.discovery.portrait import Portrait
+from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.io.hdf import reading
+from lpvobs.io.portraits import read_leftover, read_portrait, read_ranking
+from lpvobs.io.refinements import read_structure
+from lpvobs.io.results import KIND, REMEDY
+from lpvobs.report.numbers import chance, second, with_interval
+from lpvobs.report.tables import Table, grams, percent
+
+GROUPS = {"refinement": "refine", "trace": "trace"}
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """The outcome of one verb on one result.
+
+    Attributes
+    ----------
+    verb : str
+        `refine` or `trace`.
+    content : mapping
+        The contract's JSON, `trace` without what comes after.
+    portrait : Portrait or None
+    ranking : tuple of Ranked
+    left : Leftover or None
+    structure : mapping of str to Whiteness
+        `before` and `after`.
+    """
+
+    verb: str
+    content: Mapping[str, Any]
+    portrait: Portrait | None
+    ranking: tuple[Ranked, ...]
+    left: Leftover | None
+    structure: Mapping[str, Whiteness]
+
+    @property
+    def refined(self) -> bool:
+        """Whether the effects are part of the model."""
+        return self.verb == "refine"
+
+
+def read_discovered(path: Path) -> tuple[Discovered, ...]:
+    """Return what was found on a result, as far as `trace` and `refine` have run; raises DataError for a damaged file."""
+    with reading(path, KIND, REMEDY) as file:
+        return tuple(
+            Discovered(
+                verb=verb,
+                content=json.loads(str(file[name].attrs["json"])),
+                portrait=read_portrait(file[name]),
+                ranking=read_ranking(file[name]),
+                left=read_leftover(file[name]),
+                structure=read_structure(file[name]),
+            )
+            for name, verb in GROUPS.items()
+            if name in file
+        )
+
+
+def sentence(found: Discovered) -> str:
+    """Return the verdict in words."""
+    content = found.content
+    logs = ", ".join(part["log"] for part in content["logs"] if "residual" in part)
+    verdict = content["verdict"]
+    error = content["error"]
+    if verdict == "none":
+        return f"Nothing that the model lacks was found on {logs}: held-out residual {grams(error['before'])} g/s rms."
+    if verdict == "unexplained":
+        return (
+            f"Something is left on {logs} that no known effect explains, and nothing was named: held-out residual "
+            f"{grams(error['before'])} g/s rms. {where(found.left)}"
+        )
+    effects = "; ".join(_effect_in_words(effect) for effect in content["effects"])
+    if not found.refined:
+        return f"The model lacks on {logs}: {effects}. Held-out residual as it is: {grams(error['before'])} g/s rms."
+    low, high = error["ratio_ci90"]
+    return (
+        f"Added from {logs}: {effects}. The held-out residual falls from {grams(error['before'])} to {grams(error['after'])} "
+        f"g/s rms, to {percent(error['ratio'], 1)} (90 %: {percent(low, 1)} to {percent(high, 1)})."
+    )
+
+
+def where(left: Leftover | None) -> str:
+    """Return in words when, where and how fast a residual is, and what it follows."""
+    if left is None:
+        return ""
+    times = ", ".join(f"{part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
+    when = f"Largest at {times}. " if times else "Spread evenly over the drive. "
+    follows = (
+        ", ".join(f"{name} ({value:+.2f})" for name, value in left.follows.items()) or "none of the logged signals"
+    )
+    slow = f" Half of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
+    return (
+        f"{when}Most of it in the balance {left.balance}; in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g}, "
+        f"{left.speed[0]:g} to {left.speed[1]:g} rpm ({left.times_noise:.1f} times the usual power).{slow} It follows {follows}."
+    )
+
+
+def _effect_in_words(effect: Mapping[str, Any]) -> str:
+    sizes = ", ".join(_size_in_words(name, p) for name, p in effect["parameters"].items())
+    alike = f", not to be told from {', '.join(effect['indistinguishable'])}" if effect["indistinguishable"] else ""
+    return f"{effect['id']} with {sizes}{_interval(effect)}{alike}"
+
+
+def _size_in_words(name: str, parameter: Mapping[str, Any]) -> str:
+    value, low, high = with_interval(parameter["value"], *parameter["ci90"])
+    return f"{name} = {value}{_unit(parameter['unit'])} (90 %: {low} to {high})"
+
+
+def _interval(effect: Mapping[str, Any]) -> str:
+    begin = "" if effect["onset"] is None else f" from {effect['onset']:.1f} s"
+    return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def effect_rows(found: Discovered) -> Table | None:
+    """Return the effects found and those that the model had, None where there are none."""
+    header = ["effect", "", "parameter", "value", "90 % from", "to", "unit", "onset s", "end s", "explained", "p"]
+    header.append("cannot be told from")
+    rows = []
+    for label, key in (("found", "effects"), ("in the model", "standing")):
+        for effect in found.content.get(key, []):
+            for name, p in effect["parameters"].items():
+                sizes = [*with_interval(p["value"], *p["ci90"]), p["unit"]]
+                times = [second(effect[edge]) for edge in ("onset", "end")]
+                explained = percent(effect["explained"], 1)
+                alike = ", ".join(effect["indistinguishable"]) or "-"
+                rows.append([effect["id"], label, name, *sizes, *times, explained, chance(effect["p_value"]), alike])
+    return (header, rows) if rows else None
+
+
+def error_rows(found: Discovered) -> Table:
+    """Return the held-out error of all logs and of each."""
+    header = ["log", "judged on", "before g/s"] + (["after g/s", "ratio", "90 % from", "to"] if found.refined else [])
+    content = found.content
+    whole = content.get("error_on_held_out_logs")
+    parts = [("all logs", content["error"], False)] if len(content["logs"]) > 1 else []
+    parts += [("all logs held out", whole, True)] if whole else []
+    parts += [(part["log"], part["error"], "residual" not in part) for part in content["logs"]]
+    rows = []
+    for name, error, unseen in parts:
+        row = [name, "all of it, nothing fitted" if unseen else "parts held out", grams(error["before"])]
+        if found.refined:
+            row += [grams(error["after"]), f"{error['ratio']:.3f}", *(f"{edge:.3f}" for edge in error["ratio_ci90"])]
+        rows.append(row)
+    return header, rows
+
+
+def ranking_rows(found: Discovered, most: int = 12) -> Table | None:
+    """Return the candidates of the first round, None where none were stored."""
+    if not found.ranking:
+        return None
+    header = ["candidate alone", "size", "unit", "evidence", "unevenness"]
+    rows = [
+        [item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}", f"{item.unevenness:.1f}"]
+        for item in found.ranking[:most]
+    ]
+    return header, rows
+
+
+def test_rows(found: Discovered) -> Table | None:
+    """Return the tests of whiteness by balance, before and after."""
+    seen, structure = found.portrait, found.structure
+    if seen is None or set(structure) != {"before", "after"}:
+        return None
+    header = ["balance", "blocks", "effective before", "after", "portmanteau p before", "after"]
+    header += ["periodogram distance before", "after", "limit"]
+    before, after = structure["before"], structure["after"]
+    rows = []
+    for b, name in enumerate(seen.balances):
+        row = [name, str(seen.blocks), *(f"{seen.effective[i, b]:.0f}" for i in (0, 1))]
+        row += [f"{each.p_values[b]:.2g}" for each in (before, after)]
+        row += [f"{each.periodogram_distance[b]:.3f}" for each in (before, after)]
+        rows.append([*row, f"{after.periodogram_band:.3f}"])
+    return header, rows

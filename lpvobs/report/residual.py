@@ -1,0 +1,126 @@
+"""The section of the page on the residual: verdict, tables and figures of every trace and refinement."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from lpvobs.discovery.portrait import Portrait
+from lpvobs.report import residual_figures as figures
+from lpvobs.report.content import ResultView
+from lpvobs.report.discovered import Discovered, effect_rows, error_rows, ranking_rows, sentence, test_rows
+from lpvobs.report.tables import Table
+
+MOST_LOGS = 6
+"""Logs whose residual is drawn over time; the tables have all."""
+TITLES = {"refine": "refined", "trace": "traced"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption."""
+
+    svg: Markup
+    caption: str
+
+
+@dataclass(frozen=True)
+class ResidualSection:
+    """What a page shows of one trace or refinement."""
+
+    title: str
+    verdict: str
+    tables: tuple[tuple[Table, str], ...]
+    pictures: tuple[Picture, ...]
+
+
+def residual_sections(view: ResultView, number: int) -> list[ResidualSection]:
+    """Return the sections of one result, none where neither verb has run."""
+    return [
+        ResidualSection(
+            title=f"{view.name}, {TITLES[found.verb]}",
+            verdict=sentence(found),
+            tables=tuple(_tables(found)),
+            pictures=tuple(_pictures(found, view.name, f"d{number}-{found.verb}")),
+        )
+        for found in view.discovered
+    ]
+
+
+def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
+    effects = effect_rows(found)
+    if effects is not None:
+        yield effects, "Effects, with 90 % intervals"
+    yield error_rows(found), "Residual on data held out"
+    ranking = ranking_rows(found)
+    if ranking is not None:
+        yield ranking, "Every candidate alone against the model as it was"
+    tests = test_rows(found)
+    if tests is not None:
+        yield (
+            tests,
+            "Whiteness of the residual: sums over blocks, their effective number, portmanteau test, cumulated periodogram",
+        )
+
+
+def _pictures(found: Discovered, result: str, name: str) -> Iterator[Picture]:
+    seen = found.portrait
+    if seen is None:
+        return
+    yield from _over_time(found, seen, name)
+    if any(item.gain > 0.0 for item in found.ranking):
+        yield picture(
+            figures.ranking_bars(f"{name}-rank", f"ranking of candidates, {result}", found.ranking),
+            "What each candidate alone would explain of the residual of the model as it was.",
+        )
+    for index, partial in enumerate(seen.partials):
+        yield picture(
+            figures.partial_residual(f"{name}-part{index}", f"partial residual of {partial.id}, {result}", partial),
+            f"Partial residual of {partial.id}: the residual with this effect left out, against what the effect says, both freed "
+            f"of map, constants and the other effects. On the dashed line the size is right.",
+        )
+    yield from _structure(found, seen, result, name)
+
+
+def _over_time(found: Discovered, seen: Portrait, name: str) -> Iterator[Picture]:
+    parts: Mapping[str, Mapping[str, Any]] = {part["log"]: part for part in found.content["logs"]}
+    held = "shaded parts are held out from every fit and every choice"
+    in_turn = "every part was held out in turn"
+    for index, track in enumerate(seen.tracks[:MOST_LOGS]):
+        effects = parts[track.log]["effects"]
+        judged = in_turn if track.judged.all() else held
+        yield picture(
+            figures.residual_series(
+                f"{name}-time{index}", f"residual over time, {track.log}", track, seen.balances, effects
+            ),
+            f"Residual of every balance on {track.log}, before and after: smallest and largest value of each column of pixels; "
+            f"{judged}.",
+        )
+
+
+def _structure(found: Discovered, seen: Portrait, result: str, name: str) -> Iterator[Picture]:
+    yield picture(
+        figures.spectra(f"{name}-spectrum", f"spectra of the residual, {result}", seen),
+        "Spectral density of the residual in units of its noise, before and after.",
+    )
+    if set(found.structure) == {"before", "after"}:
+        yield picture(
+            figures.autocorrelations(f"{name}-acf", f"autocorrelation, {result}", seen, found.structure),
+            "Autocorrelation of the sums over blocks, with the band of white noise of the same uneven variance.",
+        )
+        yield picture(
+            figures.periodograms(f"{name}-cum", f"cumulated periodogram, {result}", seen, found.structure),
+            "Cumulated periodogram of the sums over blocks; white noise stays in the band.",
+        )
+    if seen.signals:
+        yield picture(
+            figures.cross_correlations(f"{name}-cross", f"cross-correlation, {result}", seen),
+            "Correlation with every input and channel, the strongest among the balances, at lags of either sign; dots are beyond "
+            "what noise gives.",
+        )
+
+
+def picture(svg: str, caption: str) -> Picture:
+    """Return a figure with its caption."""
+    return Picture(Markup(svg), caption)  # every name in it was escaped when it was drawn
