@@ -7,8 +7,7 @@ import numpy as np
 import scipy.linalg
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.fit import refit
-from lpvobs.discovery.heldout import Comparison, carried_over, compare
+from lpvobs.discovery.heldout import Comparison, carried_over
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.outcome import Finding, Parameter, Ranked, Trace
 from lpvobs.discovery.plant import Plant
@@ -128,14 +127,13 @@ def refine(
     """
     problem = lay_out(plant, grid, tolerance, prior, logs)
     selection = select(problem, progress)
-    before = refit(selection.after, ()) if selection.after.terms else selection.after
-    comparison = compare(before, selection.after)
+    before = selection.before
     own = [structure(linear) for linear in (before, selection.after)]
     result = Trace(
         verdict=selection.verdict,
         findings=tuple(finding_of(problem, logs, item) for item in selection.accepted),
         ranking=tuple(_ranked(selection)),
-        comparison=comparison,
+        comparison=selection.comparison,
         white=own[1].white,
         correlated_with=own[1].correlated_with,
     )
@@ -164,8 +162,8 @@ def structure(linear: Linear) -> Whiteness:
 
 def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
     """Return an accepted effect for people and programs."""
-    candidate, term = item.candidate, item.candidate.term
-    half = NINETY * np.sqrt(max(candidate.unevenness, 1.0) / candidate.information)
+    term = item.candidate.term
+    half = NINETY * item.standard_error
     parameter = Parameter(term.size, term.effect.unit, (term.size - half, term.size + half))
     return Finding(
         id=term.effect.id,
