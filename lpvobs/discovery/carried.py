@@ -1,46 +1,18 @@
 """The error of two models on logs that neither has seen: map, constants and effects as they are, nothing fitted, nothing chosen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.heldout import NOTHING, SUPPORT, Comparison, compared
-from lpvobs.discovery.linear import Linear, Term, operating_nodes, residual_of
+from lpvobs.discovery.heldout import NOTHING, SUPPORT, Losses
+from lpvobs.discovery.linear import Linear, Term, operating_nodes, residual_of, scene_with
 from lpvobs.discovery.problem import Problem
 from lpvobs.records import Array
 
 HOW_WHOLE = (
     "whole logs that no decision saw: map, constants and effects as they are, each balance weighted by its mean noise"
 )
-
-
-@dataclass(frozen=True)
-class Losses:
-    """Squared weighted residual of two models along one log, K instants.
-
-    Attributes
-    ----------
-    before, after : ndarray, shape (K,)
-        Zero where the map does not say enough to judge.
-    coarse : ndarray of int, shape (K,)
-        Stretches that are taken as independent.
-    count : int
-        Instants that are judged.
-    scale : float
-        [kg/s], turns them into a flow.
-    """
-
-    before: Array
-    after: Array
-    coarse: NDArray[np.int64]
-    count: int
-    scale: float
-
-    def comparison(self) -> Comparison:
-        """Return the root mean squares and their ratio."""
-        return compared(self.coarse, self.scale, self.before, self.after, self.count)
 
 
 def carried(models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem) -> Losses:
@@ -53,16 +25,14 @@ def carried(models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence
     time: Array = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p).astype(float)
     known, losses = np.ones(unseen.K, dtype=bool), []
     for linear, acting in zip(models, terms, strict=True):
-        scene = unseen.scene
-        for term in acting:
-            scene = term.put(scene)
+        scene = scene_with(unseen, acting)
         nodes = operating_nodes(unseen, scene)
         raw = residual_of(unseen, scene, linear.constants, linear.theta, nodes)[0]
         losses.append(((weight * raw) ** 2).sum(0))
         known &= _told(time, nodes, after)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(1.0 / np.sqrt(np.sum(weight**2)))
-    return Losses(before, left, unseen.block // unseen.per_coarse, int(known.sum()), scale)
+    return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
 
 
 def together(parts: Sequence[Losses]) -> Losses:
@@ -71,8 +41,8 @@ def together(parts: Sequence[Losses]) -> Losses:
     return Losses(
         np.concatenate([part.before for part in parts]),
         np.concatenate([part.after for part in parts]),
+        np.concatenate([part.counted for part in parts]),
         np.concatenate([part.coarse + shift for part, shift in zip(parts, offsets, strict=True)]),
-        sum(part.count for part in parts),
         parts[0].scale,
     )
 

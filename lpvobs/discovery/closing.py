@@ -8,18 +8,19 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lpvobs.discovery.candidates import Candidate, in_place
-from lpvobs.discovery.carried import Losses, carried, together
+from lpvobs.discovery.candidates import in_place
+from lpvobs.discovery.carried import carried, together
 from lpvobs.discovery.fit import fit, refit
-from lpvobs.discovery.heldout import held_out_losses
+from lpvobs.discovery.heldout import Losses
 from lpvobs.discovery.leftover import leftover
-from lpvobs.discovery.linear import Linear, Term
+from lpvobs.discovery.linear import Linear, Term, scene_with
 from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.plant import Plant
 from lpvobs.discovery.problem import MapPrior, Problem, lay_out
 from lpvobs.discovery.selection import Accepted, Selection, select
 from lpvobs.discovery.standing import Standing, own_time, term_on
 from lpvobs.discovery.telling import finding_of, log_part, parameter_of, standing_of, told
+from lpvobs.discovery.uncertainty import standard_errors
 from lpvobs.discovery.whiteness import Whiteness, whiteness
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
@@ -129,11 +130,14 @@ def refine(
     terms = tuple(term_on(standing, problem, logs) for standing in had)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
     own = [structure(linear) for linear in (before, after)]
-    accepted = tuple(_again(after, len(had) + i, item) if had else item for i, item in enumerate(selection.accepted))
-    kept = tuple(_kept(after, i, standing, logs) for i, standing in enumerate(had))
+    accepted = selection.accepted
+    kept: tuple[Standing, ...] = ()
+    if had:
+        errors = standard_errors(after)
+        accepted = _again(after, len(had), accepted, errors)
+        kept = tuple(_kept(after.terms[i], float(errors[i]), standing, logs) for i, standing in enumerate(had))
     found = tuple(standing_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(problem, logs, item) for item in accepted)
-    pooled, parts = _by_log(before, after, logs)
     judged = [_unseen(lay, (before, after), (kept, kept + found), log) for log in hold_out]
     of_log = own_time(problem, logs)[1]
     tell = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
@@ -141,12 +145,15 @@ def refine(
         verdict=selection.verdict,
         findings=findings,
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
-        comparison=pooled.comparison(),
+        comparison=selection.losses.comparison(),
         white=own[1].white,
         correlated_with=own[1].correlated_with,
         standing=tuple(told(standing) for standing in kept),
         logs=(
-            *(tell(log, parts[i].comparison(), structure(after, of_log == i)) for i, log in enumerate(logs)),
+            *(
+                tell(log, selection.losses.part(of_log == i).comparison(), structure(after, of_log == i))
+                for i, log in enumerate(logs)
+            ),
             *(tell(log, losses.comparison(), None) for log, losses in zip(hold_out, judged, strict=True)),
         ),
         held_out=together(judged).comparison() if judged else None,
@@ -190,51 +197,37 @@ def _selected(
     """Return what was found, and the model before and after, both with the effects that were there already.
 
     Those are estimated first, then held while others are sought: at their optimum the search loses nothing by it but power
-    against what resembles them. In the end all are estimated together.
+    against what resembles them. In the end all are estimated together, from all data.
     """
     if not had:
         selection = select(problem, progress)
-        after = selection.after
-        return selection, (refit(after, ()) if after.terms else after), after
+        return selection, selection.before, selection.after
     base = fit(problem, had)
-    selection = select(replace(problem, scene=base.scene), lambda share: progress(0.1 + 0.9 * share))
-    if not selection.accepted:
-        return selection, base, base
-    after = fit(problem, [*base.terms, *selection.after.terms], start=base)
-    return selection, refit(after, after.terms[: len(had)]), after
+    selection = select(_holding(problem, base.terms), lambda share: progress(0.1 + 0.8 * share))
+    after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
+    before = refit(after, after.terms[: len(had)]) if selection.accepted else after
+    return selection, before, after
 
 
-def _again(after: Linear, index: int, item: Accepted) -> Accepted:
-    """Return an accepted effect as it stands in the joint model."""
-    return replace(item, candidate=in_place(after, index, item.candidate))
+def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
+    """Return the problem with effects accounted for at their sizes, through any window."""
+    return replace(problem, scene=scene_with(problem, terms), wider=lambda: _holding(problem.wider(), terms))
 
 
-def _kept(after: Linear, index: int, standing: Standing, logs: Sequence[Log]) -> Standing:
+def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Array) -> tuple[Accepted, ...]:
+    """Return accepted effects as they stand in the joint model, the first of them its term number `first`."""
+    return tuple(
+        replace(item, candidate=in_place(after, first + i, item.candidate), standard_error=float(errors[first + i]))
+        for i, item in enumerate(accepted)
+    )
+
+
+def _kept(term: Term, error: float, standing: Standing, logs: Sequence[Log]) -> Standing:
     """Return an effect that the model had, estimated again, with the logs that have told of it now."""
-    term = after.terms[index]
-    blank = Candidate(term, 0.0, 1.0, 1.0, np.empty(0))
-    parameter = parameter_of(in_place(after, index, blank))
+    parameter = parameter_of(term, error)
     known = {(span.log, span.sha256) for span in standing.spans}
     new = tuple(standing.span_on(log) for log in logs if (log.name, log.sha256) not in known)
     return replace(standing, value=parameter.value, ci90=parameter.ci90, spans=standing.spans + new)
-
-
-def _by_log(before: Linear, after: Linear, logs: Sequence[Log]) -> tuple[Losses, list[Losses]]:
-    """Return the held-out losses of both models, of all logs and of each."""
-    lost, counted = held_out_losses(before)
-    left, also = (lost, counted) if after is before else held_out_losses(after)
-    use = counted & also
-    scale = float(np.sqrt(1.0 / np.mean((after.whitener**2).sum((1, 2)))))
-    coarse = after.problem.block // after.problem.per_coarse
-    lost, left = np.where(use, lost, 0.0), np.where(use, left, 0.0)
-    pooled = Losses(lost, left, coarse, int(use.sum()), scale)
-    _, of_log = own_time(after.problem, logs)
-    return pooled, [_part_of(pooled, use, of_log == i) for i in range(len(logs))]
-
-
-def _part_of(pooled: Losses, use: NDArray[np.bool_], on: NDArray[np.bool_]) -> Losses:
-    coarse = pooled.coarse[on] - pooled.coarse[on][0]
-    return Losses(pooled.before[on], pooled.after[on], coarse, int((use & on).sum()), pooled.scale)
 
 
 def _unseen(

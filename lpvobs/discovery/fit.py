@@ -16,6 +16,7 @@ from lpvobs.discovery.linear import (
     operating_nodes,
     residual_of,
     scatter,
+    scene_with,
     views,
     whiten,
 )
@@ -68,22 +69,22 @@ def linearised(
 
     Without a whitener every balance counts alike; with a model `near` by, its derivatives by the constants are used.
     """
-    scene = problem.scene
-    for term in terms:
-        scene = term.put(scene)
+    scene = scene_with(problem, terms)
     nodes = operating_nodes(problem, scene)
     constants = _constants(problem, beta)
     raw = residual_of(problem, scene, constants, theta, nodes)
     if whitener is None:
         whitener = np.tile(np.eye(raw.shape[1]) / 1e-3, (problem.K, 1, 1))
     by_constants = _by_constants(problem, scene, beta) if near is None else near.by_constants
-    known = near is not None and near.whitener is whitener
-    white = near.columns[: beta.size] if near is not None and known else _whitened(whitener, by_constants)
+    known = near is not None and near.whitener is whitener and near.problem is problem
+    white = near.columns[: beta.size] if near is not None and known else _whitened(problem, whitener, by_constants)
     if terms:
-        white = np.concatenate([white, _whitened(whitener, _by_terms(problem, terms, constants, theta, nodes))])
-    residual = whiten(whitener, raw)
+        white = np.concatenate(
+            [white, _whitened(problem, whitener, _by_terms(problem, terms, constants, theta, nodes))]
+        )
+    residual = whiten(whitener, problem.used, raw)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
-    prior = _prior(problem, terms)
+    prior = prior_precision(problem, terms)
     deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])
     bare = Linear(
         problem,
@@ -99,21 +100,21 @@ def linearised(
         residual,
         by_constants,
         white,
-        np.ascontiguousarray((whitener @ problem.plant.mapped).T),
+        np.ascontiguousarray((whitener @ problem.plant.mapped).T) * problem.used,
         prior,
         prior,
         deviation,
         deviation,
     )
-    normal = normal_of(bare) + prior + _pins(problem, pinned, prior.shape[0])
+    normal = normal_of(bare) + prior + pins(problem, pinned, prior.shape[0])
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation
     pull = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
     return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
 
 
-def _whitened(whitener: Array, columns: Array) -> Array:
-    return np.asarray(whiten(whitener, columns.reshape(-1, *columns.shape[2:])).reshape(columns.shape))
+def _whitened(problem: Problem, whitener: Array, columns: Array) -> Array:
+    return np.asarray(whiten(whitener, problem.used, columns.reshape(-1, *columns.shape[2:])).reshape(columns.shape))
 
 
 def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
@@ -169,16 +170,15 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], constants: object, thet
         h = SHARE * term.effect.size
         ends = []
         for shift in (h, -h):
-            scene = problem.scene
-            for j, other in enumerate(terms):
-                scene = (replace(term, size=term.size + shift) if j == i else other).put(scene)
+            moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
+            scene = scene_with(problem, moved)
             at = operating_nodes(problem, scene) if term.effect.moves_point else nodes
             ends.append(residual_of(problem, scene, constants, theta, at))
         found[i] = (ends[0] - ends[1]) / (2.0 * h)
     return found
 
 
-def _prior(problem: Problem, terms: tuple[Term, ...]) -> Array:
+def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
     """Return the precision of what is known beforehand, shape (n, n)."""
     P, S = problem.prior.precision, problem.prior.sensitivity
     known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + np.diag(problem.spread**-2.0)]])
@@ -186,7 +186,7 @@ def _prior(problem: Problem, terms: tuple[Term, ...]) -> Array:
     return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
 
 
-def _pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
+def pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
     """Return what holds pinned constants where they are, shape (n, n)."""
     held = np.zeros(n)
     p = problem.grid.size

@@ -1,4 +1,8 @@
-"""The residual on data that did not make the model: blocks left out in turn, or whole logs."""
+"""The residual on data that did not make the model.
+
+Two uses, and no data serve both. Choices are made by leaving out blocks in turn. What is said of the error before and after comes
+from stretches that are kept from every fit and every choice (or from whole logs that took no part).
+"""
 
 from dataclasses import dataclass
 
@@ -7,7 +11,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, normal_of
-from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.linear import Linear, whiten
+from lpvobs.discovery.problem import EVERY, GUARD, STRETCH, Problem
 from lpvobs.records import Array
 
 FOLDS = 5
@@ -17,7 +22,10 @@ NOTHING = 0.02
 """Weight of a node in an interpolation that does not count."""
 DRAWS = 1000
 MEASURE = "rmse of the held-out residual"
-HOW = f"every {FOLDS}th block of about 10 s in turn; all balances, each weighted by its own noise"
+HOW = (
+    f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out; all balances, "
+    f"each weighted by its own noise"
+)
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,40 @@ class Comparison:
     ratio_ci90: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class Losses:
+    """Squared weighted residual of two models, K instants.
+
+    Attributes
+    ----------
+    before, after : ndarray, shape (K,)
+    counted : ndarray of bool, shape (K,)
+        Instants that are judged; both losses are zero at the others.
+    coarse : ndarray of int, shape (K,)
+        Stretches that are taken as independent.
+    scale : float
+        [kg/s], turns them into a flow.
+    """
+
+    before: Array
+    after: Array
+    counted: NDArray[np.bool_]
+    coarse: NDArray[np.int64]
+    scale: float
+
+    def comparison(self) -> Comparison:
+        """Return the root mean squares and their ratio, NaN where no instant is judged."""
+        if not self.counted.any():
+            return Comparison(np.nan, np.nan, np.nan, (np.nan, np.nan))
+        return compared(self.coarse, self.scale, self.before, self.after, int(self.counted.sum()))
+
+    def part(self, on: NDArray[np.bool_]) -> "Losses":
+        """Return the same for some of the instants."""
+        return Losses(
+            self.before[on], self.after[on], self.counted[on], self.coarse[on] - self.coarse[on][0], self.scale
+        )
+
+
 def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     """Return the squared whitened residual at every instant, predicted from other blocks, and which of them count.
 
@@ -54,7 +96,7 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
         left = linear.moved(linear.residual, step)[0]
         losses[out] = (left[:, out] ** 2).sum(0)
         counted[out] = informed(linear, ~out)[out] | (not problem.prior.free)
-    return losses, counted
+    return losses, counted & problem.used
 
 
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -64,19 +106,41 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(np.all((time[nodes] >= SUPPORT) | (weights < NOTHING), axis=1), dtype=bool)
 
 
-def compare(before: Linear, after: Linear) -> Comparison:
-    """Return the held-out error of two models of the same logs that share their weights."""
+def compare(before: Linear, after: Linear) -> Losses:
+    """Return the losses of two models of the same logs on the stretches that neither saw, weighted as the second one is.
+
+    Where these read the map at no node that the rest informs, the blocks are left out in turn instead.
+    """
+    problem = after.problem
+    use = problem.judged & (informed(after, problem.used) if problem.prior.free else np.ones(problem.K, dtype=bool))
+    if not use.any():
+        return cross_validated(before, after)
+    lost, left = ((whiten(after.whitener, use, linear.raw)[0] ** 2).sum(0) for linear in (before, after))
+    return Losses(lost, left, use, _coarse(problem), _scale(after))
+
+
+def cross_validated(before: Linear, after: Linear) -> Losses:
+    """Return the same for blocks that are left out in turn of the instants that are used."""
     lost, counted = held_out_losses(before)
     left, also = held_out_losses(after)
     use = counted & also
-    coarse = after.problem.block // after.problem.per_coarse
-    scale = float(np.sqrt(1.0 / np.mean((after.whitener**2).sum((1, 2)))))
-    return compared(coarse, scale, np.where(use, lost, 0.0), np.where(use, left, 0.0), int(use.sum()))
+    lost, left = (np.where(use, loss, 0.0) for loss in (lost, left))
+    return Losses(lost, left, use, _coarse(after.problem), _scale(after))
+
+
+def _coarse(problem: Problem) -> NDArray[np.int64]:
+    return problem.block // problem.per_coarse
+
+
+def _scale(linear: Linear) -> float:
+    """Return what turns whitened residuals into a flow [kg/s]."""
+    return float(np.sqrt(1.0 / np.mean((linear.whitener**2).sum((1, 2)))))
 
 
 def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, count: int) -> Comparison:
     """Return the comparison of two losses per instant; `scale` [kg/s] turns them into a flow."""
     sums = np.stack([np.bincount(coarse, values) for values in (lost, left)])
+    sums = sums[:, sums.any(0)] if sums.any() else sums[:, :1]
     before, after = (float(scale * np.sqrt(total / max(count, 1))) for total in sums.sum(1))
     draws = np.random.default_rng(0).integers(0, sums.shape[1], (DRAWS, sums.shape[1]))
     picked = sums[:, draws].sum(-1)

@@ -55,7 +55,7 @@ class Linear:
     pinned : ndarray of bool, shape (q,)
         Constants at the end of their tolerance that would leave it if they could.
     whitener : ndarray, shape (K, B, B)
-        C with C^T C the inverse covariance of the residual.
+        C with C^T C the inverse covariance of the residual, at all instants; what is whitened is zero where none is used.
     raw, residual : ndarray, shape (2, B, K)
         [kg/s], and whitened.
     by_constants : ndarray, shape (q, 2, B, K)
@@ -104,8 +104,8 @@ class Linear:
         return np.asarray(self.pinned & (along > 0.0), dtype=bool)
 
     def whiten(self, values: Array) -> Array:
-        """Return values of shape (2, B, K) in units of their noise."""
-        return whiten(self.whitener, values)
+        """Return values of shape (2, B, K) in units of their noise, zero where they are kept back."""
+        return np.asarray(whiten(self.whitener, self.problem.used, values))
 
     def project(self, products: Array) -> Array:
         """Return the step of map, constants and terms that answers a gradient, shape (n,)."""
@@ -132,6 +132,15 @@ class Linear:
         return np.asarray(out)
 
 
+def scene_with(problem: Problem, terms: Sequence[Term]) -> Scene:
+    """Return the scene with all effects accounted for, in the order of the catalogue; channels come last."""
+    order = {effect.id: i for i, effect in enumerate(problem.plant.catalogue)}
+    scene = problem.scene
+    for term in sorted(terms, key=lambda term: order.get(term.effect.id, len(order))):
+        scene = term.put(scene)
+    return scene
+
+
 def dot(a: Array, b: Array) -> float:
     """Return the product across views of two whitened vectors."""
     return float(np.vdot(a[0], b[0]) - np.vdot(a[1], b[1]))
@@ -150,8 +159,16 @@ def operating_nodes(problem: Problem, scene: Scene) -> Nodes:
 
 
 def residual_of(problem: Problem, scene: Scene, constants: object, theta: Array, nodes: Nodes) -> Array:
-    """Return what is left of every balance, shape (2, B, K) [kg/s]."""
-    left = views(problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks))
+    """Return what is left of every balance, shape (2, B, K) [kg/s].
+
+    A balance that bends moves with the noise of its signals: twice as far where one view is put in than where their mean is. Twice
+    the one less the other is where it would be without noise. (Near its stall, the compressor bends so much that the noise of p_im
+    is worth ten pascals.)
+    """
+    imbalances, K = problem.plant.imbalances, problem.K
+    left = views(imbalances(constants, scene.value, scene.rate, scene.lacks))
+    middle = (0.5 * (x[:, :K] + x[:, K:]) for x in (scene.value, scene.rate, scene.lacks))
+    left[0] = 2.0 * imbalances(constants, *middle) - left[0]
     left[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
     return left
 
@@ -163,9 +180,7 @@ def map_along(theta: Array, nodes: Nodes) -> Array:
 
 def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
     """Return the whitened residual with other terms, map and constants as they are, shape (2, B, K)."""
-    problem, scene = linear.problem, linear.problem.scene
-    for term in terms:
-        scene = term.put(scene)
+    problem, scene = linear.problem, scene_with(linear.problem, terms)
     nodes = operating_nodes(problem, scene)
     return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes))
 
@@ -173,23 +188,24 @@ def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
 def covariance_root(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     """Return the whitener, shape (K, B, B): covariance per cell of the map, spread per class of haste."""
     shape = (problem.grid.n_e.size - 1, problem.grid.u_delta.size - 1)
-    cells = cell_numbers(problem.grid, nodes[0])
+    everywhere = cell_numbers(problem.grid, nodes[0])
+    cells, haste, raw = everywhere[problem.used], problem.haste[problem.used], raw[:, problem.used]
     B = raw.shape[0]
     spread = np.ones((len(HASTE) + 1, B))
     time = _pool(np.bincount(cells, minlength=shape[0] * shape[1]).astype(float), shape) + LEAST_TIME
     for _ in range(3):
-        x = raw / spread[problem.haste].T
+        x = raw / spread[haste].T
         sums = np.zeros((time.size, B, B))
         for a in range(B):
             for b in range(a + 1):
                 sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=time.size)
         noise = (_pool(sums, shape) + LEAST_TIME * sums.sum(0) / cells.size) / time[:, None, None]
         y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
-        power = np.stack([np.bincount(problem.haste, row**2, minlength=len(spread)) for row in y], axis=1)
-        spread = np.sqrt(power / np.maximum(np.bincount(problem.haste, minlength=len(spread)), 1)[:, None])
+        power = np.stack([np.bincount(haste, row**2, minlength=len(spread)) for row in y], axis=1)
+        spread = np.sqrt(power / np.maximum(np.bincount(haste, minlength=len(spread)), 1)[:, None])
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
     roots = np.linalg.inv(np.linalg.cholesky(noise))
-    return np.asarray(roots[cells] / spread[problem.haste][:, None, :])
+    return np.asarray(roots[everywhere] / spread[problem.haste][:, None, :])
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:
@@ -211,10 +227,10 @@ def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray
 
 
 @njit(cache=True)
-def whiten(root: Array, values: Array) -> Array:
-    """Return root, lower triangular, times values at every instant, shape (n, B, K)."""
-    out = np.empty_like(values)
-    for k in range(values.shape[2]):
+def whiten(root, used, values):  # type: ignore[no-untyped-def]
+    """Return root, lower triangular, times values at every instant that is used, zero at others, shape (n, B, K)."""
+    out = np.zeros_like(values)
+    for k in np.flatnonzero(used):
         for i in range(values.shape[0]):
             for a in range(values.shape[1]):
                 total = 0.0

@@ -162,8 +162,9 @@ def _scene(plant: Plant, log: Log, columns: Array, rate: Array) -> Scene:
 
 
 def _put(scene: Scene, refined: Refined, effects: Sequence[Standing], log: Log) -> Scene:
-    """Return the scene with effects accounted for where they act."""
-    for standing in effects:
+    """Return the scene with effects accounted for where they act, in the order of the catalogue; channels come last."""
+    order = {effect.id: i for i, effect in enumerate(refined.plant.catalogue)}
+    for standing in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
         scene = effect_along(standing, refined.plant, log).apply(scene, standing.value)
     return scene
 

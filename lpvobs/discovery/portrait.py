@@ -184,7 +184,8 @@ def _tracks(both: tuple[Linear, Linear], logs: Sequence[Log]) -> list[Track]:
         ends = [np.stack([_extremes(linear.raw[0][:, on], starts) for linear in both])]
         counts = np.diff(np.append(starts, on.size))
         middle = np.add.reduceat(time[on] - log.time[0], starts) / counts
-        found.append(Track(log.name, middle, ends[0][0], ends[0][1], np.ones(starts.size, dtype=bool)))
+        judged = np.add.reduceat(both[1].problem.judged[on].astype(int), starts) > 0
+        found.append(Track(log.name, middle, ends[0][0], ends[0][1], judged))
     return found
 
 

@@ -1,7 +1,7 @@
 """Logs laid out for the search: instants, two independent views of the signals, blocks, and what is known beforehand."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +21,8 @@ LEAST_TIME = 60.0
 """[s] of driving that a log must hold."""
 HALF_WIDTH = 0.1
 """[s] of the windows around instants; narrower ones blur fast transients less and let more noise through."""
+WIDER = 1.5
+"""How much wider the windows are that tell what a size owes to their width."""
 LEAST_SAMPLES = 14
 """Samples that a window must hold: seven for each half of the samples."""
 PAUSE = 60.0
@@ -31,6 +33,12 @@ BLOCK = 2.0
 """[s], resolution of the search for onsets."""
 MOST_BLOCKS = 400
 """Longer logs get longer blocks: the search over pairs of onset and end grows with their square."""
+STRETCH = 20.0
+"""[s], and"""
+EVERY = 5
+"""of so many stretches one is kept from every fit and every choice; the error before and after is that on those alone."""
+GUARD = 1.0
+"""[s] at either end of such a stretch that is neither used nor judged: farther than any window or lag reaches."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,12 @@ class Problem:
         Class of how fast the inputs change, from 0.
     auxiliary : mapping of str to ndarray, shape (K,)
         The logs' own channels, where all have them.
+    used : ndarray of bool, shape (K,)
+        Instants that fits and choices see.
+    judged : ndarray of bool, shape (K,)
+        Instants that only the error before and after is computed from, at a distance from all that are used.
+    wider : callable
+        The same problem, all of it used, seen through windows `WIDER` times as wide.
     """
 
     plant: Plant
@@ -96,6 +110,23 @@ class Problem:
     per_coarse: int
     haste: NDArray[np.int64]
     auxiliary: Mapping[str, Array]
+    used: NDArray[np.bool_]
+    judged: NDArray[np.bool_]
+    wider: Callable[[], "Problem"]
+
+    @property
+    def data(self) -> int:
+        """The number of residuals that fits and choices see."""
+        return int(self.used.sum()) * len(self.plant.balances)
+
+    @property
+    def coarse_blocks(self) -> float:
+        """The number of blocks whose sums are taken as independent, without those kept back."""
+        return float(self.first.size / self.per_coarse * self.used.mean())
+
+    def with_all(self) -> "Problem":
+        """Return the same with nothing kept back."""
+        return replace(self, used=np.ones(self.K, dtype=bool))
 
     @property
     def K(self) -> int:
@@ -110,7 +141,13 @@ def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
 
 
 def lay_out(
-    plant: Plant, grid: Grid, tolerance: Mapping[str, float], prior: MapPrior, logs: Sequence[Log], coarse: float = 10.0
+    plant: Plant,
+    grid: Grid,
+    tolerance: Mapping[str, float],
+    prior: MapPrior,
+    logs: Sequence[Log],
+    coarse: float = 10.0,
+    half_width: float = HALF_WIDTH,
 ) -> Problem:
     """Return the problem of one or more logs.
 
@@ -121,12 +158,13 @@ def lay_out(
     """
     driven = sum(float(log.time[-1] - log.time[0]) for log in logs)
     spacing = max(SPACING, driven / MOST_INSTANTS)
-    views = [_view(plant, log, spacing) for log in logs]
+    views = [_view(plant, log, spacing, half_width) for log in logs]
     K = sum(view.time.size for view in views)
     length = max(BLOCK, np.ceil(K * spacing / MOST_BLOCKS / BLOCK) * BLOCK)
     block = _blocks(views, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     scene = _joined(plant, logs, views)
+    used, judged = _kept_back(views)
     common = set.intersection(*(set(log.auxiliary) for log in logs))
     return Problem(
         plant=plant,
@@ -145,6 +183,9 @@ def lay_out(
             for name in sorted(common)
             if all(_usable(log.auxiliary[name]) for log in logs)
         },
+        used=used,
+        judged=judged,
+        wider=lambda: lay_out(plant, grid, tolerance, prior, logs, coarse, WIDER * HALF_WIDTH).with_all(),
     )
 
 
@@ -156,11 +197,12 @@ class _View:
     rate: Array
 
 
-def _view(plant: Plant, log: Log, spacing: float) -> _View:
+def _view(plant: Plant, log: Log, spacing: float, half_width: float) -> _View:
     if len(log) < 2 * LEAST_SAMPLES:
         raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
-    half_width = max(HALF_WIDTH, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))))
-    time = instants(log, spacing, half_width)
+    least = max(1.0, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))) / HALF_WIDTH)
+    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same for all widths
+    half_width *= least
     if time.size * spacing < LEAST_TIME:
         raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
     value, rate = at(log, np.stack([log[name] for name in plant.channels]), time, half_width)
@@ -228,6 +270,18 @@ def _blocks(views: Sequence[_View], length: float) -> NDArray[np.int64]:
         numbers.append(own + offset)
         offset += held.size
     return np.concatenate(numbers)
+
+
+def _kept_back(views: Sequence[_View]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which instants are used, and which are judged: every fifth stretch, without the guards at its ends."""
+    used, judged = [], []
+    for view in views:
+        into = (view.time - view.time[0]) / STRETCH
+        kept = np.floor(into).astype(np.int64) % EVERY == EVERY // 2
+        inside = np.abs(into - np.floor(into) - 0.5) * STRETCH <= 0.5 * STRETCH - GUARD
+        used.append(~kept)
+        judged.append(kept & inside)
+    return np.concatenate(used), np.concatenate(judged)
 
 
 def _haste(plant: Plant, scene: Scene) -> NDArray[np.int64]:

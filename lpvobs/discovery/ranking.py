@@ -30,10 +30,9 @@ LEAST_SHARE = 0.008
 """Of the noise's sum of squares: an effect that explains less is within what smoothing and a bilinear map leave."""
 
 
-def uneven_share(candidate: Candidate, per_coarse: int) -> float:
+def uneven_share(candidate: Candidate, problem: Problem) -> float:
     """Return what a size of its own for every block would gain, over what the one size gains."""
-    blocks = candidate.loss.size / per_coarse
-    return 0.5 * (candidate.unevenness - 1.0) * blocks / max(candidate.gain, 1e-9)
+    return 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks / max(candidate.gain, 1e-9)
 
 
 def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
@@ -77,7 +76,7 @@ def tried(problem: Problem) -> int:
 
 def worth(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate is neither chance nor too small to matter."""
-    noise = 0.5 * linear.residual[0].size
+    noise = 0.5 * linear.problem.data
     return candidate.gain >= LEAST_SHARE * noise and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
 
 

@@ -17,10 +17,11 @@ from lpvobs.discovery.candidates import (
 )
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.fit import fit, refit
-from lpvobs.discovery.heldout import compare
+from lpvobs.discovery.heldout import Losses, compare, cross_validated
 from lpvobs.discovery.linear import Linear, Term, residual_with
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.problem import STRETCH, Problem
 from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, rank, tried, uneven_share, worth
+from lpvobs.discovery.uncertainty import standard_errors
 
 MOST_EFFECTS = 4
 MOST_STRUCTURE = 0.02
@@ -57,6 +58,8 @@ class Accepted:
         Effects that explain it as well.
     curve : Curve or None
         For a channel.
+    standard_error : float
+        Of the size, in its unit; of a channel's curve, of its multiple.
     """
 
     candidate: Candidate
@@ -64,6 +67,7 @@ class Accepted:
     share: float
     alike: tuple[str, ...]
     curve: Curve | None
+    standard_error: float
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,9 @@ class Selection:
         `effect`, `none` or `unexplained`.
     accepted : tuple of Accepted
     before, after : Linear
+        Made with all data once everything is decided.
+    losses : Losses
+        Of the models that were made and chosen without the stretches they are computed on.
     ranking : tuple of Candidate
         Of the first round.
     """
@@ -84,11 +91,24 @@ class Selection:
     accepted: tuple[Accepted, ...]
     before: Linear
     after: Linear
+    losses: Losses
     ranking: tuple[Candidate, ...]
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return what the logs hold that the model lacks."""
+    verdict, accepted, linear, ranking = _search(problem, progress)
+    losses = compare(_bare(linear), linear)
+    final = _with_all(linear)
+    progress(0.95)
+    errors = standard_errors(final)
+    found = tuple(_finished(final, i, c, curve, float(errors[i])) for i, (c, curve) in enumerate(accepted))
+    progress(1.0)
+    return Selection(verdict, found, _bare(final), final, losses, tuple(ranking))
+
+
+def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, list[Named], Linear, list[Candidate]]:
+    """Return verdict, effects, the model with them, and the ranking of the first round; no kept stretch is looked at."""
     before = linear = fit(problem)
     ranking: list[Candidate] = []
     accepted: list[Named] = []
@@ -100,28 +120,42 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         if not worth(best, linear):
             break
         if _comes_and_goes(best, accepted):
-            return Selection("unexplained", (), before, before, tuple(ranking))
+            return "unexplained", [], before, ranking
         if any(c.id == best.id for c, _ in accepted):
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
         named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
         if not _holds_out(linear, trial):
             break
-        if uneven_share(named[0], problem.per_coarse) > MOST_UNEVEN:
-            return Selection("unexplained", (), before, before, tuple(ranking))
+        if uneven_share(named[0], problem) > MOST_UNEVEN:
+            return "unexplained", [], before, ranking
         linear, accepted = trial, [*accepted, named]
     accepted, linear = _pruned(linear, accepted)
     if _left_over(before, linear):
-        return Selection("unexplained", (), before, before, tuple(ranking))
-    verdict = "effect" if accepted else "none"
-    final = tuple(_finished(linear, i, c, curve) for i, (c, curve) in enumerate(accepted))
-    progress(1.0)
-    return Selection(verdict, final, before, linear, tuple(ranking))
+        return "unexplained", [], before, ranking
+    return "effect" if accepted else "none", accepted, linear, ranking
+
+
+def _bare(linear: Linear) -> Linear:
+    """Return the model without effects, its weights those with them."""
+    return refit(linear, ()) if linear.terms else linear
+
+
+def _with_all(linear: Linear) -> Linear:
+    """Return the chosen model made from all data: what was kept back sharpens sizes and onsets, and chooses nothing."""
+    problem = linear.problem.with_all()
+    final = fit(problem, linear.terms, passes=2, start=linear)
+    for i, term in enumerate(final.terms):
+        if np.isfinite(term.begin) or np.isfinite(term.end):
+            moved = [sharpened(final, i) if j == i else t for j, t in enumerate(final.terms)]
+            if moved[i] != term:
+                final = refit(final, moved)
+    return final
 
 
 def structure(linear: Linear) -> float:
     """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
-    blocks = linear.problem.first.size / linear.problem.per_coarse
+    blocks = linear.problem.coarse_blocks
     carriers = [e for e in linear.problem.plant.catalogue if e.id in linear.problem.plant.carriers]
     return max(0.5 * (fit_candidate(linear, effect).unevenness - 1.0) * blocks for effect in carriers)
 
@@ -129,14 +163,14 @@ def structure(linear: Linear) -> float:
 def _left_over(before: Linear, after: Linear) -> bool:
     """Return whether the residual has a structure in time that the named effects do not explain."""
     left = structure(after)
-    if left < MOST_STRUCTURE * 0.5 * after.residual[0].size:
+    if left < MOST_STRUCTURE * 0.5 * after.problem.data:
         return False
     return after is before or left > STRUCTURE_LEFT * structure(refit(after, ()))
 
 
 def _holds_out(before: Linear, after: Linear) -> bool:
     """Return whether blocks that an effect was not fitted to are predicted better with it."""
-    return compare(refit(after, before.terms), after).ratio_ci90[1] < 1.0
+    return cross_validated(refit(after, before.terms), after).comparison().ratio_ci90[1] < 1.0
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
@@ -215,6 +249,8 @@ def sharpened(linear: Linear, index: int) -> Term:
     better = np.cumsum(0.5 * ((off[0] ** 2).sum(0) - (on[0] ** 2).sum(0)))  # of acting up to an instant
     clock = linear.problem.scene.clock[: linear.problem.K]
     reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
+    if linear.problem.used.all():  # an onset in a stretch that was kept back is not known better than that
+        reach += STRETCH
 
     def near(at: float, sign: float) -> float:
         window = np.flatnonzero(np.abs(clock - at) <= reach)
@@ -222,10 +258,10 @@ def sharpened(linear: Linear, index: int) -> Term:
 
     begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
     end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
-    return replace(term, begin=begin, end=end) if end - begin > reach else term
+    return replace(term, begin=begin, end=end) if end > begin else term
 
 
-def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | None) -> Accepted:
+def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float) -> Accepted:
     problem, bare = linear.problem, _without(linear, index)
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
@@ -236,7 +272,7 @@ def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | N
     like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # judged as the rivals are
     alike = tuple(c.id for c in rivals if _cannot_be_told(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
-    return Accepted(own, p_value(own, tried(problem)), share, alike, curve)
+    return Accepted(own, p_value(own, tried(problem)), share, alike, curve, standard_error)
 
 
 def _cannot_be_told(best: Candidate, other: Candidate, per_coarse: int) -> bool:

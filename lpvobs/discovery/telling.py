@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.candidates import Candidate
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.linear import Term
 from lpvobs.discovery.outcome import Finding, LogPart, Parameter
 from lpvobs.discovery.problem import Problem, place_in_logs
 from lpvobs.discovery.selection import Accepted
@@ -16,19 +16,18 @@ from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Log
 
 
-def parameter_of(candidate: Candidate) -> Parameter:
+def parameter_of(term: Term, standard_error: float) -> Parameter:
     """Return an effect's size with its interval."""
-    half = NINETY * np.sqrt(max(candidate.unevenness, 1.0) / candidate.information)
-    size = candidate.term.size
-    return Parameter(size, candidate.term.effect.unit, (size - half, size + half))
+    half = NINETY * standard_error
+    return Parameter(term.size, term.effect.unit, (term.size - half, term.size + half))
 
 
 def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
     """Return an accepted effect for people and programs."""
-    candidate, term = item.candidate, item.candidate.term
+    term = item.candidate.term
     return Finding(
         id=term.effect.id,
-        parameters={term.effect.parameter: parameter_of(candidate)},
+        parameters={term.effect.parameter: parameter_of(term, item.standard_error)},
         onset=place_in_logs(logs, term.begin),
         end=place_in_logs(logs, term.end),
         explained=item.share,
@@ -41,7 +40,8 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
 
 def standing_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Standing:
     """Return an accepted effect as the model keeps it."""
-    term, parameter = item.candidate.term, parameter_of(item.candidate)
+    term = item.candidate.term
+    parameter = parameter_of(term, item.standard_error)
     return Standing(
         id=term.effect.id,
         place=term.effect.place,

@@ -89,7 +89,7 @@ def _over_time(found: Discovered, seen: Portrait, name: str) -> Iterator[Picture
     in_turn = "every part was held out in turn"
     for index, track in enumerate(seen.tracks[:MOST_LOGS]):
         effects = parts[track.log]["effects"]
-        judged = in_turn if track.judged.all() else held
+        judged = held if track.judged.any() else in_turn
         yield picture(
             figures.residual_series(
                 f"{name}-time{index}", f"residual over time, {track.log}", track, seen.balances, effects

@@ -1,0 +1,56 @@
+"""How far the size of an effect may be off: noise, what the data share among themselves, constants, and the choice of window.
+
+Four parts, none of them typed in. Noise and model error together show in how the sums of the size's score vary from stretch to
+stretch of the drive and from cell to cell of the map: where they vary more than noise lets them, the larger variance holds (a
+cluster-robust variance). The constants' tolerance enters through their prior, pinned ones included: a constant at the end of its
+tolerance is not known any better for that. Noise in balances that bend and blur within the window bias a size, and both depend on
+the width of the window, one falling, one growing with it: the same model is fitted through windows of another width, and half the
+squared difference of the two sizes is the variance between windows, as for two draws of one random effect.
+"""
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision
+from lpvobs.discovery.linear import Linear
+from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.records import Array
+
+
+def standard_errors(linear: Linear) -> Array:
+    """Return the standard error of the size of every effect in a model, shape (terms,)."""
+    if not linear.terms:
+        return np.empty(0)
+    prior = prior_precision(linear.problem, linear.terms)
+    factor = cholesky(linear.normal - pins(linear.problem, linear.pinned, prior.shape[0]))
+    first = linear.p + linear.beta.size
+    units = np.eye(linear.pull.size)[:, first:]
+    rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
+    within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
+    return np.asarray(np.sqrt(within + 0.5 * between_windows(linear) ** 2))
+
+
+def between_windows(linear: Linear) -> Array:
+    """Return the difference of the sizes that wider windows give, shape (terms,)."""
+    there = linearised(linear.problem.wider(), linear.terms, linear.theta, linear.beta, linear.whitener, linear.pinned)
+    return np.array([b.size - a.size for a, b in zip(linear.terms, converged(there).terms, strict=True)])
+
+
+def _variance(linear: Linear, row: Array, plain: float, prior: Array) -> float:
+    """Return the variance of one size for a given window; `plain` is that without model error."""
+    problem = linear.problem
+    left = linear.moved(linear.residual, linear.pull)
+    along = -linear.moved(np.zeros_like(left), row)
+    scores = (along[0] * left[0] - along[1] * left[1]).sum(0)
+    known = float(row @ prior @ row)
+    stretches = problem.block // problem.per_coarse
+    cells = cell_numbers(problem.grid, linear.nodes[0])
+    return known + max(plain - known, spread_of_sums(scores, stretches), spread_of_sums(scores, cells))
+
+
+def spread_of_sums(scores: Array, group: NDArray[np.int64]) -> float:
+    """Return the variance of a sum whose parts by group are independent, from those parts; the sum itself is zero."""
+    sums = np.bincount(group, scores)
+    sums = sums[np.bincount(group, scores != 0.0) > 0]
+    return float(sums @ sums) * sums.size / max(sums.size - 1, 1)
