@@ -17,7 +17,9 @@ from lpvobs.discovery.linear import Linear, Term, scene_with
 from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.plant import Plant
 from lpvobs.discovery.problem import MapPrior, Problem, lay_out
-from lpvobs.discovery.selection import Accepted, Selection, select
+from lpvobs.discovery.ranking import worth
+from lpvobs.discovery.selection import STRUCTURE_LEFT, Accepted, Selection, select
+from lpvobs.discovery.selection import structure as time_structure
 from lpvobs.discovery.standing import Standing, own_time, term_on
 from lpvobs.discovery.telling import finding_of, log_part, parameter_of, standing_of, told
 from lpvobs.discovery.uncertainty import standard_errors
@@ -206,7 +208,19 @@ def _selected(
     selection = select(_holding(problem, base.terms), lambda share: progress(0.1 + 0.8 * share))
     after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
     before = refit(after, after.terms[: len(had)]) if selection.accepted else after
+    if _explained_already(selection, after):
+        selection = replace(selection, verdict="none")
     return selection, before, after
+
+
+def _explained_already(selection: Selection, after: Linear) -> bool:
+    """Return whether what is left in time is no more than effects that are named may leave.
+
+    The search asks that of the effects that it finds; here they were in the model before it began.
+    """
+    if selection.verdict != "unexplained" or worth(selection.ranking[0], selection.before):
+        return False
+    return time_structure(after) <= STRUCTURE_LEFT * time_structure(refit(after, ()))
 
 
 def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
