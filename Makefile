@@ -11,6 +11,7 @@ LPVOBS := $(VENV)/bin/lpvobs
 LOGS   := $(BUILD)/logs
 CYCLES := etc ftp75 nedc
 JUDGED := etc_part1 ftp75_cold
+FAULT  := configs/effects/undeclared_leak.toml
 
 .DELETE_ON_ERROR:
 .SUFFIXES:
@@ -43,11 +44,16 @@ CORE       := lpvobs/errors.py lpvobs/records.py
 SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py data/cycles/*.csv)
 SYNTHESIS  := $(CORE) $(wildcard lpvobs/airpath/*.py lpvobs/synthesis/*.py)
 ESTIMATION := $(SYNTHESIS) $(wildcard lpvobs/maps/*.py lpvobs/observer/*.py)
+DISCOVERY  := $(wildcard lpvobs/discovery/*.py)
 REPORTING  := $(wildcard lpvobs/report/*.py lpvobs/report/templates/*)
 
 $(LOGS)/%.parquet: $(CONFIG) $(SIMULATION) | $(VENV)/.ready
 	@mkdir -p $(@D)
 	$(LPVOBS) simulate --config $(CONFIG) --cycle $* --seed $(SEED) --out $@
+
+$(LOGS)/%_faulty.parquet: $(CONFIG) $(FAULT) $(SIMULATION) | $(VENV)/.ready
+	@mkdir -p $(@D)
+	$(LPVOBS) simulate --config $(CONFIG) --cycle $* --seed $(SEED) --effects $(FAULT) --out $@
 
 $(BUILD)/gain.h5: $(CONFIG) $(CYCLES:%=$(LOGS)/%.parquet) $(SYNTHESIS)
 	$(LPVOBS) synth-gain --config $(CONFIG) $(CYCLES:%=$(LOGS)/%.parquet) --out $@
@@ -66,10 +72,16 @@ $(BUILD)/%.h5: $(LOGS)/%.parquet $(BUILD)/gain.h5 $(ESTIMATION)
 	$(LPVOBS) estimate --config $(CONFIG) --gain $(BUILD)/gain.h5 $< --out $@
 	$(LPVOBS) extrapolate $@
 
+# The loop: a map that knows nothing of the fault, what it lacks, the model with it, the error on a drive that nothing was fitted to.
+$(BUILD)/refined.h5: $(BUILD)/etc_part1_faulty.h5 $(LOGS)/ftp75_cold_faulty.parquet $(DISCOVERY)
+	cp $< $(BUILD)/traced.h5
+	$(LPVOBS) trace $(BUILD)/traced.h5 $(LOGS)/etc_part1_faulty.parquet
+	$(LPVOBS) refine $< $(LOGS)/etc_part1_faulty.parquet --hold-out $(LOGS)/ftp75_cold_faulty.parquet --out $@
+
 RESULTS := $(foreach cycle,$(JUDGED),$(BUILD)/$(cycle).h5 $(BUILD)/$(cycle)_published.h5)
 
-$(BUILD)/report.html: $(RESULTS) $(REPORTING)
-	$(LPVOBS) report $(RESULTS) $(JUDGED:%=$(LOGS)/%.parquet) --html $@
+$(BUILD)/report.html: $(RESULTS) $(BUILD)/refined.h5 $(REPORTING)
+	$(LPVOBS) report $(RESULTS) $(BUILD)/refined.h5 $(JUDGED:%=$(LOGS)/%.parquet) $(LOGS)/etc_part1_faulty.parquet --html $@
 
 # --- checks -----------------------------------------------------------------------------------------------------------------
 test: $(VENV)/.ready
