@@ -1,11 +1,14 @@
 """Foreign recordings to logs: CSV layouts, repairs, rasters; the other formats are in test_formats.py."""
 
+from dataclasses import fields
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.foreign import ingest
-from lpvobs.io.profiles import load_profile, profile_of, shipped
+from lpvobs.io.profiles import ChannelRules, Raster, SourceRules, TimeRules, load_profile, profile_of, shipped
 
 MINIMAL = """
 schema = 1
@@ -240,3 +243,12 @@ def test_shipped_profiles_load_and_others_are_named():
         assert load_profile(name)[1] == name
     with pytest.raises(UsageError, match="shipped: kit-obd, liu-ice"):
         load_profile("liu-ise")
+
+
+def test_the_example_of_the_documentation_is_a_profile(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "ingest.md").read_text(encoding="utf-8")
+    example = text.split("```toml\n")[1].split("```")[0]
+    assert set(profile(example, tmp_path).channels) == {"p_im", "W_maf"}
+    for item in (SourceRules, TimeRules, Raster, ChannelRules):
+        for key in fields(item):
+            assert f"`{key.name}`" in text or f"] {key.name}`" in text, key.name
