@@ -54,7 +54,7 @@ def open_mdf(path: Path, rules: SourceRules) -> MdfRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
     with _opened(path) as file:
         found = [
-            (number, index, channel.name, (channel.unit or "").strip(), int(group.channel_group.cycles_nr))
+            (number, index, channel.name, _unit(channel), int(group.channel_group.cycles_nr))
             for number, group in enumerate(file.groups)
             for index, channel in enumerate(group.channels)
             if index != file.masters_db.get(number)
@@ -115,6 +115,12 @@ def _abandon(error: Exception) -> None:
                     setattr(owner, name, None)
             owner.close()
         trace = trace.tb_next
+
+
+def _unit(channel: Any) -> str:
+    """Return the unit of a channel; MDF 3 keeps it with the conversion."""
+    found = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
+    return _text(found).strip(" \0")
 
 
 def _text(item: Any) -> str:
