@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,10 +110,10 @@ def _abandon(error: Exception) -> None:
     while trace is not None:
         owner: Any = trace.tb_frame.f_locals.get("self")
         if hasattr(owner, "_closed"):
-            for name in ("_file", "_mapped_file", "header", "identification"):
-                if not hasattr(owner, name):
-                    setattr(owner, name, None)
-            owner.close()
+            with suppress(
+                Exception
+            ):  # it lacks what it did not come to set; the second call, from the destructor, does nothing
+                owner.close()
         trace = trace.tb_next
 
 

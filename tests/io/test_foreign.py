@@ -61,11 +61,20 @@ def test_a_broken_degree_sign_is_read_and_said(run, degree):
     assert degree in made.record["channels"]["T_im"]["repairs"]["unit_spelling"]
 
 
-def test_a_whole_degree_sign_is_no_repair_and_cp1252_is_one(run):
+def test_a_whole_degree_sign_is_no_repair_and_latin_1_is_one(run):
     text = MINIMAL.replace("p_im", "T_im").replace('"map"', '"IAT"').replace('"Pa"', '"K"')
-    made = run(text, "t,IAT [°C]\n0,20\n1,21\n", encoding="cp1252")
+    made = run(text, "t,IAT [°C]\n0,20\n1,21\n", encoding="latin-1")
     assert made.record["channels"]["T_im"]["repairs"] == {}
-    assert made.record["sources"][0]["notes"] == {"encoding": "not utf-8: read as cp1252"}
+    assert made.record["sources"][0]["notes"] == {"encoding": "not utf-8: read as latin-1"}
+
+
+def test_a_line_that_is_not_utf_8_does_not_stop_the_others(run, capfd):
+    rows = b"".join(b"%d,100000\n" % k for k in range(200))
+    made = run(MINIMAL, b"t,map [Pa]\n" + rows + b"200,\xff,\xff\n201,1\xff\n202,100000\n")
+    assert made.record["sources"][0]["notes"]["encoding"] == "not utf-8: read as latin-1"
+    assert made.record["channels"]["p_im"]["repairs"] == {"unreadable": 1, "example": "1ÿ", "empty": 1}
+    assert made.channels["time"][-1] == 202
+    assert capfd.readouterr().err == ""
 
 
 def test_every_repair_is_done_and_counted(run):
