@@ -142,6 +142,17 @@ def test_mdf_names_that_several_groups_have(tmp_path):
     check(ingest([path], profile_of(text.replace('"n"', '"0:n"'), tmp_path / "p.toml")))
 
 
+def test_what_the_library_says_of_a_file_is_a_note_and_not_on_stderr(tmp_path, capfd):
+    path = mdf(tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "degC")])])
+    content = path.read_bytes()
+    assert b"</HDcomment>" in content
+    path.write_bytes(content.replace(b"</HDcomment>", b"</HDcommenT>"))
+    found = ingest([path], profile_of(MDF_PROFILE.format(unit_n="", unit_t="", time_t=""), tmp_path / "p.toml"))
+    check(found)
+    assert "could not parse" in found.record["sources"][0]["notes"]["asammdf says"]
+    assert capfd.readouterr().err == ""
+
+
 def test_mdf_without_its_library_says_what_to_install(tmp_path, monkeypatch):
     import sys
 
