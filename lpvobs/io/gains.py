@@ -119,9 +119,11 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     )
     bounds = group.create_group("log_bounds")
     for name, values in stored.log_bounds.items():
-        bounds.create_dataset(name, data=values).attrs["long_name"] = (
-            "smallest and largest scheduling parameters of the log"
-        )
+        dataset = bounds.create_dataset(name, data=values)
+        dataset.attrs["units"] = "SI"
+        dataset.attrs["long_name"] = "smallest and largest scheduling parameters of the log"
+        for dimension, axis in enumerate(("bound", "parameter")):
+            dataset.dims[dimension].attach_scale(group[axis])
 
 
 def read_gain_group(parent: h5py.File) -> StoredGain:

@@ -323,8 +323,9 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
         logs,
         log.name,
         {
-            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log"),
-            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log"),
+            "parameter": Field(text(parameter_names), "1", "scheduling parameter"),
+            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log", ("parameter",)),
+            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log", ("parameter",)),
             "share_certified": Field(log.share_certified, "1", "share of samples inside the region of the certificate"),
         },
     )

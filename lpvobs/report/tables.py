@@ -216,7 +216,7 @@ def ingest_rows(record: Mapping[str, Any]) -> Table:
             item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}",
             item["unit_read_as"],
             item["unit"],
-            f"{item['rate']:.4g}",
+            NONE if item["rate"] is None else f"{item['rate']:.4g}",
             item["rule"],
             str(item["bridged"]),
             str(item["without_value"]),
