@@ -12,6 +12,7 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.io.profiles import SourceRules
 from lpvobs.io.recordings import Column, Head, check_size
+from lpvobs.io.seal import expect_sound
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
@@ -143,6 +144,7 @@ def _open_hdf(path: Path) -> MatRecording:
             is_time = dotted.rsplit(".", 1)[-1] in TIMES
             heads[dotted] = Head(dotted, "" if is_time else _hdf_unit(item), item.size)
 
+    expect_sound(path, "export it again")
     try:
         with h5py.File(path, "r") as file:
             file.visititems(look)

@@ -563,10 +563,15 @@ def _(bench):
 def refused_to_write(target, word, failure=None):
     """Assert that a file is not written, in one line with a word, and that its folder is as it was."""
     before = sorted(target.parent.iterdir()) if target.parent.is_dir() else None
-    with pytest.raises(DataError, match=word) as refusal, replacing(target) as temporary:
-        temporary.write_bytes(b"half")
-        if failure is not None:
-            raise failure
+
+    def write():
+        with replacing(target) as temporary:
+            temporary.write_bytes(b"half")
+            if failure is not None:
+                raise failure
+
+    with pytest.raises(DataError, match=word) as refusal:
+        write()
     assert len(str(refusal.value).splitlines()) == 1
     assert before is None or sorted(target.parent.iterdir()) == before
 
