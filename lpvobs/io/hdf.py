@@ -13,6 +13,7 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.plain import expect_plain
 from lpvobs.io.seal import expect_sound, sealed
+from lpvobs.records import Array
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,29 @@ def flags(values: Sequence[int], meanings: Sequence[str]) -> dict[str, Any]:
 def text(values: Sequence[str]) -> Any:
     """Return strings as an array that every reader understands: variable-length UTF-8."""
     return np.array(list(values), dtype=h5py.string_dtype())
+
+
+def numbers(group: h5py.Group, name: str, *shape: int) -> Array:
+    """Return a dataset of real numbers as floats; raises ValueError for another kind or shape."""
+    values = np.asarray(group[name][()])
+    if values.dtype.kind not in "fiu":
+        raise ValueError(f"'{name}' holds {values.dtype}, expected numbers")
+    if values.shape != shape:
+        raise ValueError(f"'{name}' has the shape {values.shape}, expected {shape}")
+    return values.astype(float, copy=False)
+
+
+def number(group: h5py.Group, name: str) -> float:
+    """Return a single real number; raises ValueError for anything else."""
+    return float(numbers(group, name))
+
+
+def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """Return a list of strings; raises ValueError or TypeError for anything else."""
+    values = group[name].asstr()[()]
+    if np.ndim(values) != 1:
+        raise ValueError(f"'{name}' has the shape {np.shape(values)}, expected a list")
+    return tuple(map(str, values))
 
 
 @contextmanager

@@ -69,7 +69,8 @@ def _digest(path: Path, length: int) -> bytes:
 def _probe(path: str) -> str:
     """Return why a process of its own could not read the whole file, or nothing."""
     root = str(Path(__file__).parents[2])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # each would take memory from the limit
+    environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
     call = [sys.executable, "-m", "lpvobs.io.probe", path, str(SECONDS), str(BYTES)]
     try:
         done = subprocess.run(

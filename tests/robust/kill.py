@@ -95,8 +95,8 @@ def warm() -> None:
     import lpvobs.steps.trace  # noqa: F401
 
 
-def start(verb: Verb, folder: Path) -> int:
-    """Run a verb in a forked process; return its id."""
+def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull)) -> int:
+    """Run a command line in a forked process; return its id."""
     sys.stdout.flush()
     child = os.fork()
     if child:
@@ -104,10 +104,10 @@ def start(verb: Verb, folder: Path) -> int:
     code = 70
     try:
         os.chdir(folder)
-        nothing = os.open(os.devnull, os.O_RDWR)
-        for stream in (0, 1, 2):
-            os.dup2(nothing, stream)
-        sys.argv = ["lpvobs", *verb.arguments]
+        nothing, said = os.open(os.devnull, os.O_RDWR), os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for stream, where in enumerate((nothing, nothing, said)):
+            os.dup2(where, stream)
+        sys.argv = ["lpvobs", *arguments]
         from lpvobs.cli.main import run
 
         run()
@@ -115,13 +115,14 @@ def start(verb: Verb, folder: Path) -> int:
     except SystemExit as end:
         code = int(end.code or 0)
     finally:
+        sys.stderr.flush()
         os._exit(code)
 
 
 def finish(verb: Verb, folder: Path) -> float:
     """Run a verb to its end; return the time it took."""
     began = time.monotonic()
-    _, status = os.waitpid(start(verb, folder), 0)
+    _, status = os.waitpid(start(verb.arguments, folder), 0)
     if os.waitstatus_to_exitcode(status) != 0:
         raise RuntimeError(f"{verb.name}: exit code {os.waitstatus_to_exitcode(status)} when nobody killed it")
     return time.monotonic() - began
@@ -169,7 +170,7 @@ def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Calla
         lay(before)
         after_part = trial % 2 == 1
         moment = rng.uniform(0.0, 0.02 if after_part else 1.05 * length)
-        code = kill(start(verb, folder), moment, folder, after_part)
+        code = kill(start(verb.arguments, folder), moment, folder, after_part)
         hits += code == -signal.SIGKILL
         now = target.read_bytes() if target.exists() else None
         if now not in (before, whole):
