@@ -13,6 +13,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.mat5 import HEADER, read_mat5, unpacked_size
 from lpvobs.io.profiles import SourceRules
 from lpvobs.io.recordings import Column, Head, check_size
+from lpvobs.io.seal import expect_sound
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
@@ -95,6 +96,7 @@ def _open_hdf(path: Path) -> MatRecording:
             is_time = dotted.rsplit(".", 1)[-1] in TIMES
             heads[dotted] = Head(dotted, "" if is_time else _hdf_unit(item), item.size)
 
+    expect_sound(path, "export it again")
     try:
         with h5py.File(path, "r") as file:
             file.visititems(look)
