@@ -96,7 +96,7 @@ def _on_cluster(
     except ImportError:
         raise UsageError("--scheduler: Dask is not installed; install lpvobs[cluster]") from None
     try:
-        client = Client(address, timeout="10s", set_as_default=False)
+        client = Client(address, timeout="5s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"--scheduler {address}: cannot be reached ({error}); start `dask scheduler`, or check the address"
@@ -114,7 +114,7 @@ def _on_cluster(
             numbers[future.key] = following[0]
             return future  # type: ignore[no-any-return]
 
-        under_way = as_completed([future for _ in range(ahead) if (future := hand_out()) is not None])
+        under_way = as_completed([future for _ in range(ahead) if (future := hand_out()) is not None], loop=client.loop)
         for future in under_way:
             try:
                 result = future.result()
