@@ -143,25 +143,27 @@ def references(
 
 
 def slabs_of(path: Path, columns: list[str], threads: bool = True) -> "Iterator[pa.Table]":
-    """Yield the columns of a Parquet file as tables of `SLAB` rows, the last one shorter."""
+    """Yield the columns of a Parquet file as tables of at most `SLAB` rows, of equal length up to rounding."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         with pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
-            if file.metadata.num_rows <= SLAB:
+            rows = file.metadata.num_rows
+            if rows <= SLAB:
                 yield file.read(columns=columns, use_threads=threads)
                 return
+            slab = -(-rows // -(-rows // SLAB))  # as even as can be: no small one at the end to be judged by itself
             held: list[pa.RecordBatch] = []
             count = 0
             for batch in file.iter_batches(batch_size=BATCH, columns=columns, use_threads=threads):
                 held.append(batch)
                 count += batch.num_rows
-                while count >= SLAB:
+                while count >= slab:
                     table = pa.Table.from_batches(held)
-                    yield table.slice(0, SLAB)
-                    held = table.slice(SLAB).to_batches()
-                    count -= SLAB
+                    yield table.slice(0, slab)
+                    held = table.slice(slab).to_batches()
+                    count -= slab
             if held:
                 yield pa.Table.from_batches(held)
     except (pa.ArrowException, OSError, ValueError) as error:
