@@ -10,12 +10,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.io.agreement import read_agreement
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.hdf import Field, changing, creating, flags, number, numbers, reading, text, texts, write_group
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
+from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array
 
@@ -99,6 +101,7 @@ class StoredResult:
     extrapolation: QuadraticFit | None
     outer_coverage: float
     provenance: Provenance
+    agreement: tuple[Agreement, ...] = ()
 
 
 def write_result(
@@ -240,6 +243,7 @@ def read_result(path: Path) -> StoredResult:
             extrapolation=_read_extrapolation(file, grid),
             outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
+            agreement=read_agreement(file),
         )
 
 
