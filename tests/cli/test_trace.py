@@ -5,6 +5,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import xarray as xr
 
 TAU = 0.1  # s
 
@@ -97,6 +98,26 @@ def test_a_refined_model_is_complete(lpvobs, refined, slow, tmp_path):
     assert done.json["verdict"] == "none"
     assert [effect["id"] for effect in done.json["standing"]] == [said["effects"][0]["id"]]
     assert again.read_bytes() == out.read_bytes()
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_opens_the_refined_model(refined, engine):
+    with xr.open_dataset(refined[0], group="refinement/effects/effect_1", engine=engine) as effect:
+        assert effect["acts"].dims == ("log",)
+        value = next(iter(refined[1]["effects"][0]["parameters"].values()))["value"]
+        assert float(effect["value"]) == value
+    for group in (
+        "constants",
+        "comparison",
+        "whiteness/after",
+        "ranking",
+        "plots/log_1",
+        "plots/effect_1",
+        "plots/structure",
+    ):
+        with xr.open_dataset(refined[0], group=f"refinement/{group}", engine=engine) as data:
+            assert not [name for name in data.dims if name.startswith("phony")]
+            data.load()
 
 
 def test_the_page_shows_the_residual_without_the_logs(lpvobs, refined, tmp_path):
