@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench docs clean
+.PHONY: help setup run test lint bench docs kill clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -24,6 +24,7 @@ help:
 	@echo 'make test    the tests'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage; results in benchmarks/results'
+	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
 	@echo 'make clean   removes $(BUILD)'
 
@@ -98,6 +99,9 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/surfaces.py
 	$(VENV)/bin/python benchmarks/mismatch.py
 	$(VENV)/bin/python benchmarks/intervals.py
+
+kill: $(VENV)/.ready
+	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)
 
 docs: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.defects

@@ -1,19 +1,19 @@
 """What every verb shares: errors as one line and an exit code, messages on stderr, one JSON object on stdout."""
 
+import errno
 import functools
 import json
 import math
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
+from lpvobs.cli.signals import Stopped
 from lpvobs.errors import LpvobsError, UsageError
 
 P = ParamSpec("P")
@@ -22,13 +22,10 @@ R = TypeVar("R")
 ConfigOption = Annotated[
     Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")
 ]
+DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+"""What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
-
-SIGINT_CODE, SIGTERM_CODE = 130, 143
-
-
-class Terminated(BaseException):
-    """SIGTERM arrived; unwinds the stack so that temporary files are removed."""
 
 
 def guarded(verb: Callable[P, R]) -> Callable[P, R]:
@@ -42,20 +39,30 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             raise
         except LpvobsError as error:
             fail(str(error), error.exit_code)
-        except KeyboardInterrupt:
-            fail("interrupted; no file was changed by the unfinished step", SIGINT_CODE)
-        except Terminated:
-            fail("terminated; no file was changed by the unfinished step", SIGTERM_CODE)
+        except Stopped as stop:
+            fail(f"{stop.word}; no file was changed by the unfinished step", stop.exit_code)
         except BrokenPipeError:
             sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115 keeps the interpreter quiet at exit
             raise typer.Exit(0) from None
+        except OSError as error:
+            if error.errno not in DISK_FAILURES:
+                _fault(error)
+            where = f"{error.filename}: " if error.filename else ""
+            fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
         except (Exception, MemoryError) as error:
-            if os.environ.get("LPVOBS_DEBUG"):
-                raise
-            kind = type(error).__name__
-            fail(f"a fault of the program ({kind}: {error}); set LPVOBS_DEBUG=1 to see where, and report it", 4)
+            _fault(error)
+        finally:
+            _release_claims()
 
     return run
+
+
+def _fault(error: BaseException) -> NoReturn:
+    """Report what nobody foresaw."""
+    if os.environ.get("LPVOBS_DEBUG"):
+        raise error
+    kind = type(error).__name__
+    fail(f"a fault of the program ({kind}: {error}); set LPVOBS_DEBUG=1 to see where, and report it", 4)
 
 
 def fail(message: str, code: int) -> NoReturn:
@@ -64,20 +71,26 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
-def catch_sigterm() -> None:
-    """Let SIGTERM unwind like an exception."""
-
-    def handler(signum: int, frame: FrameType | None) -> None:
-        raise Terminated
-
-    signal.signal(signal.SIGTERM, handler)
-
-
 def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
-    """Raise UsageError if the file to write is one of those to read."""
+    """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
     for path in inputs:
         if out.exists() and path.exists() and out.samefile(path):
             raise UsageError(f"--out {out}: is also an input and would be lost; name another file")
+    claim(out)
+
+
+def claim(target: Path) -> None:
+    """Keep other processes from writing a file until this verb has ended; no other verb changes it in the meantime."""
+    from lpvobs.io import atomic
+
+    atomic.claim(target)
+
+
+def _release_claims() -> None:
+    if "lpvobs.io.atomic" in sys.modules:
+        from lpvobs.io import atomic
+
+        atomic.release_all()
 
 
 def say(message: str) -> None:

@@ -1,5 +1,6 @@
 """`lpvobs estimate`."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, pro
 @guarded
 def estimate(
     config: ConfigOption,
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs, patterns, or folders of logs.")],
     out: Annotated[Path, typer.Option(metavar="RESULT.h5", help="The result to write.")],
     gain: Annotated[
         Path | None,
@@ -23,36 +24,67 @@ def estimate(
     method: Annotated[
         str, typer.Option(metavar="NAME", help="observer; published: Gamma = 200 I as in the paper; ekf; batch.")
     ] = "observer",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Logs done at the same time, in processes of this machine; by default one for a few logs, else one per processor.",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT",
+            help="Do the logs on the workers of this Dask scheduler, which see them under the same paths.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the error map of the sensor from logs.
+
+    Of several logs, what has been done waits in RESULT.h5.parts until the result is written; a run that was killed goes on there.
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
     from lpvobs.errors import DataError
     from lpvobs.io.config import load_config
-    from lpvobs.report.tables import log_rows, logs_content
-    from lpvobs.steps.estimate import estimate_logs, gain_for
+    from lpvobs.io.finding import find_logs
+    from lpvobs.report.tables import agreement_rows, log_rows, logs_content
+    from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 
+    logs = find_logs(logs)
     refuse_overwriting(out, [config, *logs, *([gain] if gain else [])])
     configuration, text = load_config(config)
+    workplace = workplace_for(method, len(logs), jobs, scheduler)
     stored = gain_for(configuration, logs, gain, method)
     with progress("estimating") as report:
-        found, summaries, refused = estimate_logs(configuration, text, stored, logs, out, method, report)
+        done = estimate_logs(configuration, text, stored, logs, out, method, report, workplace)
+    found, summaries = done.estimate, done.summaries
     nodes = int(found.supported.sum())
     if as_json:
         content = {
             "result": str(out),
             "method": found.method,
             "logs": logs_content(summaries),
-            "refused": refused,
+            "refused": done.refused,
             "map": {"nodes": found.grid.size, "estimated": nodes},
+            "scatter": done.scatter,
+            "agreement": [asdict(item) for item in done.agreement],
         }
         print_json("estimate", content)
     else:
         print(table(*log_rows(summaries)))
+        if done.agreement:
+            print("\n" + table(*agreement_rows(done.agreement)))
+            say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
-    for message in refused:
+    for item in done.agreement:
+        if item.disagrees:
+            say(
+                f"lpvobs: {item.name}: disagrees with the map of all logs by {1e3 * item.mean_difference:+.3g} g/s on average"
+            )
+    for message in done.refused:
         say(f"lpvobs: left out: {message}")
-    if refused:
+    if done.refused:
         raise typer.Exit(DataError.exit_code)

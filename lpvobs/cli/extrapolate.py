@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import JsonOption, claim, guarded, print_json, say, table
 
 
 @guarded
@@ -22,6 +22,8 @@ def extrapolate(
     from lpvobs.report.tables import coefficient_rows, extrapolation_content, percent
     from lpvobs.steps.extrapolate import extrapolate_result
 
+    if result.is_file():
+        claim(result)
     fitted, held = extrapolate_result(result)
     if as_json:
         print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})

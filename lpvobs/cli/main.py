@@ -21,7 +21,7 @@ from lpvobs.cli import (
     trace,
     verify,
 )
-from lpvobs.cli.common import SIGINT_CODE, SIGTERM_CODE, Terminated, catch_sigterm
+from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
 
 app = typer.Typer(
     name="lpvobs",
@@ -65,10 +65,10 @@ def run() -> None:
     for library in ("OPENBLAS", "OMP", "MKL"):
         # The matrices are small: threads would cost more than they gain, and sum in another order on another machine.
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    catch_sigterm()
+    catch_signals()
     try:
         app()
-    except KeyboardInterrupt:
-        sys.exit(SIGINT_CODE)
-    except Terminated:
-        sys.exit(SIGTERM_CODE)
+    except Stopped as stop:
+        sys.exit(stop.exit_code)
+    finally:
+        ignore_signals()

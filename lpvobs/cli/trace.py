@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, progress, say, table
+from lpvobs.cli.common import JsonOption, claim, guarded, print_json, progress, say, table
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Trace
@@ -41,6 +41,8 @@ def trace(
     """
     from lpvobs.steps.trace import Sources, trace_result
 
+    if result.is_file():
+        claim(result)
     with progress("tracing") as report:
         found, frozen = trace_result(Sources(result, logs, (), freeze_map), report)
     if as_json:

@@ -11,6 +11,7 @@ from lpvobs.discovery.linear import (
     Linear,
     Nodes,
     Term,
+    bend_of,
     covariance_root,
     map_normal,
     operating_nodes,
@@ -82,7 +83,9 @@ def linearised(
         white = np.concatenate(
             [white, _whitened(problem, whitener, _by_terms(problem, terms, constants, theta, nodes))]
         )
-    residual = whiten(whitener, problem.used, raw)
+    straight = raw.copy()
+    straight[0] += bend_of(problem, scene, constants)
+    residual = whiten(whitener, problem.used, straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
     deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])

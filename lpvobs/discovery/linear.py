@@ -57,7 +57,7 @@ class Linear:
     whitener : ndarray, shape (K, B, B)
         C with C^T C the inverse covariance of the residual, at all instants; what is whitened is zero where none is used.
     raw, residual : ndarray, shape (2, B, K)
-        [kg/s], and whitened.
+        [kg/s], and whitened, there with what `bend_of` adds.
     by_constants : ndarray, shape (q, 2, B, K)
         [kg/s], derivatives of the residual by the constants; from a nearby point where the model has moved little since.
     columns : ndarray, shape (q + terms, 2, B, K)
@@ -159,18 +159,24 @@ def operating_nodes(problem: Problem, scene: Scene) -> Nodes:
 
 
 def residual_of(problem: Problem, scene: Scene, constants: object, theta: Array, nodes: Nodes) -> Array:
-    """Return what is left of every balance, shape (2, B, K) [kg/s].
-
-    A balance that bends moves with the noise of its signals: twice as far where one view is put in than where their mean is. Twice
-    the one less the other is where it would be without noise. (Near its stall, the compressor bends so much that the noise of p_im
-    is worth ten pascals.)
-    """
-    imbalances, K = problem.plant.imbalances, problem.K
-    left = views(imbalances(constants, scene.value, scene.rate, scene.lacks))
-    middle = (0.5 * (x[:, :K] + x[:, K:]) for x in (scene.value, scene.rate, scene.lacks))
-    left[0] = 2.0 * imbalances(constants, *middle) - left[0]
+    """Return what is left of every balance, shape (2, B, K) [kg/s]."""
+    left = views(problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks))
     left[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
     return left
+
+
+def bend_of(problem: Problem, scene: Scene, constants: object) -> Array:
+    """Return the balances of the mean of both views less the mean of their balances, shape (B, K) [kg/s].
+
+    A balance that bends moves with the noise of its signals, and the mean of the views has half the noise of either. (Near its
+    stall the compressor bends so much that the noise of p_im was worth ten pascals of offset; so it is worth one.) Twice
+    as much would take out all that a parabola bends, but where a root ends, it overshoots. Residuals have it and no regressor: the
+    product of two would not be one across views any more.
+    """
+    imbalances, K = problem.plant.imbalances, problem.K
+    each = imbalances(constants, scene.value, scene.rate, scene.lacks)
+    middle = (0.5 * (x[:, :K] + x[:, K:]) for x in (scene.value, scene.rate, scene.lacks))
+    return np.asarray(imbalances(constants, *middle) - 0.5 * (each[:, :K] + each[:, K:]))
 
 
 def map_along(theta: Array, nodes: Nodes) -> Array:

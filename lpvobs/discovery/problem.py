@@ -13,8 +13,9 @@ from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
-SPACING = 0.1
-"""[s] between instants, and"""
+SPACING = 0.0973
+"""[s] between instants; no simple part of a second, so that what happens on the second (a cycle's set-points, a control unit's tasks)
+is seen at all phases: at tenths, kinks at whole seconds looked like a delay of half a millisecond. And"""
 MOST_INSTANTS = 15000
 """how many there are at most: beyond 25 minutes they lie farther apart."""
 LEAST_TIME = 60.0
@@ -157,7 +158,7 @@ def lay_out(
         If a log has no stretch that is long enough.
     """
     driven = sum(float(log.time[-1] - log.time[0]) for log in logs)
-    spacing = max(SPACING, driven / MOST_INSTANTS)
+    spacing = SPACING * max(1.0, driven / SPACING / MOST_INSTANTS)
     views = [_view(plant, log, spacing, half_width) for log in logs]
     K = sum(view.time.size for view in views)
     length = max(BLOCK, np.ceil(K * spacing / MOST_BLOCKS / BLOCK) * BLOCK)
@@ -177,7 +178,7 @@ def lay_out(
         first=first,
         begins=scene.clock[first],
         per_coarse=max(1, round(coarse / length)),
-        haste=_haste(plant, scene),
+        haste=_haste(plant, scene, int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))),
         auxiliary={
             name: np.concatenate([_steadied(log, name, view.time) for log, view in zip(logs, views, strict=True)])
             for name in sorted(common)
@@ -284,13 +285,20 @@ def _kept_back(views: Sequence[_View]) -> tuple[NDArray[np.bool_], NDArray[np.bo
     return np.concatenate(used), np.concatenate(judged)
 
 
-def _haste(plant: Plant, scene: Scene) -> NDArray[np.int64]:
-    """Return the class of each instant: fast changes blur the balances, whatever the cause."""
+def _haste(plant: Plant, scene: Scene, apart: int) -> NDArray[np.int64]:
+    """Return the class of each instant: fast changes blur the balances, whatever the cause.
+
+    The change is that between instants `apart` before and after, whose windows do not touch: a weight that knew the noise of its
+    own rate would trust a rise that noise makes smaller, and bias every lag and volume.
+    """
     K = scene.time.size // 2
+    number = np.arange(K)
+    after, before = np.minimum(number + apart, K - 1), np.maximum(number - apart, 0)
     total = np.zeros(K)
     for name in plant.hurried:
-        rate = 0.5 * (scene.rate_of(name)[:K] + scene.rate_of(name)[K:])
-        total += (rate / max(float(np.std(scene[name])), 1e-9)) ** 2
+        calm = 0.5 * (scene[name][:K] + scene[name][K:])
+        change = (calm[after] - calm[before]) / np.maximum(scene.time[after] - scene.time[before], 1e-9)
+        total += (change / max(float(np.std(calm)), 1e-9)) ** 2
     return np.searchsorted(np.quantile(total, HASTE), total)
 
 

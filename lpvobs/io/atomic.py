@@ -1,5 +1,11 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, written by one process at a time.
 
+A writer claims its target with a lock on a hidden file beside it, `.NAME.lock`. The system drops the lock when the process ends,
+however it ends, so no lock is ever stale: what a killed writer has left behind is swept away by the next one.
+"""
+
+import errno
+import fcntl
 import os
 import tempfile
 from collections.abc import Iterator
@@ -7,6 +13,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lpvobs.errors import DataError
+
+_claims: dict[Path, int] = {}
+"""Targets that this process has claimed, with the open lock file of each."""
 
 
 @contextmanager
@@ -18,25 +27,95 @@ def replacing(target: Path) -> Iterator[Path]:
     Raises
     ------
     DataError
-        If the folder does not exist or cannot be written, or the target is a folder, a device or a pipe.
+        If the folder does not exist or cannot be written, the target is a folder, a device or a pipe, or another process is
+        writing it.
     """
     target = _regular(target)
+    claimed_before = target in _claims
+    claim(target)
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+        with _temporary(target) as temporary:
+            yield temporary
+            with temporary.open("rb") as written:
+                os.fsync(written.fileno())
+            temporary.chmod(0o666 & ~_umask())
+            temporary.replace(target)
+    except OSError as error:
+        raise DataError(f"{target}: writing failed ({error.strerror or error}); the file is as it was before") from None
+    finally:
+        if not claimed_before:
+            release(target)
+
+
+def claim(target: Path) -> None:
+    """Keep other processes from writing `target` until `release`, and sweep away what killed writers have left of it.
+
+    Raises
+    ------
+    DataError
+        As for `replacing`.
+    """
+    target = _regular(target)
+    if target in _claims:
+        return
+    lock = target.with_name(f".{target.name}.lock")
+    try:
+        _claims[target] = _locked(lock)
+    except BlockingIOError:
+        raise DataError(
+            f"{target}: another process is writing this file; wait until it has ended, or name another file"
+        ) from None
     except OSError as error:
         raise DataError(
             f"{target}: cannot be written ({error.strerror}); name a folder that exists and is writable"
         ) from None
+    prefix = f".{target.name}."
+    for left in target.parent.iterdir():
+        if left.name.startswith(prefix) and left.name.endswith(".part"):
+            left.unlink(missing_ok=True)
+
+
+def release(target: Path) -> None:
+    """Let others write a target that was claimed."""
+    target = target.resolve()
+    handle = _claims.pop(target, None)
+    if handle is not None:
+        with suppress(OSError):
+            target.with_name(f".{target.name}.lock").unlink()
+        os.close(handle)
+
+
+def release_all() -> None:
+    """Let others write every target that was claimed."""
+    for target in list(_claims):
+        release(target)
+
+
+def _locked(lock: Path) -> int:
+    """Return an open, locked file that is still the one under this name: the last owner removes it before it lets go."""
+    while True:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(handle), lock.stat()):
+                return handle
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            if error.errno in (errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP):  # a file system without locks: no protection
+                return handle
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+@contextmanager
+def _temporary(target: Path) -> Iterator[Path]:
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(target)
-    except OSError as error:
-        raise DataError(f"{target}: writing failed ({error.strerror or error}); the file is as it was before") from None
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
@@ -48,8 +127,12 @@ def _regular(target: Path) -> Path:
         str(target).encode()
     except UnicodeEncodeError:
         raise DataError(f"{str(target)!a}: the name is not UTF-8; choose another") from None
-    resolved = target.resolve()
-    if resolved.exists() and not resolved.is_file():
+    try:
+        resolved = target.resolve()
+        taken = resolved.exists() and not resolved.is_file()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise DataError(f"{target}: cannot be written ({error}); name a file") from None
+    if taken or not resolved.name:
         raise DataError(f"{target}: is not a regular file, and would be replaced by one; name a file")
     return resolved
 

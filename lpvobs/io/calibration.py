@@ -4,13 +4,12 @@ import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.dcm import ENCODING, DcmMap, dcm_text
-from lpvobs.io.hdf import Field, flags, write_fields
+from lpvobs.io.hdf import Field, creating, flags, write_fields
 from lpvobs.io.surfaces import NONE, ORIGINS, Surface
 from lpvobs.io.units import convert
 from lpvobs.records import Array
@@ -158,7 +157,7 @@ def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
             surface.origin, "1", "where the value comes from", both, flags(list(ORIGINS), list(ORIGINS.values()))
         ),
     }
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
         file.attrs["title"] = LONG_NAME
         file.attrs["history"] = "; ".join(comments)

@@ -2,6 +2,9 @@
 
 X runs along a line of values, Y from line to line. A map is a KENNFELD with axes of its own, or a GRUPPENKENNFELD whose axes are
 shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` name.
+
+The library dcmReader reads and writes such files, too. It is the independent reader of the tests; here the format is written out,
+because numbers must be rounded as stated, and a damaged file must end in one line that says where.
 """
 
 import difflib

@@ -20,6 +20,24 @@ from lpvobs.records import Array
 
 SCHEMA = "lpvobs/ingest/1"
 KEY = "lpvobs.ingest"
+SOURCE = {"name": str, "sha256": str, "notes": dict, "time_repairs": dict}
+SHOWN = {
+    "file": str,
+    "source": str,
+    "unit_read_as": str,
+    "unit": str,
+    "rate": float | None,
+    "rule": str,
+    "bridged": int,
+    "without_value": int,
+    "repairs": dict,
+}
+TURNS_MISSED = 0.1
+"""Share of a polled column's changes that may stand in rows of other columns; with more, it was not polled in turn."""
+
+USUAL_STEPS = 2.5
+"""A channel may be held or bridged for so many of its own usual steps, if that is longer than the raster's gap."""
+
 FASTER = 1.5
 """A channel this many times as fast as the raster is averaged unless its profile says otherwise."""
 
@@ -120,7 +138,30 @@ def stored_record(path: Path) -> dict[str, Any] | None:
         record = json.loads(stored) if stored else None
     except (pa.ArrowException, OSError, ValueError):
         return None
-    return record if isinstance(record, dict) and record.get("schema") == SCHEMA else None
+    return record if isinstance(record, dict) and _is_whole(record) else None
+
+
+def _is_whole(record: Mapping[str, Any]) -> bool:
+    """Return whether a stored record has everything that `inspect` shows; files come from strangers."""
+    shape: list[tuple[Any, dict[str, Any]]] = [
+        (record, {"schema": str, "sources": list, "channels": dict, "missing": list}),
+        (record.get("time"), {"from_zero": bool, "start": float}),
+        (record.get("raster"), {"rate": int | float, "gap": int | float, "samples": int}),
+        (record.get("profile"), {"name": str, "sha256": str}),
+    ]
+    if record.get("schema") != SCHEMA or not all(_has(item, kinds) for item, kinds in shape):
+        return False
+    clocks = [found for item in record["sources"] if _has(item, SOURCE) for found in item["time_repairs"].values()]
+    return (
+        all(_has(item, SOURCE) for item in record["sources"])
+        and all(isinstance(found, dict) for found in clocks)
+        and all(isinstance(name, str) for name in record["missing"])
+        and all(_has(item, SHOWN) for item in record["channels"].values())
+    )
+
+
+def _has(item: Any, kinds: Mapping[str, Any]) -> bool:
+    return isinstance(item, dict) and all(isinstance(item.get(key), kind) for key, kind in kinds.items())
 
 
 def _find_all(recordings: Sequence[Recording], profile: Profile) -> dict[str, list[tuple[Path, str]]]:
@@ -279,7 +320,13 @@ def _in_turn(recording: Recording, full: str, clock: str, values: Array) -> tupl
     turns = [name for name in recording.heads if name != clock]
     mine = np.arange(values.size) % len(turns) == turns.index(full)
     changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
-    return mine, int(np.count_nonzero(~mine[changed]))
+    late = int(np.count_nonzero(~mine[changed]))
+    if late > 1 and late > TURNS_MISSED * changed.size:
+        raise DataError(
+            f"{recording.path}: '{full}' changes {late} of {changed.size} times in rows of other columns, expected one column per "
+            f"row in turn; lines are missing, or leave out polled in the profile's [source]"
+        )
+    return mine, late
 
 
 def _repaired(
@@ -317,10 +364,10 @@ def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
     keep = forward(time)
     wrong = int(np.count_nonzero(~keep))
     files = ", ".join(part.record["file"] for part in parts)
-    if wrong and profile.time.backward == "refuse":
+    if wrong and (profile.time.backward == "refuse" or wrong > MOST_BACKWARD * time.size):
         raise DataError(
             f"{files}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other on one "
-            f'clock; order them, or set backward = "drop" in the profile\'s [time]'
+            f'clock; order them, or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
         )
     repairs: dict[str, Any] = {"overlap": wrong} if wrong else {}
     for part in parts:
@@ -369,8 +416,8 @@ def _placed(item: Samples, at: Array, rules: ChannelRules, profile: Profile) -> 
     """Return a channel at the stamps of the log, and note the rule."""
     finite = np.isfinite(item.values)
     t, v = item.time[finite], item.values[finite]
-    limit = rules.limit or profile.raster.gap
     step = resample.median_step(t)
+    limit = rules.limit or max(profile.raster.gap, USUAL_STEPS * step if t.size > 1 else 0.0)
     rule, why = _rule(step, rules, profile.raster.rate)
     if rule == "as recorded":
         values = item.values
@@ -389,7 +436,7 @@ def _placed(item: Samples, at: Array, rules: ChannelRules, profile: Profile) -> 
         else np.zeros(at.size, bool)
     )
     item.record.update(
-        rate=1.0 / step,
+        rate=1.0 / step if t.size > 1 else None,
         rule=rule,
         rule_from=why,
         limit=limit,

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.hdf import Field, creating, flags, reading, text, write_group
+from lpvobs.io.hdf import Field, creating, flags, number, numbers, reading, text, texts, write_group
 from lpvobs.io.provenance import Provenance
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate
@@ -119,48 +119,57 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     )
     bounds = group.create_group("log_bounds")
     for name, values in stored.log_bounds.items():
-        bounds.create_dataset(name, data=values).attrs["long_name"] = (
-            "smallest and largest scheduling parameters of the log"
-        )
+        dataset = bounds.create_dataset(name, data=values)
+        dataset.attrs["units"] = "SI"
+        dataset.attrs["long_name"] = "smallest and largest scheduling parameters of the log"
+        for dimension, axis in enumerate(("bound", "parameter")):
+            dataset.dims[dimension].attach_scale(group[axis])
 
 
 def read_gain_group(parent: h5py.File) -> StoredGain:
     """Return what `write_gain_group` wrote."""
     group = parent["gain"]
-    bounds = group["rho_bounds"][()]
+    names, states = texts(group, "parameter"), texts(group, "state")
+    outputs = tuple(str(group.attrs["outputs"]).split())
+    bounds = numbers(group, "rho_bounds", len(names), 2)
     pairs = [pair.split("+") for pair in str(group.attrs["nonnegative_sums"]).split()]
     region = Region(
-        tuple(group["parameter"].asstr()[()]),
+        names,
         tuple(bounds[:, 0].tolist()),
         tuple(bounds[:, 1].tolist()),
         tuple((first, second) for first, second in pairs),
     )
     stored = group["certificate"]
+    proven = number(stored, "proven") == 1
     certificate = Certificate(
-        proven=bool(stored["proven"][()]),
-        vertices=int(stored["vertices"][()]),
-        smallest_pivot=float(stored["smallest_pivot"][()]),
+        proven=proven,
+        vertices=int(number(stored, "vertices")),
+        smallest_pivot=number(stored, "smallest_pivot"),
         failed_vertex=None,
-        falling_gain=bool(stored["falling_gain"][()]),
-        reason="" if stored["proven"][()] else "not proven when it was written",
+        falling_gain=number(stored, "falling_gain") == 1,
+        reason="" if proven else "not proven when it was written",
     )
+    n = len(states)
     gain = Gain(
-        group["L"][()],
-        group["P"][()],
-        group["Q"][()],
-        float(group["eps_1"][()]),
-        float(group["eps_2"][()]),
+        numbers(group, "L", n, len(outputs) + 1),
+        numbers(group, "P", n, n),
+        numbers(group, "Q", n, n),
+        number(group, "eps_1"),
+        number(group, "eps_2"),
         region,
         certificate,
     )
+    engine = json.loads(group.attrs["engine"])
+    if not isinstance(engine, dict):
+        raise ValueError("'engine' is no table of constants")
     return StoredGain(
         origin=str(group.attrs["origin"]),
         air_path=str(group.attrs["air_path"]),
-        engine=json.loads(group.attrs["engine"]),
-        states=tuple(group["state"].asstr()[()]),
-        outputs=tuple(str(group.attrs["outputs"]).split()),
+        engine=engine,
+        states=states,
+        outputs=outputs,
         gain=gain,
-        log_bounds={name: values[()] for name, values in group["log_bounds"].items()},
+        log_bounds={name: numbers(group["log_bounds"], name, 2, len(names)) for name in group["log_bounds"]},
     )
 
 

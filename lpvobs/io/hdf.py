@@ -1,6 +1,5 @@
 """HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
 
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +12,8 @@ import numpy as np
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.plain import expect_plain
-from lpvobs.io.seal import expect_sound, seal
+from lpvobs.io.seal import expect_sound, sealed
+from lpvobs.records import Array
 
 
 @dataclass(frozen=True)
@@ -62,23 +62,56 @@ def text(values: Sequence[str]) -> Any:
     return np.array(list(values), dtype=h5py.string_dtype())
 
 
+def numbers(group: h5py.Group, name: str, *shape: int) -> Array:
+    """Return a dataset of real numbers as floats; raises ValueError for another kind or shape."""
+    values = np.asarray(group[name][()])
+    if values.dtype.kind not in "fiu":
+        raise ValueError(f"'{name}' holds {values.dtype}, expected numbers")
+    if values.shape != shape:
+        raise ValueError(f"'{name}' has the shape {values.shape}, expected {shape}")
+    return values.astype(float, copy=False)
+
+
+def number(group: h5py.Group, name: str) -> float:
+    """Return a single real number; raises ValueError for anything else."""
+    return float(numbers(group, name))
+
+
+def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """Return a list of strings; raises ValueError or TypeError for anything else."""
+    values = group[name].asstr()[()]
+    if np.ndim(values) != 1:
+        raise ValueError(f"'{name}' has the shape {np.shape(values)}, expected a list")
+    return tuple(map(str, values))
+
+
 @contextmanager
 def creating(target: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error."""
+    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error.
+
+    It grows in memory and is written by Python: where the disk is full, HDF5 itself would end the process.
+    """
     with replacing(target) as temporary:
-        with h5py.File(temporary, "w") as file:
+        with h5py.File(temporary.name, "w", driver="core", backing_store=False) as file:
             yield file
-        seal(temporary)
+            image = _image(file)
+        temporary.write_bytes(sealed(image))
 
 
 @contextmanager
 def changing(source: Path, target: Path) -> Iterator[h5py.File]:
     """Yield a copy of an HDF5 file for changes; it takes the target's place, sealed, when the block ends without an error."""
     with replacing(target) as temporary:
-        shutil.copyfile(source, temporary)
-        with h5py.File(temporary, "r+") as file:
+        with h5py.File(source, "r+", driver="core", backing_store=False) as file:
             yield file
-        seal(temporary)
+            image = _image(file)
+        temporary.write_bytes(sealed(image))
+
+
+def _image(file: h5py.File) -> bytes:
+    """Return the bytes of a file in memory."""
+    file.flush()
+    return bytes(file.id.get_file_image())
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """Reading and writing logs: one drive, one Parquet file, units in the fields' metadata, SI inside."""
 
 import hashlib
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +16,14 @@ from lpvobs.io.atomic import replacing
 from lpvobs.io.parquet import metadata_of, refuse_huge, schema_of, state_of, unreadable
 from lpvobs.io.plausibility import refuse_implausible, refuse_odd_rate, spoiled
 from lpvobs.io.units import convert
-from lpvobs.records import Array, Defects, Log
+from lpvobs.records import Array, Defects, Finding, Log
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
+
+NO_ROWS = "{path}: the log has no rows; expected at least two samples; record or export it again"
 
 MOST_BACKWARD = 0.1
 """Share of the samples that may be dropped for their time; more is not a repair."""
@@ -84,41 +87,22 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     wanted = {"time": "s"} | {name: channel.unit for name, channel in channels.items()}
     before = state_of(path)
     metadata = metadata_of(path)
-    schema = schema_of(path, metadata)
-    for name, unit in wanted.items():
-        _expect(path, schema, name, unit)
+    schema = expect_channels(path, wanted)
     extra = _numeric(schema, wanted) if auxiliary else []
     refuse_huge(path, metadata.num_rows, len(wanted) + len(extra))
     table = _read(path, [*wanted, *extra])
-    values = {name: _column(path, table, name, unit) for name, unit in wanted.items()}
+    values = {name: column_of(path, table, name, unit) for name, unit in wanted.items()}
     time = values.pop("time")
     if time.size == 0:
-        raise DataError(f"{path}: the log has no rows; expected at least two samples; record or export it again")
+        raise DataError(NO_ROWS.format(path=path))
     refuse_implausible(path, values, channels)
-    keep, dropped = _usable(time, values, channels)
-    rows = np.flatnonzero(keep)
-    rows, repeated = _increasing(path, time, rows, policies)
-    refuse_odd_rate(path, time[rows], policies.gap_limit)
-    findings = []
-    for finding, samples in list(spoiled(time[rows], {name: values[name][rows] for name in values}, channels)):
-        findings.append(finding)
-        dropped[finding.channel] += samples.size
-        keep[rows[samples]] = False
-    rows = rows[keep[rows]]
+    usable = usable_rows(path, time, values, channels, policies)
+    rows = usable.rows
     if rows.size < 2:
-        worst = max(dropped, key=lambda name: dropped[name], default="time")
-        kinds = sorted({finding.kind for finding in findings if finding.channel == worst})
-        why = f" ({', '.join(kinds)})" if kinds else ""
-        raise DataError(
-            f"{path}: {rows.size} of {time.size} samples are usable, expected at least two; "
-            f"channel '{worst}' spoils the most{why}, see `lpvobs inspect`"
-        )
+        raise too_few(path, rows.size, time.size, usable.dropped, usable.findings)
     time = time[rows]
     digest = file_digest(path)
-    if state_of(path) != before:
-        raise DataError(
-            f"{path}: changed while it was read; expected a finished file; wait for the recorder and try again"
-        )
+    refuse_changed(path, before)
     return Log(
         name=path.stem,
         sha256=digest,
@@ -128,26 +112,87 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         segments=_segments(time, policies.gap_limit),
         rows=rows,
         defects=Defects(
-            samples_read=keep.size,
-            dropped={name: count for name, count in dropped.items() if count},
-            dropped_rows=int(keep.size - np.count_nonzero(keep)),
+            samples_read=usable.read,
+            dropped={name: count for name, count in usable.dropped.items() if count},
+            dropped_rows=usable.dropped_rows,
             gaps=int(np.count_nonzero(np.diff(time) > policies.gap_limit)),
-            repeated=repeated,
-            findings=tuple(findings),
+            repeated=usable.repeated,
+            findings=usable.findings,
         ),
     )
 
 
+@dataclass(frozen=True)
+class UsableRows:
+    """What is left of the rows of a log or of a stretch of it, and what was taken away.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (n,)
+    read, dropped_rows, repeated, dropped, findings
+        As in `lpvobs.records.Defects`; dropped names every channel.
+    """
+
+    rows: NDArray[np.int64]
+    read: int
+    dropped: Mapping[str, int]
+    dropped_rows: int
+    repeated: int
+    findings: tuple[Finding, ...]
+
+
+def usable_rows(
+    path: Path,
+    time: Array,
+    values: Mapping[str, Array],
+    channels: Mapping[str, Channel],
+    policies: LogPolicies,
+    latest: float = -math.inf,
+) -> UsableRows:
+    """Return the rows that are finite, possible, later than each other and than `latest`, and neither stuck nor spiked.
+
+    Raises
+    ------
+    DataError
+        For time that runs backward, where the policies do not drop it, and for an odd rate.
+    """
+    keep, dropped = _usable(time, values, channels)
+    rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
+    refuse_odd_rate(path, time[rows], policies.gap_limit)
+    findings = []
+    for finding, samples in list(spoiled(time[rows], {name: values[name][rows] for name in values}, channels)):
+        findings.append(finding)
+        dropped[finding.channel] += samples.size
+        keep[rows[samples]] = False
+    lost = int(keep.size - np.count_nonzero(keep))
+    return UsableRows(rows[keep[rows]], time.size, dropped, lost, repeated, tuple(findings))
+
+
+def refuse_changed(path: Path, before: tuple[int, ...]) -> None:
+    """Raise DataError if somebody has written to a file since its state was `before`."""
+    if state_of(path) != before:
+        raise DataError(
+            f"{path}: changed while it was read; expected a finished file; wait for the recorder and try again"
+        )
+
+
 def read_references(path: Path, rows: NDArray[np.int64]) -> References | None:
     """Return the truth beside a log's samples, or None where the file has none."""
+    if not has_references(path):
+        return None
+    table = _read(path, list(REFERENCES))
+    columns = [column_of(path, table, name, unit)[rows] for name, unit in REFERENCES.items()]
+    return References(*columns)
+
+
+def has_references(path: Path) -> bool:
+    """Return whether a log knows the truth; raises DataError for a truth without unit."""
     schema = _schema(path)
     if not set(schema.names) >= set(REFERENCES):
-        return None
+        return False
     for name, unit in REFERENCES.items():
         _expect(path, schema, name, unit)
-    table = _read(path, list(REFERENCES))
-    columns = [_column(path, table, name, unit)[rows] for name, unit in REFERENCES.items()]
-    return References(*columns)
+    return True
 
 
 def channel_units(path: Path) -> dict[str, str]:
@@ -175,6 +220,27 @@ def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def expect_channels(path: Path, units: Mapping[str, str]) -> "pa.Schema":
+    """Return the schema of a log; raises DataError unless each channel is there once and says its unit."""
+    schema = _schema(path)
+    for name, unit in units.items():
+        _expect(path, schema, name, unit)
+    return schema
+
+
+def too_few(
+    path: Path, usable: int, read: int, dropped: Mapping[str, int], findings: Sequence[Finding] = ()
+) -> DataError:
+    """Return what is wrong with a log of which next to nothing is left."""
+    worst = max(dropped, key=lambda name: dropped[name], default="time")
+    kinds = sorted({finding.kind for finding in findings if finding.channel == worst})
+    why = f" ({', '.join(kinds)})" if kinds else ""
+    return DataError(
+        f"{path}: {usable} of {read} samples are usable, expected at least two; "
+        f"channel '{worst}' spoils the most{why}, see `lpvobs inspect`"
+    )
 
 
 def _schema(path: Path) -> "pa.Schema":
@@ -212,7 +278,7 @@ def _unit(field: "pa.Field") -> str:
     return str((field.metadata or {}).get(b"unit", b"").decode(errors="replace")).strip()
 
 
-def _column(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
+def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
     """Return one channel as floats in the wanted unit, NaN where the file has null."""
     import pyarrow as pa
 
@@ -245,19 +311,20 @@ def _usable(
 
 
 def _increasing(
-    path: Path, time: Array, rows: NDArray[np.int64], policies: LogPolicies
+    path: Path, time: Array, rows: NDArray[np.int64], policies: LogPolicies, latest: float = float("-inf")
 ) -> tuple[NDArray[np.int64], int]:
-    """Return the rows whose time is later than every earlier one, and how many were removed for it."""
+    """Return the rows whose time is later than every earlier one and `latest`, and how many were removed for it."""
     kept = time[rows]
     if kept.size == 0:
         return rows, 0
-    later = np.concatenate(([True], kept[1:] > np.maximum.accumulate(kept)[:-1]))
+    before = np.maximum.accumulate(np.concatenate(([latest], kept)))[:-1]
+    later = kept > before
     wrong = int(np.count_nonzero(~later))
     if wrong and policies.backward_time == "refuse":
         first = int(np.flatnonzero(~later)[0])
         raise DataError(
             f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
-            f"{kept[first - 1]:.6g} s (row {rows[first]}); expected strictly increasing; "
+            f"{before[first]:.6g} s (row {rows[first]}); expected strictly increasing; "
             f'repair the log or set backward_time = "drop" in [policies]'
         )
     if wrong > MOST_BACKWARD * kept.size:

@@ -8,20 +8,17 @@ import sys
 
 import h5py
 
-from lpvobs.io.plain import expect_plain
-
 
 def read_everything(path: str) -> None:
-    """Read every dataset and attribute of a file; raises whatever HDF5 raises."""
+    """Read every dataset and attribute that a file holds itself; raises whatever HDF5 raises."""
 
     def visit(_: str, item: h5py.Group | h5py.Dataset) -> None:
         dict(item.attrs)
-        if isinstance(item, h5py.Dataset):
+        if isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external:
             item[()]
 
     with h5py.File(path, "r") as file:
         dict(file.attrs)
-        expect_plain(file, "the file", "make it again")
         file.visititems(visit)
 
 

@@ -116,7 +116,8 @@ class ChannelRules:
         over one raster step (also the anti-alias filter). Empty: as recorded; with a rate, `mean` if the channel is faster
         than the raster and `linear` if not.
     limit : float
-        [s]; no sample is held, and no pair of neighbours bridged, for longer. 0: the raster's gap.
+        [s]; no sample is held, and no pair of neighbours bridged, for longer. 0: the raster's gap, or 2.5 usual steps of the
+        channel if that is longer.
     scale, offset : float
         Repairs in the file's unit: value = scale * recorded + offset. scale = -1 turns a sign.
     low, high : float

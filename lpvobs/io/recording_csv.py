@@ -1,5 +1,6 @@
 """CSV files: names in one line, units in brackets behind them or in a line of their own, everything else a table."""
 
+import codecs
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from lpvobs.io.profiles import SourceRules
 from lpvobs.io.recordings import Column, Head, check_size, split_unit
 
 LONGEST_LINE = 1 << 20
+ANY_BYTE = "latin-1"
 MOST_BROKEN = 0.01
 """Share of the lines that may have a wrong number of fields; more is another layout."""
 
@@ -31,6 +33,7 @@ class CsvRecording:
         from pyarrow import csv as arrow
 
         check_size(self.path, 2.0 * self.path.stat().st_size)
+        encoding = self._encoding_of_all()
         order = list(self.heads)
         keys = [str(order.index(name)) for name in names]
         broken: list[int] = []
@@ -46,7 +49,7 @@ class CsvRecording:
                     use_threads=False,
                     skip_rows=max(self.rules.header_row, self.rules.unit_row),
                     column_names=[str(number) for number in range(len(order))],
-                    encoding=self.encoding,
+                    encoding=encoding,
                 ),
                 arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
                 arrow.ConvertOptions(
@@ -60,6 +63,22 @@ class CsvRecording:
             ) from None
         self._note_broken(broken, table.num_rows)
         return {name: Column(table.column(key)) for name, key in zip(names, keys, strict=True)}
+
+    def _encoding_of_all(self) -> str:
+        """Return the encoding of the lines behind the header: where one is not UTF-8, the one that any byte fits."""
+        if self.encoding != "utf-8":
+            return self.encoding
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        try:
+            with self.path.open("rb") as stream:
+                while chunk := stream.read(LONGEST_LINE):
+                    decoder.decode(chunk)
+        except UnicodeDecodeError:
+            self.notes["encoding"] = f"not utf-8: read as {ANY_BYTE}"
+            return ANY_BYTE
+        except OSError as error:
+            raise DataError(f"{self.path}: cannot be read ({error.strerror}); check the file's rights") from None
+        return self.encoding
 
     def _note_broken(self, broken: list[int], rows: int) -> None:
         if not broken:
@@ -103,8 +122,8 @@ def _first_lines(path: Path, count: int) -> list[bytes]:
 
 
 def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[str]]:
-    """Return the encoding that the header is in, and its lines; what is not UTF-8 is taken for what Windows writes."""
-    for candidate in dict.fromkeys((encoding, "cp1252" if encoding == "utf-8" else encoding)):
+    """Return the encoding that the header is in, and its lines; what is not UTF-8 is taken for Latin-1."""
+    for candidate in dict.fromkeys((encoding, ANY_BYTE if encoding == "utf-8" else encoding)):
         try:
             return candidate, [line.decode(candidate).lstrip("\ufeff") for line in lines]
         except (UnicodeDecodeError, LookupError):

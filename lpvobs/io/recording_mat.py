@@ -1,4 +1,4 @@
-"""MAT files: version 5 through SciPy, version 7.3 (which is HDF5) through h5py; structures become dotted names."""
+"""MAT files of version 5, and of version 7.3, which is HDF5; structures become dotted names."""
 
 import struct
 import zlib
@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.mat5 import HEADER, read_mat5, unpacked_size
 from lpvobs.io.profiles import SourceRules
 from lpvobs.io.recordings import Column, Head, check_size
+from lpvobs.io.seal import expect_sound
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
-DEEPEST = 8
-_HEADER, _COMPRESSED = 128, 15
 
 
 @dataclass(frozen=True)
@@ -52,81 +52,34 @@ def open_mat(path: Path, rules: SourceRules) -> MatRecording:
     A structure's text field `unit` is the unit of the vectors beside it, those that are called time or t excepted.
     """
     with path.open("rb") as stream:
-        first = stream.read(_HEADER)
+        first = stream.read(HEADER)
     if b"MATLAB 7.3" in first or first[:4] == b"\x89HDF":
         return _open_hdf(path)
     return _open_v5(path)
 
 
 def _open_v5(path: Path) -> MatRecording:
-    from scipy.io import loadmat
-
-    check_size(path, 2.0 * _uncompressed(path))
     try:
-        document = loadmat(
-            path, squeeze_me=True, chars_as_strings=True, mat_dtype=False, verify_compressed_data_integrity=True
-        )
-    except Exception as error:  # SciPy raises whatever a damaged byte leads to
+        check_size(path, 2.0 * unpacked_size(path))
+        document = read_mat5(path)
+    except (OSError, ValueError, struct.error, zlib.error) as error:
         raise _unreadable(path, error) from None
-    vectors: dict[str, Any] = {}
-    heads: dict[str, Head] = {}
-    for name, unit, values in _flat(document, "", 0):
-        vectors[name] = values
-        heads[name] = Head(name, unit, values.size)
-    return MatRecording(path, heads, vectors)
+    vectors = {name: (unit, values) for name, unit, values in _flat(document, "")}
+    heads = {name: Head(name, unit, values.size) for name, (unit, values) in vectors.items()}
+    return MatRecording(path, heads, {name: values for name, (_, values) in vectors.items()})
 
 
-def _uncompressed(path: Path) -> int:
-    """Return how many bytes the elements of a version 5 file take when unpacked, from their tags alone."""
-    total, size = 0, path.stat().st_size
-    try:
-        with path.open("rb") as stream:
-            order = "<" if stream.read(_HEADER)[126:128] == b"IM" else ">"
-            place = _HEADER
-            while place + 8 <= size:
-                stream.seek(place)
-                kind, length = struct.unpack(order + "II", stream.read(8))
-                inner = (
-                    zlib.decompressobj().decompress(stream.read(min(length, 256)), 8) if kind == _COMPRESSED else b""
-                )
-                total += struct.unpack(order + "II", inner)[1] if inner else length
-                place += 8 + length
-    except (OSError, struct.error, zlib.error) as error:
-        raise _unreadable(path, error) from None
-    if place != size:
-        raise DataError(f"{path}: the MAT file ends inside a variable; it was cut off: export it again")
-    return total
-
-
-def _flat(document: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, str, Any]]:
+def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, Any]]:
     """Yield dotted name, unit and values of every numeric vector in nested structures."""
-    unit = next((str(document[key]) for key in UNIT_FIELDS if isinstance(document.get(key), str)), "")
+    unit = next((document[key] for key in UNIT_FIELDS if isinstance(document.get(key), str)), "")
     for key, value in document.items():
-        name = f"{prefix}{key}"
-        if key.startswith("__") or not isinstance(value, np.ndarray | np.void):
-            continue
-        if value.dtype.names:
-            if depth < DEEPEST:
-                for suffix, record in _records(value):
-                    yield from _flat(
-                        {item: _value(record[item]) for item in value.dtype.names}, f"{name}{suffix}.", depth + 1
-                    )
-        elif value.dtype.kind in "iufb" and value.ndim == 1:
-            yield name, "" if key in TIMES else unit, value
-
-
-def _records(value: Any) -> list[tuple[str, Any]]:
-    """Return the structures in a MATLAB structure or array of structures, with what tells them apart."""
-    if value.ndim == 0:
-        return [("", value)]
-    return [(f"({number})", record) for number, record in enumerate(value.ravel(), 1)]
-
-
-def _value(item: Any) -> Any:
-    """Return what SciPy wrapped into an array of one object."""
-    while isinstance(item, np.ndarray) and item.ndim == 0 and item.dtype.kind in "OU":
-        item = item.item()
-    return item
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list):
+            for number, item in enumerate(value, 1):
+                yield from _flat(item, f"{prefix}{key}({number}).")
+        elif isinstance(value, np.ndarray) and value.size > 1:
+            yield f"{prefix}{key}", "" if key in TIMES else unit, value
 
 
 def _open_hdf(path: Path) -> MatRecording:
@@ -143,6 +96,7 @@ def _open_hdf(path: Path) -> MatRecording:
             is_time = dotted.rsplit(".", 1)[-1] in TIMES
             heads[dotted] = Head(dotted, "" if is_time else _hdf_unit(item), item.size)
 
+    expect_sound(path, "export it again")
     try:
         with h5py.File(path, "r") as file:
             file.visititems(look)

@@ -1,8 +1,9 @@
 """MDF recordings of measurement systems: many groups of channels, each with a time base of its own."""
 
+import logging
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ class MdfRecording:
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return channels in physical values with their own stamps; samples marked invalid are empty."""
         check_size(self.path, 16.0 * sum(self.heads[name].size for name in names))
-        with _opened(self.path) as file:
+        with _opened(self.path, self.notes) as file:
             return {name: self._column(file, name) for name in names}
 
     def _column(self, file: Any, name: str) -> Column:
@@ -52,9 +53,10 @@ class MdfRecording:
 
 def open_mdf(path: Path, rules: SourceRules) -> MdfRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
-    with _opened(path) as file:
+    notes: dict[str, str] = {}
+    with _opened(path, notes) as file:
         found = [
-            (number, index, channel.name, (channel.unit or "").strip(), int(group.channel_group.cycles_nr))
+            (number, index, channel.name, _unit(channel), int(group.channel_group.cycles_nr))
             for number, group in enumerate(file.groups)
             for index, channel in enumerate(group.channels)
             if index != file.masters_db.get(number)
@@ -64,12 +66,36 @@ def open_mdf(path: Path, rules: SourceRules) -> MdfRecording:
     for group, index, name, unit, size in found:
         full = name if often[name] == 1 else f"{group}:{name}"
         heads[full], places[full] = Head(name, unit, size), (group, index)
-    return MdfRecording(path, heads, places)
+    return MdfRecording(path, heads, places, notes)
+
+
+class _Said(logging.Handler):
+    """Gathers what the library would print on stderr."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep the message in one line."""
+        self.lines.append(" ".join(record.getMessage().split())[:200])
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Yield an open MDF file; what its library raises becomes an error of the data."""
+def _listening() -> Iterator[list[str]]:
+    """Yield the list that the library's messages go to while the block runs."""
+    logger, said = logging.getLogger("asammdf"), _Said()
+    handlers, propagate = logger.handlers, logger.propagate
+    logger.handlers, logger.propagate = [said], False
+    try:
+        yield said.lines
+    finally:
+        logger.handlers, logger.propagate = handlers, propagate
+
+
+@contextmanager
+def _opened(path: Path, notes: dict[str, str]) -> Iterator[Any]:
+    """Yield an open MDF file; what its library raises becomes an error of the data, what it says a note."""
     try:
         from asammdf import MDF
     except ImportError:
@@ -78,18 +104,21 @@ def _opened(path: Path) -> Iterator[Any]:
         ) from None
     _check_kind(path)
     file = None
-    try:
-        file = MDF(path, process_bus_logging=False)
-        yield file
-    except DataError:
-        raise
-    except Exception as error:  # the library raises whatever a damaged byte leads to
-        _abandon(error)
-        reason = " ".join(str(error).split())[:200]
-        raise DataError(f"{path}: not a readable MDF file ({reason}); record or export it again") from None
-    finally:
-        if file is not None:
-            file.close()
+    with _listening() as said:
+        try:
+            file = MDF(path, process_bus_logging=False)
+            yield file
+        except DataError:
+            raise
+        except Exception as error:  # the library raises whatever a damaged byte leads to
+            _abandon(error)
+            reason = " ".join(str(error).split())[:200]
+            raise DataError(f"{path}: not a readable MDF file ({reason}); record or export it again") from None
+        finally:
+            if file is not None:
+                file.close()
+    if said:
+        notes["asammdf says"] = said[0]
 
 
 def _check_kind(path: Path) -> None:
@@ -110,11 +139,17 @@ def _abandon(error: Exception) -> None:
     while trace is not None:
         owner: Any = trace.tb_frame.f_locals.get("self")
         if hasattr(owner, "_closed"):
-            for name in ("_file", "_mapped_file", "header", "identification"):
-                if not hasattr(owner, name):
-                    setattr(owner, name, None)
-            owner.close()
+            with suppress(
+                Exception
+            ):  # it lacks what it did not come to set; the second call, from the destructor, does nothing
+                owner.close()
         trace = trace.tb_next
+
+
+def _unit(channel: Any) -> str:
+    """Return the unit of a channel; MDF 3 keeps it with the conversion."""
+    found = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
+    return _text(found).strip(" \0")
 
 
 def _text(item: Any) -> str:

@@ -4,17 +4,20 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.io.agreement import read_agreement
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.hdf import Field, changing, creating, flags, reading, text, write_group
+from lpvobs.io.hdf import Field, changing, creating, flags, number, numbers, reading, text, texts, write_group
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
+from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array
 
@@ -98,6 +101,7 @@ class StoredResult:
     extrapolation: QuadraticFit | None
     outer_coverage: float
     provenance: Provenance
+    agreement: tuple[Agreement, ...] = ()
 
 
 def write_result(
@@ -215,28 +219,31 @@ def read_result(path: Path) -> StoredResult:
     with reading(path, KIND, REMEDY) as file:
         fuel, speed = _axis_names(file)
         stored = file["map"]
-        grid = Grid(stored[fuel][()], stored[speed][()])
+        grid = Grid(*(numbers(stored, name, stored[name].size) for name in (fuel, speed)))
         parameter_names = tuple(file["logs"].attrs["parameter_names"].split()) if file["logs"].keys() else ()
+        constants = texts(file["sensitivity"], "constant")
+        p_2, p_1 = grid.shape
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
             method=str(file.attrs["method"]),
             grid=grid,
-            theta=stored["delta_W_c"][()],
-            standard_error=stored["standard_error"][()],
-            covariance=file["nodes/covariance"][()],
-            noise=file["nodes/noise"][()],
-            design=file["nodes/design"][()],
-            supported=stored["support"][()] == 1,
-            excitation=file["excitation/delta_1"][()],
-            constants=tuple(file["sensitivity/constant"].asstr()[()]),
-            sensitivity=file["sensitivity/delta_W_c"][()],
+            theta=numbers(stored, "delta_W_c", p_2, p_1),
+            standard_error=numbers(stored, "standard_error", p_2, p_1),
+            covariance=numbers(file["nodes"], "covariance", grid.size, grid.size),
+            noise=numbers(file["nodes"], "noise", grid.size, grid.size),
+            design=numbers(file["nodes"], "design", grid.size, len(COEFFICIENTS)),
+            supported=numbers(stored, "support", p_2, p_1) == 1,
+            excitation=numbers(file["excitation"], "delta_1", p_2 - 1, p_1 - 1),
+            constants=constants,
+            sensitivity=numbers(file["sensitivity"], "delta_W_c", len(constants), p_2, p_1),
             parameter_names=parameter_names,
-            logs=tuple(_read_log(file, name) for name in file["logs"]),
+            logs=tuple(_read_log(file, name, len(parameter_names)) for name in file["logs"]),
             gain=read_gain_group(file),
-            extrapolation=_read_extrapolation(file),
-            outer_coverage=float(file["extrapolation/outer_coverage"][()]) if "extrapolation" in file else math.nan,
+            extrapolation=_read_extrapolation(file, grid),
+            outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
+            agreement=read_agreement(file),
         )
 
 
@@ -323,8 +330,9 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
         logs,
         log.name,
         {
-            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log"),
-            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log"),
+            "parameter": Field(text(parameter_names), "1", "scheduling parameter"),
+            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log", ("parameter",)),
+            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log", ("parameter",)),
             "share_certified": Field(log.share_certified, "1", "share of samples inside the region of the certificate"),
         },
     )
@@ -340,13 +348,14 @@ def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter
         )
 
 
-def _read_log(file: h5py.File, name: str) -> LogSummary:
+def _read_log(file: h5py.File, name: str, parameters: int) -> LogSummary:
     group = file["logs"][name]
     attributes = dict(group.attrs)
     metrics = None
     if name in file["metrics"]:
         stored = file["metrics"][name]
-        metrics = Metrics(**{key: stored[key][()].item() for key in METRIC_UNITS})
+        values: dict[str, Any] = {key: number(stored, key) for key in METRIC_UNITS}
+        metrics = Metrics(**{**values, **{key: int(values[key]) for key in ("samples", "visited_cells")}})
     return LogSummary(
         name=name,
         sha256=str(attributes["sha256"]),
@@ -358,23 +367,23 @@ def _read_log(file: h5py.File, name: str) -> LogSummary:
             if key.startswith("dropped_") and key != "dropped_rows"
         },
         found={key.removeprefix("found_"): int(value) for key, value in attributes.items() if key.startswith("found_")},
-        share_certified=float(group["share_certified"][()]),
-        lower=group["lower"][()],
-        upper=group["upper"][()],
+        share_certified=number(group, "share_certified"),
+        lower=numbers(group, "lower", parameters),
+        upper=numbers(group, "upper", parameters),
         metrics=metrics,
     )
 
 
-def _read_extrapolation(file: h5py.File) -> QuadraticFit | None:
+def _read_extrapolation(file: h5py.File, grid: Grid) -> QuadraticFit | None:
     if "extrapolation" not in file:
         return None
     group = file["extrapolation"]
     return QuadraticFit(
-        coefficients=group["coefficients"][()],
-        standard_error=group["coefficients_standard_error"][()],
-        lack_of_fit=float(group["lack_of_fit"][()]),
-        nodes=int(group["nodes"][()]),
-        delta_W_c=group["delta_W_c"][()],
-        map_standard_error=group["standard_error"][()],
-        support=group["support"][()],
+        coefficients=numbers(group, "coefficients", len(COEFFICIENTS)),
+        standard_error=numbers(group, "coefficients_standard_error", len(COEFFICIENTS)),
+        lack_of_fit=number(group, "lack_of_fit"),
+        nodes=int(number(group, "nodes")),
+        delta_W_c=numbers(group, "delta_W_c", *grid.shape),
+        map_standard_error=numbers(group, "standard_error", *grid.shape),
+        support=numbers(group, "support", *grid.shape).astype(np.int8),
     )

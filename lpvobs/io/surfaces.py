@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.hdf import reading
+from lpvobs.io.hdf import numbers, reading
 from lpvobs.records import Array
 
 NONE, ESTIMATED, EXTRAPOLATED, OLD = 0, 1, 2, 3
@@ -80,12 +80,14 @@ def read_surface(path: Path, source: str = "") -> Surface:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
         group = file[source]
         fuel, speed = str(file["map"].attrs["axes"]).split()
+        x, y = _axis(group, speed), _axis(group, fuel)
+        shape = x.nodes.size, y.nodes.size
         return Surface(
-            x=_axis(group, speed),
-            y=_axis(group, fuel),
-            values=group["delta_W_c"][()],
-            standard_error=group["standard_error"][()],
-            origin=group["support"][()].astype(np.int8),
+            x=x,
+            y=y,
+            values=numbers(group, "delta_W_c", *shape),
+            standard_error=numbers(group, "standard_error", *shape),
+            origin=numbers(group, "support", *shape).astype(np.int8),
             unit=str(group["delta_W_c"].attrs["units"]),
             source=source,
         )
@@ -93,7 +95,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
 
 def _axis(group: h5py.Group, name: str) -> Axis:
     stored = group[name]
-    return Axis(name, str(stored.attrs["units"]), str(stored.attrs["long_name"]), stored[()])
+    return Axis(name, str(stored.attrs["units"]), str(stored.attrs["long_name"]), numbers(group, name, stored.size))
 
 
 def onto(surface: Surface, x: Array, y: Array) -> Surface:

@@ -1,12 +1,14 @@
 """How far a map is from a known error surface, and how close any map on the same grid could come."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.maps.excitation import node_values
-from lpvobs.maps.grid import Grid
+from lpvobs.maps.excitation import corners, node_values, over_nodes
+from lpvobs.maps.grid import Grid, local
 from lpvobs.records import Array
 
 NEGLIGIBLE = 0.01
@@ -59,27 +61,60 @@ def compare(grid: Grid, theta: Array, u_delta: Array, n_e: Array, reference: Arr
         [kg/s], NaN where not estimated.
     u_delta, n_e, reference : ndarray, shape (N,)
     """
-    estimate = grid.interpolate(theta, u_delta, n_e)
-    compared = np.isfinite(estimate) & np.isfinite(reference)
-    nodes, weights = grid.regressors(u_delta[compared], n_e[compared])
-    truth, error = reference[compared], (estimate - reference)[compared]
-    if truth.size == 0:
+    return compare_pieces(grid, theta, lambda: [(u_delta, n_e, reference)])
+
+
+def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple[Array, Array, Array]]]) -> Metrics:
+    """Return the same for operating points and references that come piece by piece, and are gone through twice.
+
+    Parameters
+    ----------
+    grid, theta
+        As for `compare`.
+    pieces : callable
+        Returns fuel, speed and reference, piece by piece, each time from the beginning.
+    """
+    flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
+    gram, right, visited, sums = _no_sums(grid)
+    for u_delta, n_e, reference in pieces():
+        _fit_sums(grid.u_delta, grid.n_e, flat, u_delta, n_e, reference, gram, right, visited, sums)
+    samples, largest = int(sums[0]), sums[1]
+    if samples == 0:
         nan = float("nan")
         return Metrics(0, nan, nan, nan, nan, nan, 0, nan, nan)
-    best = best_fit(grid, nodes, weights, truth)
-    floor = np.einsum("km,km->k", weights, best[nodes]) - truth
-    relative, left_out = _mean_relative(error, truth)
+    best = _nodes_of(grid, gram, right)
+    shares = np.zeros(4)
+    for u_delta, n_e, reference in pieces():
+        limit = max(NEGLIGIBLE * largest, np.finfo(float).tiny)
+        _relative_sums(grid.u_delta, grid.n_e, flat, best, u_delta, n_e, reference, limit, shares)
+    counted, relative, floor, floor_squares = shares
     return Metrics(
-        samples=int(truth.size),
-        mean_relative_error=relative,
-        share_left_out=left_out,
-        rms_ratio=_ratio(error, truth),
-        rmse=_rms(error),
-        bias=float(np.mean(error)),
-        visited_cells=int(np.unique(nodes[:, 0]).size),
-        floor_mean_relative_error=_mean_relative(floor, truth)[0],
-        floor_rms_ratio=_ratio(floor, truth),
+        samples=samples,
+        mean_relative_error=_over(relative, counted),
+        share_left_out=1.0 - counted / samples,
+        rms_ratio=float(np.sqrt(_over(sums[3], sums[4]))),
+        rmse=float(np.sqrt(sums[3] / samples)),
+        bias=float(sums[2] / samples),
+        visited_cells=int(np.count_nonzero(visited)),
+        floor_mean_relative_error=_over(floor, counted),
+        floor_rms_ratio=float(np.sqrt(_over(floor_squares, sums[4]))),
     )
+
+
+def _no_sums(grid: Grid) -> tuple[Array, Array, Array, Array]:
+    """Return, per cell, Psi^T Psi, Psi^T reference and visits; then samples, largest |reference|, sums of e, e^2, reference^2."""
+    cells = (grid.n_e.size - 1) * (grid.u_delta.size - 1)
+    return np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells), np.zeros(5)
+
+
+def _nodes_of(grid: Grid, gram: Array, right: Array) -> Array:
+    total = np.zeros(grid.size)
+    np.add.at(total, corners(*grid.shape), right)
+    return node_values(over_nodes(grid, gram), total)
+
+
+def _over(total: float, count: float) -> float:
+    return float(total / count) if count > 0 else float("nan")
 
 
 def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array) -> Array:
@@ -91,18 +126,60 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
     return node_values(gram.astype(float), right.astype(float))
 
 
-def _mean_relative(error: Array, truth: Array) -> tuple[float, float]:
-    counted = np.abs(truth) >= NEGLIGIBLE * np.max(np.abs(truth))
-    counted &= truth != 0.0
-    if not counted.any():
-        return float("nan"), 1.0
-    return float(np.mean(np.abs(error[counted] / truth[counted]))), float(1.0 - np.mean(counted))
+@njit(cache=True)
+def _fit_sums(  # type: ignore[no-untyped-def]
+    u_nodes, n_nodes, theta, u_delta, n_e, reference, gram, right, visited, sums
+):
+    nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
+    for k in range(reference.size):
+        cell = _place(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, psi)
+        truth = reference[k]
+        error = _value(theta, nodes, psi) - truth
+        if not np.isfinite(error):
+            continue
+        visited[cell] = 1.0
+        for m in range(4):
+            right[cell, m] += psi[m] * truth
+            for o in range(4):
+                gram[cell, m, o] += psi[m] * psi[o]
+        sums[0] += 1.0
+        sums[1] = max(sums[1], abs(truth))
+        sums[2] += error
+        sums[3] += error * error
+        sums[4] += truth * truth
 
 
-def _ratio(error: Array, truth: Array) -> float:
-    size = _rms(truth)
-    return _rms(error) / size if size > 0 else float("nan")
+@njit(cache=True)
+def _relative_sums(  # type: ignore[no-untyped-def]
+    u_nodes, n_nodes, theta, best, u_delta, n_e, reference, limit, shares
+):
+    nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
+    for k in range(reference.size):
+        _place(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, psi)
+        truth = reference[k]
+        error = _value(theta, nodes, psi) - truth
+        if not np.isfinite(error):
+            continue
+        floor = _value(best, nodes, psi) - truth
+        shares[3] += floor * floor
+        if abs(truth) >= limit:
+            shares[0] += 1.0
+            shares[1] += abs(error / truth)
+            shares[2] += abs(floor / truth)
 
 
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+@njit(cache=True)
+def _place(u_nodes, n_nodes, u_delta, n_e, nodes, psi):  # type: ignore[no-untyped-def]
+    """Fill nodes and weights of one operating point and return the number of its cell."""
+    local(u_nodes, n_nodes, u_delta, n_e, nodes, psi)
+    return nodes[0] // u_nodes.size * (u_nodes.size - 1) + nodes[0] % u_nodes.size
+
+
+@njit(cache=True)
+def _value(theta, nodes, psi):  # type: ignore[no-untyped-def]
+    """Return Psi theta; a node that takes no part may be unknown."""
+    total = 0.0
+    for m in range(4):
+        if psi[m] != 0.0:
+            total += psi[m] * theta[nodes[m]]
+    return total

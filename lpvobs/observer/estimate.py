@@ -9,7 +9,7 @@ where the certificate says so, for gains that fall with information); it is not 
 Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from lpvobs.airpath.base import AirPath
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
-from lpvobs.observer.information import solve
+from lpvobs.observer.information import Solution, solve
 from lpvobs.observer.parts import (
     LogPart,
     LogRun,
@@ -103,25 +103,37 @@ def estimate_default(
 ) -> MapEstimate:
     """Return the map from one or more logs by the default method."""
     settings = settings.limited_to(air_path.balance_constants)
-    return merged(grid, [inform(air_path, grid, gain, log, settings) for log in logs], settings)
+    parts = [inform(air_path, grid, gain, log, settings) for log in logs]
+    in_order = sorted(parts, key=lambda part: part.run.sha256)
+    return replace(merged(grid, in_order, settings)[0], runs=tuple(part.run for part in parts))
 
 
-def merged(grid: Grid, parts: Sequence[LogPart], settings: EstimateSettings) -> MapEstimate:
-    """Return the map from the parts of logs; they are added in the order of the logs' digests, whatever order they come in."""
-    ordered = sorted(parts, key=lambda part: part.run.sha256)
+def merged(grid: Grid, parts: Iterable[LogPart], settings: EstimateSettings) -> tuple[MapEstimate, Solution]:
+    """Return the map from the parts of logs, and the solution behind it.
+
+    The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order of the
+    logs' digests.
+    """
     q = len(settings.tolerance)
-    total, excited = added_up(grid, q, ordered)
+    runs: list[LogRun] = []
+
+    def noted() -> Iterator[LogPart]:
+        for part in parts:
+            runs.append(part.run)
+            yield part
+
+    total, excited = added_up(grid, q, noted())
     solution = solve(total, settings.prior_map)
     sensitivity, design = solution.response[:, :q], solution.response[:, q:]
     covariance = solution.covariance(np.concatenate([settings.constants_variance, np.zeros(len(COEFFICIENTS))]))
-    runs = [part.run for part in parts]
-    return replace(
+    estimate = replace(
         finished("observer", grid, solution.theta, covariance, runs, excited, settings),
         noise=solution.noise,
         design=design,
         constants=tuple(settings.tolerance),
         sensitivity=sensitivity.T.reshape(-1, *grid.shape),
     )
+    return estimate, solution
 
 
 def calmed(air_path: AirPath, log: Log, half_width: float) -> tuple[Log, dict[str, Array]]:

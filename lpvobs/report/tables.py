@@ -10,6 +10,7 @@ from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary, StoredResult
 from lpvobs.io.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
+from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.synthesis.published import TABLE_1
 
@@ -47,6 +48,25 @@ def log_rows(logs: Sequence[LogSummary]) -> Table:
                 grams(None if m is None else m.bias),
                 str(m.visited_cells) if m else NONE,
                 percent(log.share_certified, 1),
+            ]
+        )
+    return header, rows
+
+
+def agreement_rows(logs: Sequence[Agreement]) -> Table:
+    """Return one row per log: how far its own map is from that of all logs."""
+    header = ["log", "nodes compared", "chi-square per node", "stands out by", "mean difference g/s", "disagrees"]
+    rows = []
+    for log in logs:
+        known = log.nodes > 0
+        rows.append(
+            [
+                cycle_title(log.name),
+                str(log.nodes),
+                f"{log.chi_square / log.nodes:.2f}" if known else NONE,
+                f"{log.deviation:+.1f} sd" if known else NONE,
+                f"{1e3 * log.mean_difference:+.3f}" if known else NONE,
+                "yes" if log.disagrees else "no",
             ]
         )
     return header, rows
@@ -216,7 +236,7 @@ def ingest_rows(record: Mapping[str, Any]) -> Table:
             item["source"] if len(record["sources"]) == 1 else f"{item['file']}: {item['source']}",
             item["unit_read_as"],
             item["unit"],
-            f"{item['rate']:.4g}",
+            NONE if item["rate"] is None else f"{item['rate']:.4g}",
             item["rule"],
             str(item["bridged"]),
             str(item["without_value"]),

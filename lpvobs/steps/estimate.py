@@ -1,12 +1,15 @@
 """`estimate`: logs in, map and metrics out."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from lpvobs.airpath.base import AirPath
 from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.io.agreement import write_agreement
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.logs import read_log, read_references
@@ -14,12 +17,41 @@ from lpvobs.io.provenance import Provenance
 from lpvobs.io.results import LogSummary, write_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
-from lpvobs.observer.estimate import MapEstimate, estimate_default, estimate_published
+from lpvobs.observer.disagreement import Agreement
+from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import LogRun, StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
+from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
+from lpvobs.steps.jobs import processors
 
+MANY = 8
+"""Logs from which on starting other processes is worth while: each takes about a second to start."""
 METHODS = ("observer", "published", "ekf", "batch")
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """What `estimate` wrote.
+
+    Attributes
+    ----------
+    estimate : MapEstimate
+    summaries : tuple of LogSummary
+        What the result keeps of each log, in the order given.
+    refused : tuple of str
+        Why other logs were left out.
+    scatter : float
+        [kg/s], between logs; NaN where it is not known.
+    agreement : tuple of Agreement
+        Of each log with the map of all; none for a single log or a rival method.
+    """
+
+    estimate: MapEstimate
+    summaries: tuple[LogSummary, ...]
+    refused: tuple[str, ...]
+    scatter: float = float("nan")
+    agreement: tuple[Agreement, ...] = ()
 
 
 def estimate_logs(
@@ -30,21 +62,68 @@ def estimate_logs(
     out: Path,
     method: str,
     progress: Callable[[float], None],
-) -> tuple[MapEstimate, tuple[LogSummary, ...], tuple[str, ...]]:
-    """Estimate the map from logs and write the result; return it, what it keeps of each log, and why others were left out.
+    workplace: Workplace | None = None,
+) -> Estimated:
+    """Estimate the map from logs and write the result.
 
-    The reference channels are read after the map is final, by `metrics_of`, and by nothing else.
+    The reference channels are read after the map is final, to compare, and by nothing else.
 
     Raises
     ------
     UsageError
-        For an unknown method or two logs of the same name.
+        For an unknown method, two logs of the same name or of the same bytes.
     DataError
         If the gain or none of the logs can be used, or they inform no node.
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     _refuse_doubles(paths)
+    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+    if method == "observer":
+        done = _by_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress)
+    else:
+        done = _one_after_another(config, gain, paths, method, progress)
+    air_path = config.engine_path()
+    axes = (air_path.axes[0].channel, air_path.axes[1].channel)
+    digests = {log.name: log.sha256 for log in done.summaries}
+    inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
+    provenance = Provenance(inputs, config_text)
+    further = partial(write_agreement, scatter=done.scatter, logs=done.agreement) if done.agreement else None
+    names = air_path.parameter_names
+    write_result(out, air_path.name, axes, names, done.estimate, done.summaries, stored, provenance, further)
+    remove_parts(out)
+    progress(1.0)
+    return done
+
+
+def _by_fleet(
+    config: Config,
+    config_text: str,
+    gain: StateGain,
+    paths: Sequence[Path],
+    out: Path,
+    workplace: Workplace,
+    progress: Callable[[float], None],
+) -> Estimated:
+    fleet = estimate_fleet(config, config_text, gain, paths, out, workplace, progress, refuse_empty)
+    digests = {path: sha256 for sha256, path in fleet.paths.items()}
+    runs = runs_by_digest(fleet.estimate)
+    agreement = {item.name: item for item in fleet.agreement}
+    used = [path for path in paths if path in digests]
+    return Estimated(
+        estimate=fleet.estimate,
+        summaries=tuple(summary_of(runs[digests[path]], fleet.metrics[digests[path]]) for path in used),
+        refused=fleet.refused,
+        scatter=fleet.scatter,
+        agreement=tuple(agreement[path.stem] for path in used if path.stem in agreement),
+    )
+
+
+def _one_after_another(
+    config: Config, gain: StateGain, paths: Sequence[Path], method: str, progress: Callable[[float], None]
+) -> Estimated:
+    """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
+    refuse_copies(paths)
     air_path, grid = config.engine_path(), config.grid()
     logs: dict[Path, Log] = {}
     refused: list[str] = []
@@ -56,8 +135,6 @@ def estimate_logs(
         progress(0.5 * (done + 1) / len(paths))
     if not logs:
         raise DataError("; ".join(refused))
-    _refuse_copies(logs)
-    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     estimate = _estimate(config, air_path, grid, gain, list(logs.values()), method)
     refuse_empty(estimate)
     progress(0.9)
@@ -65,11 +142,26 @@ def estimate_logs(
         summary_of(run, metrics_of(air_path, estimate, path, log))
         for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
-    axes = (air_path.axes[0].channel, air_path.axes[1].channel)
-    provenance = Provenance({path.name: log.sha256 for path, log in logs.items()}, config_text)
-    write_result(out, air_path.name, axes, air_path.parameter_names, estimate, summaries, stored, provenance)
-    progress(1.0)
-    return estimate, summaries, tuple(refused)
+    return Estimated(estimate, summaries, tuple(refused))
+
+
+def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workplace:
+    """Return where logs are done: here by default if they are few, else in one process per processor.
+
+    Raises
+    ------
+    UsageError
+        If both jobs and a scheduler are named, or either for a method that goes through the logs in turn.
+    """
+    if jobs is not None and scheduler is not None:
+        raise UsageError(
+            "--jobs: counts processes of this machine, --scheduler names workers elsewhere; drop one of them"
+        )
+    if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
+        raise UsageError(f"--method {method}: goes through the logs in turn; drop --jobs and --scheduler")
+    if jobs is None:
+        jobs = processors() if logs >= MANY else 1
+    return Workplace(jobs, scheduler)
 
 
 def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: str) -> StoredGain:
@@ -85,7 +177,9 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
     if gain is None:
         from lpvobs.steps.gain import make_gain, make_published_gain
 
-        return make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths)[0]
+        return (
+            make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths, lenient=True)[0]
+        )
     from lpvobs.steps.gain import check_again
 
     stored = read_gain(gain)
@@ -95,17 +189,6 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
     if not certificate.proven:
         raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
     return stored
-
-
-def _refuse_copies(logs: Mapping[Path, Log]) -> None:
-    """Raise for two logs of the same bytes, which would count twice."""
-    seen: dict[str, Path] = {}
-    for path, log in logs.items():
-        if log.sha256 in seen:
-            raise UsageError(
-                f"{path}: same bytes as {seen[log.sha256]}; the same drive would count twice, leave one out"
-            )
-        seen[log.sha256] = path
 
 
 def refuse_empty(estimate: MapEstimate) -> None:
@@ -128,9 +211,7 @@ def _estimate(
         return estimate_published(air_path, grid, gain, logs, config.published, settings)
     if method == "ekf":
         return estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
-    if method == "batch":
-        return estimate_batch(air_path, grid, gain, logs, settings)
-    return estimate_default(air_path, grid, gain, logs, settings)
+    return estimate_batch(air_path, grid, gain, logs, settings)
 
 
 def _refuse_doubles(paths: Sequence[Path]) -> None:

@@ -11,8 +11,9 @@ from lpvobs.airpath.engines import AIR_PATHS
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
-from lpvobs.io.logs import read_log
-from lpvobs.observer.estimate import calmed
+from lpvobs.io.stream import LogFile
+from lpvobs.observer.parts import RangeSeen, calm_log
+from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
@@ -24,8 +25,15 @@ from lpvobs.synthesis.settings import GainSettings
 PUBLISHED_OUTPUTS = ("p_im", "omega_t")
 
 
-def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[str, str]]:
+def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
+
+    Parameters
+    ----------
+    config : Config
+    paths : sequence of Path
+    lenient : bool
+        Leave out logs that cannot be used, which whoever uses the gain will meet again.
 
     Raises
     ------
@@ -37,7 +45,7 @@ def make_gain(config: Config, paths: Sequence[Path]) -> tuple[StoredGain, dict[s
     from lpvobs.synthesis.solve import synthesise
 
     air_path, settings = config.engine_path(), config.gain
-    bounds, digests = log_bounds(config, air_path, paths)
+    bounds, digests = log_bounds(config, air_path, paths, lenient)
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)
     try:
@@ -105,14 +113,24 @@ def check_again(stored: StoredGain) -> Certificate:
     return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
 
 
-def log_bounds(config: Config, air_path: AirPath, paths: Sequence[Path]) -> tuple[dict[str, Array], dict[str, str]]:
+def log_bounds(
+    config: Config, air_path: AirPath, paths: Sequence[Path], lenient: bool = False
+) -> tuple[dict[str, Array], dict[str, str]]:
     """Return the range of the scheduling parameters along each log, shape (2, m), and the logs' SHA-256."""
     bounds, digests = {}, {}
     for path in paths:
-        log = read_log(path, air_path.channels, config.policies)
-        calm, _ = calmed(air_path, log, config.estimate.smoothing)  # as the estimate sees it: noise widens no range
-        parameters = air_path.trajectory(calm, config.gain.outputs).parameters
-        bounds[log.name] = np.stack([parameters.min(axis=0), parameters.max(axis=0)])
+        try:
+            log = LogFile(path, air_path.channels, config.policies)
+            seen = RangeSeen(len(air_path.parameter_names), None)
+            # as the estimate sees it: noise widens no range
+            for stretch in stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
+                parameters = air_path.trajectory(calm_log(stretch), config.gain.outputs).parameters
+                seen.see(stretch.time, stretch.steps, parameters)
+        except DataError:
+            if not lenient:
+                raise
+            continue
+        bounds[log.name] = np.stack([seen.lower, seen.upper])
         digests[path.name] = log.sha256
     return bounds, digests
 

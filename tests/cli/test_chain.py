@@ -54,6 +54,34 @@ def test_nothing_is_stored_that_other_readers_stumble_over(chain):
 def test_xarray_opens_every_group_with_its_axes(chain, engine, group):
     with xr.open_dataset(chain.result, group=group, engine=engine) as found:
         assert {"n_e", "u_delta"} <= set(found.coords)
+        surface = next(item for item in found.data_vars.values() if item.ndim >= 2)
+        assert surface.dims[-2:] == ("n_e", "u_delta")
+        assert [found[axis].attrs["units"] for axis in ("n_e", "u_delta")] == ["rpm", "mg/cycle"]
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+@pytest.mark.parametrize(
+    "group",
+    ["map", "extrapolation", "excitation", "sensitivity", "nodes", "gain", "logs/ftp75_cold", "metrics/ftp75_cold"],
+)
+def test_xarray_finds_a_unit_and_a_name_on_everything(chain, engine, group):
+    with xr.open_dataset(chain.result, group=group, engine=engine, decode_cf=False) as found:
+        assert len(found.variables) > 2
+        for name, item in found.variables.items():
+            assert item.attrs["units"], name
+            assert item.attrs["long_name"], name
+
+
+def test_every_axis_of_every_dataset_has_a_scale(chain):
+    bare = []
+
+    def look(name, item):
+        if isinstance(item, h5py.Dataset) and not item.is_scale:
+            bare.extend(name for dimension in item.dims if len(dimension) == 0)
+
+    with h5py.File(chain.result) as file:
+        file.visititems(look)
+    assert bare == []
 
 
 def test_extrapolation_fills_every_node_and_leaves_the_map(lpvobs, chain, tmp_path):

@@ -1,11 +1,17 @@
 """Foreign recordings to logs: CSV layouts, repairs, rasters; the other formats are in test_formats.py."""
 
+import json
+from dataclasses import fields
+from pathlib import Path
+
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.foreign import ingest
-from lpvobs.io.profiles import load_profile, profile_of, shipped
+from lpvobs.io.foreign import ingest, stored_record
+from lpvobs.io.profiles import ChannelRules, Raster, SourceRules, TimeRules, load_profile, profile_of, shipped
 
 MINIMAL = """
 schema = 1
@@ -55,11 +61,20 @@ def test_a_broken_degree_sign_is_read_and_said(run, degree):
     assert degree in made.record["channels"]["T_im"]["repairs"]["unit_spelling"]
 
 
-def test_a_whole_degree_sign_is_no_repair_and_cp1252_is_one(run):
+def test_a_whole_degree_sign_is_no_repair_and_latin_1_is_one(run):
     text = MINIMAL.replace("p_im", "T_im").replace('"map"', '"IAT"').replace('"Pa"', '"K"')
-    made = run(text, "t,IAT [°C]\n0,20\n1,21\n", encoding="cp1252")
+    made = run(text, "t,IAT [°C]\n0,20\n1,21\n", encoding="latin-1")
     assert made.record["channels"]["T_im"]["repairs"] == {}
-    assert made.record["sources"][0]["notes"] == {"encoding": "not utf-8: read as cp1252"}
+    assert made.record["sources"][0]["notes"] == {"encoding": "not utf-8: read as latin-1"}
+
+
+def test_a_line_that_is_not_utf_8_does_not_stop_the_others(run, capfd):
+    rows = b"".join(b"%d,100000\n" % k for k in range(200))
+    made = run(MINIMAL, b"t,map [Pa]\n" + rows + b"200,\xff,\xff\n201,1\xff\n202,100000\n")
+    assert made.record["sources"][0]["notes"]["encoding"] == "not utf-8: read as latin-1"
+    assert made.record["channels"]["p_im"]["repairs"] == {"unreadable": 1, "example": "1ÿ", "empty": 1}
+    assert made.channels["time"][-1] == 202
+    assert capfd.readouterr().err == ""
 
 
 def test_every_repair_is_done_and_counted(run):
@@ -131,6 +146,8 @@ limit = 2.0
     assert late.record["channels"]["n_e"]["repairs"] == {}
     odd = run(text, "\n".join([*rows[:2], "0:00:00,850,1.0", *rows[3:]]) + "\n")
     assert odd.record["channels"]["n_e"]["repairs"] == {"out_of_turn": 1}
+    with pytest.raises(DataError, match="in rows of other columns"):
+        run(text, "\n".join([rows[0], *(f"0:00:{k:02d},{800 + k},{k}" for k in range(20))]) + "\n")
 
 
 def test_the_default_rule_depends_on_the_rates_and_is_stated(run):
@@ -154,6 +171,19 @@ def test_parts_of_one_recording_follow_each_other(run):
     assert made.record["channels"]["p_im"]["file"] == "part0.csv, part1.csv"
     with pytest.raises(DataError, match="the parts overlap in 2 samples"):
         run(MINIMAL, second, first)
+
+
+def test_a_slow_channel_is_bridged_between_its_own_samples(run):
+    text = (
+        MINIMAL.replace("[channels", "[raster]\nrate = 1.0\n[channels") + '[channels.n_e]\nsource = "n"\nunit = "rpm"\n'
+    )
+    slow = "".join(f"{k},{1e5 + k}\n" for k in (0, 5, 10, 15, 40, 45))
+    made = run(text, "t,map [Pa]\n" + slow, "t,n [rpm]\n" + "".join(f"{k / 2},800\n" for k in range(91)))
+    assert made.record["channels"]["p_im"]["limit"] == 12.5
+    at = np.arange(46.0)
+    wanted = np.where((at <= 15) | (at >= 40), 1e5 + at, np.nan)
+    np.testing.assert_allclose(made.channels["p_im"], wanted, rtol=1e-15)
+    assert made.record["channels"]["n_e"]["limit"] == 1.25
 
 
 def test_channels_come_from_several_files(run):
@@ -240,3 +270,49 @@ def test_shipped_profiles_load_and_others_are_named():
         assert load_profile(name)[1] == name
     with pytest.raises(UsageError, match="shipped: kit-obd, liu-ice"):
         load_profile("liu-ise")
+
+
+def test_the_example_of_the_documentation_is_a_profile(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "ingest.md").read_text(encoding="utf-8")
+    example = text.split("```toml\n")[1].split("```")[0]
+    assert set(profile(example, tmp_path).channels) == {"p_im", "W_maf"}
+    for item in (SourceRules, TimeRules, Raster, ChannelRules):
+        for key in fields(item):
+            assert f"`{key.name}`" in text or f"] {key.name}`" in text, key.name
+
+
+def test_a_channel_without_any_number_has_no_rate(run):
+    made = run(MINIMAL + '[channels.n_e]\nsource = "n"\nunit = "rpm"\n', "t,map [Pa],n [rpm]\n0,1e5,\n1,1e5,\n2,1e5,\n")
+    item = made.record["channels"]["n_e"]
+    assert (item["rate"], item["without_value"], item["repairs"]) == (None, 3, {"empty": 3})
+
+
+DAMAGED = [
+    b"{", b"[]", b"null", b'{"schema": "lpvobs/ingest/2"}', b'{"schema": "lpvobs/ingest/1"}',
+    b'{"schema": "lpvobs/ingest/1", "sources": 1, "time": 2, "raster": 3, "channels": 4, "missing": 5, "profile": 6}',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("stored", DAMAGED)
+def test_a_damaged_record_is_no_record(tmp_path, stored):
+    path = tmp_path / "log.parquet"
+    table = pa.table({"time": [0.0, 1.0]}).replace_schema_metadata({"lpvobs.ingest": stored})
+    pq.write_table(table, path)
+    assert stored_record(path) is None
+
+
+def test_a_record_with_one_part_missing_is_no_record(tmp_path, run):
+    whole = run(MINIMAL, "t,map [Pa]\n0,1e5\n1,1e5\n2,1e5\n").record | {"profile": {"name": "a", "sha256": "b"}}
+    path = tmp_path / "log.parquet"
+
+    def stored(record):
+        pq.write_table(
+            pa.table({"time": [0.0, 1.0]}).replace_schema_metadata({"lpvobs.ingest": json.dumps(record)}), path
+        )
+        return stored_record(path)
+
+    assert stored(whole) == whole
+    for key in ("sources", "time", "raster", "channels", "missing", "profile"):
+        assert stored({name: value for name, value in whole.items() if name != key}) is None
+    assert stored(whole | {"channels": {"p_im": whole["channels"]["p_im"] | {"repairs": 3}}}) is None
+    assert stored(whole | {"sources": [whole["sources"][0] | {"time_repairs": {"t": 3}}]}) is None

@@ -109,10 +109,10 @@ def test_mat_7_3(tmp_path):
     check(made(path, time_t='time = "slow.time"'))
 
 
-def mdf(path, groups):
+def mdf(path, groups, version="4.10"):
     """Write groups of (name, values, unit) with their stamps."""
     asammdf = pytest.importorskip("asammdf", reason="the extra lpvobs[mdf] is not installed")
-    file = asammdf.MDF(version="4.10")
+    file = asammdf.MDF(version=version)
     for stamps, channels in groups:
         file.append([asammdf.Signal(values, stamps, unit=unit, name=name) for name, values, unit in channels])
     file.save(path, overwrite=True)
@@ -123,8 +123,9 @@ def mdf(path, groups):
 MDF_PROFILE = PROFILE.replace('source = "t"\nunit = "s"\n', "")
 
 
-def test_mdf_4_with_a_time_base_per_group(tmp_path):
-    path = mdf(tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "Â°C")])])
+@pytest.mark.parametrize(("version", "name"), [("3.30", "drive.mdf"), ("4.10", "drive.mf4"), ("4.20", "drive.mf4")])
+def test_mdf_with_a_time_base_per_group(tmp_path, version, name):
+    path = mdf(tmp_path / name, [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "Â°C")])], version)
     assert sniff(path) == "mdf"
     found = ingest([path], profile_of(MDF_PROFILE.format(unit_n="", unit_t="", time_t=""), tmp_path / "p.toml"))
     check(found)
@@ -139,6 +140,17 @@ def test_mdf_names_that_several_groups_have(tmp_path):
     with pytest.raises(DataError, match="'n' is there 2 times: 0:n, 1:n"):
         ingest([path], profile_of(text, tmp_path / "p.toml"))
     check(ingest([path], profile_of(text.replace('"n"', '"0:n"'), tmp_path / "p.toml")))
+
+
+def test_what_the_library_says_of_a_file_is_a_note_and_not_on_stderr(tmp_path, capfd):
+    path = mdf(tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "degC")])])
+    content = path.read_bytes()
+    assert b"</HDcomment>" in content
+    path.write_bytes(content.replace(b"</HDcomment>", b"</HDcommenT>"))
+    found = ingest([path], profile_of(MDF_PROFILE.format(unit_n="", unit_t="", time_t=""), tmp_path / "p.toml"))
+    check(found)
+    assert "could not parse" in found.record["sources"][0]["notes"]["asammdf says"]
+    assert capfd.readouterr().err == ""
 
 
 def test_mdf_without_its_library_says_what_to_install(tmp_path, monkeypatch):

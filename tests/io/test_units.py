@@ -15,6 +15,10 @@ SAME_KIND = {
     ("kPa", "Pa"): 1e3, ("hPa", "Pa"): 1e2, ("mbar", "Pa"): 1e2, ("bar", "Pa"): 1e5, ("MPa", "Pa"): 1e6,
     ("g/s", "kg/s"): 1e-3, ("kg/h", "kg/s"): 1 / 3600, ("kg/min", "kg/s"): 1 / 60, ("mg/s", "kg/s"): 1e-6,
     ("1/min", "rpm"): 1.0, ("min^-1", "rpm"): 1.0, ("U/min", "rpm"): 1.0, ("rad/s", "rpm"): 30 / np.pi,
+    ("min-1", "rpm"): 1.0, ("RPM", "rpm"): 1.0, ("U/MIN", "rpm"): 1.0, ("rev/min", "rad/s"): np.pi / 30, ("upm", "rpm"): 1.0,
+    ("mg/str", "mg/cycle"): 1.0, ("mg/stk", "mg/cycle"): 1.0, ("mg/ASP", "mg/cycle"): 1.0, ("mg/(stroke)", "mg/cycle"): 1.0,
+    ("KG/H", "kg/s"): 1 / 3600, ("kg/hr", "kg/s"): 1 / 3600, ("hpa", "Pa"): 1e2, ("KPa", "Pa"): 1e3, ("mBar", "Pa"): 1e2,
+    ("mPa", "Pa"): 1e-3, ("-", "%"): 100.0, ("Sec", "s"): 1.0, ("g/sec", "kg/s"): 1e-3,
     ("rpm", "rad/s"): np.pi / 30, ("1/min", "rad/s"): np.pi / 30, ("krpm", "rad/s"): 1e3 * np.pi / 30,
     ("mg/stroke", "mg/cycle"): 1.0, ("mg/Hub", "mg/cycle"): 1.0, ("mg/hub", "mg/cycle"): 1.0, ("g/cycle", "mg/cycle"): 1e3,
     ("1", "%"): 100.0, ("percent", "%"): 1.0, ("%", "1"): 0.01, ("ms", "s"): 1e-3, ("min", "s"): 60.0, ("us", "s"): 1e-6,
@@ -28,7 +32,13 @@ def test_factors(pair):
     )  # a factor is rounded at most twice
 
 
-@pytest.mark.parametrize(("unit", "zero"), [("degC", 273.15), ("°C", 273.15), ("degF", 459.67 * 5 / 9)])
+@pytest.mark.parametrize(
+    ("unit", "zero"),
+    [
+        ("degC", 273.15), ("°C", 273.15), ("Â°C", 273.15), ("Deg C", 273.15), ("grad C", 273.15), ("\ufffdC", 273.15),
+        ("degF", 459.67 * 5 / 9),
+    ],
+)  # fmt: skip
 def test_temperatures_have_an_offset(unit, zero):
     factor = 5 / 9 if unit == "degF" else 1.0
     np.testing.assert_allclose(convert(ONE, unit, "K"), zero + factor * ONE, rtol=1e-14)

@@ -11,7 +11,7 @@ from reference.drives import noisy
 
 from lpvobs.errors import DataError
 from lpvobs.observer import smoothing
-from lpvobs.observer.estimate import merged
+from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.parts import inform, running_sum
 from lpvobs.observer.smoothing import smooth, stretches
 from lpvobs.records import Log, Piece
@@ -102,13 +102,14 @@ def test_samples_side_by_side_have_the_bits_of_one_by_one():
 
 
 def test_the_order_of_the_logs_does_not_move_a_bit(air_path, grid, gain, settings, drive, other_drive):
-    parts = [
-        inform(air_path, grid, gain, replace(noisy(log, seed), sha256=digest), settings)
+    logs = [
+        replace(noisy(log, seed), sha256=digest, name=digest)
         for log, seed, digest in ((drive[0], 1, "b"), (other_drive[0], 2, "a"), (drive[0], 3, "c"))
     ]
-    forward, backward = merged(grid, parts, settings), merged(grid, parts[::-1], settings)
+    forward, backward = (estimate_default(air_path, grid, gain, order, settings) for order in (logs, logs[::-1]))
     for name in ("theta", "covariance", "sensitivity", "design", "excitation"):
         np.testing.assert_array_equal(getattr(forward, name), getattr(backward, name))
+    assert [run.name for run in forward.runs] == ["b", "a", "c"]
 
 
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=60), st.integers(0, 60))

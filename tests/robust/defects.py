@@ -1,5 +1,6 @@
 """Every defect of a log that is known, with what happens to it: the cases of test_defects.py and the rows of docs/defects.md."""
 
+import fcntl
 from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
@@ -8,17 +9,19 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 from lpvobs.airpath.diesel import Diesel
 from lpvobs.errors import DataError
 from lpvobs.io import logs as reader
+from lpvobs.io.atomic import replacing
 from lpvobs.io.logs import LogPolicies
 from lpvobs.steps.inspect import inspect_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 N = 20_000
 RATE = 100.0
-GROUPS = ("Samples", "Time", "Units", "Types", "Files", "No defect")
+GROUPS = ("Samples", "Time", "Units", "Types", "Files", "Outputs", "No defect")
 
 
 def moving(seed=0):
@@ -552,6 +555,71 @@ def _(bench):
         stream.seek(4 + length)
         stream.write(length.to_bytes(4, "little") + b"PAR1")
     bench.refused(f"{length} bytes")
+
+
+# --- outputs -----------------------------------------------------------------------------------------------------------
+
+
+def refused_to_write(target, word, failure=None):
+    """Assert that a file is not written, in one line with a word, and that its folder is as it was."""
+    before = sorted(target.parent.iterdir()) if target.parent.is_dir() else None
+
+    def write():
+        with replacing(target) as temporary:
+            temporary.write_bytes(b"half")
+            if failure is not None:
+                raise failure
+
+    with pytest.raises(DataError, match=word) as refusal:
+        write()
+    assert len(str(refusal.value).splitlines()) == 1
+    assert before is None or sorted(target.parent.iterdir()) == before
+
+
+@case("Outputs", "a full disk", "refuse; the old file stays", "the refusal, exit code 3")
+def _(bench):
+    bench.write()
+    refused_to_write(bench.path, "No space left", OSError(28, "No space left on device"))
+    assert bench.kept(N)
+
+
+@case("Outputs", "a folder that is missing, or read-only", "refuse before working", "the refusal, exit code 3")
+def _(bench):
+    refused_to_write(bench.folder / "none" / "result.h5", "cannot be written")
+    refused_to_write(Path("/proc/result.h5"), "cannot be written")
+
+
+@case(
+    "Outputs", "a folder, device or pipe in the place of the file", "refuse before working", "the refusal, exit code 3"
+)
+def _(bench):
+    (bench.folder / "result.h5").mkdir()
+    refused_to_write(bench.folder / "result.h5", "not a regular file")
+    refused_to_write(Path("/dev/null"), "not a regular file")
+
+
+@case("Outputs", "a second writer of the same file", "refuse before working", "the refusal, exit code 3")
+def _(bench):
+    lock = bench.folder / ".drive.parquet.lock"
+    with lock.open("w") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        refused_to_write(bench.path, "another process")
+    bench.write().kept(N)
+
+
+@case("Outputs", "what a killed writer left", "swept away by the next one", "nothing")
+def _(bench):
+    left = [bench.folder / name for name in (".drive.parquet.lock", ".drive.parquet.x1y2.part")]
+    for path in left:
+        path.write_bytes(b"half")
+    with replacing(bench.path) as temporary:
+        temporary.write_bytes(b"whole")
+    assert [path.name for path in bench.folder.iterdir()] == ["drive.parquet"]
+
+
+@case("Outputs", "a file name that is not UTF-8", "refuse before working", "the refusal, exit code 3")
+def _(bench):
+    refused_to_write(bench.folder / "r\udcff.h5", "not UTF-8")
 
 
 # --- no defect ---------------------------------------------------------------------------------------------------------

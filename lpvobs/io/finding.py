@@ -1,0 +1,33 @@
+"""Logs named one by one, by pattern or by folder."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lpvobs.errors import UsageError
+
+WILD = "*?["
+ENDING = ".parquet"
+
+
+def find_logs(named: Sequence[Path]) -> list[Path]:
+    """Return the files meant: what a pattern matches and every Parquet file below a folder, in alphabetical order.
+
+    Raises
+    ------
+    UsageError
+        If a pattern or a folder holds no log.
+    """
+    found: list[Path] = []
+    for path in named:
+        if path.is_dir():
+            matches = sorted(file for file in path.rglob(f"*{ENDING}") if file.is_file())
+        elif not path.exists() and any(sign in str(path) for sign in WILD):
+            start = Path(path.anchor) if path.is_absolute() else Path()
+            matches = sorted(start.glob(str(path.relative_to(path.anchor)) if path.is_absolute() else str(path)))
+        else:
+            found.append(path)
+            continue
+        if not matches:
+            raise UsageError(f"{path}: no log there; expected Parquet files, name them, their folder or a pattern")
+        found += matches
+    return found

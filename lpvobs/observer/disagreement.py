@@ -1,0 +1,154 @@
+"""Which logs disagree with the map that all of them make together.
+
+A log's own map differs from the common one by noise, by what it owes to the engine's constants, and by the surface itself: two
+drives through the same cell find slightly different nodes, because the surface is not bilinear, and two vehicles may differ. The
+last part is found from the logs: the scatter between logs that puts the median log where chance would have it. It is not the same
+for all logs, so a log is judged among the others, not by a table of chi-square. Two things are looked at: the mean difference over
+its nodes, in which the scatter averages out and a sensor that has drifted does not, and chi-square, which sees a part of the map
+that has moved. A minority of bad logs moves neither the median nor the spread by which all are judged.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.maps.excitation import corners
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.information import Solution
+from lpvobs.observer.parts import LogPart
+from lpvobs.observer.settings import EstimateSettings
+from lpvobs.records import Array
+
+INFORMED = 0.01
+"""Of the prior standard deviation: a node that the log knows no better is not compared."""
+LEAST_VARIANCE = 1e-3
+"""Of a node's own variance: what only this log knows cannot differ from what all know."""
+STANDS_OUT = 4.0
+"""Standard deviations from the median log at which a log disagrees; few logs have heavy tails."""
+LEAST_SPREAD = 0.75
+"""Of the logarithm of chi-square per degree of freedom between logs: a few of them may lie close together by chance."""
+HALVINGS = 60
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far one log's own map is from the common one.
+
+    Attributes
+    ----------
+    name : str
+    nodes : int
+        Nodes compared, those that other logs inform, too.
+    chi_square : float
+        Squared difference over its variance, scatter between logs included; NaN where nothing can be compared.
+    mean_difference : float
+        [kg/s], own map less common map, mean over the nodes.
+    deviation : float
+        How many standard deviations the mean difference, or the logarithm of chi-square, lies beyond the median log; the larger.
+    disagrees : bool
+    """
+
+    name: str
+    nodes: int
+    chi_square: float
+    mean_difference: float
+    deviation: float
+    disagrees: bool
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """A log's difference from the common map along the axes of its covariance."""
+
+    name: str
+    nodes: int
+    squares: Array
+    variances: Array
+    mean: float
+    mean_variance: float
+
+    def chi_square(self, scatter: float) -> float:
+        return float(np.sum(self.squares / (self.variances + scatter))) if self.squares.size else float("nan")
+
+
+def agreements(
+    grid: Grid, common: Solution, parts: Iterable[LogPart], settings: EstimateSettings
+) -> tuple[float, tuple[Agreement, ...]]:
+    """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement.
+
+    Parameters
+    ----------
+    grid : Grid
+    common : Solution
+        The map of all logs together.
+    parts : iterable of LogPart
+        The logs that made it, each looked at once.
+    settings : EstimateSettings
+    """
+    found = [_difference(grid, common, part, settings) for part in parts]
+    scatter = _scatter([item for item in found if item.squares.size])
+    chi = _beyond(np.array([_height(item, scatter) for item in found]), np.full(len(found), LEAST_SPREAD))
+    errors = np.array([np.sqrt(item.mean_variance + scatter / max(item.nodes, 1)) for item in found])
+    mean = np.abs(_beyond(np.array([item.mean for item in found]), errors))
+    verdicts = []
+    for item, deviation in zip(found, np.maximum(chi, mean).tolist(), strict=True):
+        far = bool(deviation > STANDS_OUT)
+        verdicts.append(Agreement(item.name, item.nodes, item.chi_square(scatter), item.mean, deviation, far))
+    return float(np.sqrt(scatter)), tuple(verdicts)
+
+
+def _beyond(values: Array, least: Array) -> Array:
+    """Return how many standard deviations each value lies above the median; their spread is robust, and at least as given."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return np.full(values.shape, np.nan)
+    away = values - np.median(known)
+    return np.asarray(away / np.maximum(1.4826 * np.median(np.abs(away[np.isfinite(away)])), least))
+
+
+def _height(item: _Difference, scatter: float) -> float:
+    """Return the logarithm of chi-square per degree of freedom; NaN where nothing can be compared."""
+    if not item.squares.size:
+        return float("nan")
+    return float(np.log(max(item.chi_square(scatter) / item.squares.size, np.finfo(float).tiny)))
+
+
+def _difference(grid: Grid, common: Solution, part: LogPart, settings: EstimateSettings) -> _Difference:
+    q, prior = len(settings.tolerance), settings.prior_map
+    nodes, place = np.unique(corners(*grid.shape)[part.cells], return_inverse=True)
+    place = place.reshape(-1, 4)
+    H, right = np.eye(nodes.size) / prior**2, np.zeros((nodes.size, 1 + q))
+    np.add.at(H, (place[:, :, None], place[:, None, :]), part.H)
+    np.add.at(right, place, np.concatenate((part.h[:, :, None], part.coupling[:, :q].swapaxes(1, 2)), axis=2))
+    own = np.linalg.inv(H)
+    solved = own @ right
+    # Independent errors: the covariance of own less common is that of own less that of common.
+    noise = own - common.noise[np.ix_(nodes, nodes)]
+    answers = solved[:, 1:] - common.response[nodes, :q]
+    chosen = np.flatnonzero((np.diag(own) < (INFORMED * prior) ** 2) & (np.diag(noise) > LEAST_VARIANCE * np.diag(own)))
+    away = (solved[:, 0] - common.theta[nodes])[chosen]
+    inner = np.ix_(chosen, chosen)
+    covariance = noise[inner] + ((answers * settings.constants_variance) @ answers.T)[inner]
+    if not chosen.size:
+        return _Difference(part.run.name, 0, np.empty(0), np.empty(0), float("nan"), float("nan"))
+    variances, axes = np.linalg.eigh(covariance)
+    kept = variances > LEAST_VARIANCE * np.median(variances)
+    squares = ((axes.T @ away) ** 2)[kept]
+    spread = float(covariance.sum() / chosen.size**2)
+    return _Difference(part.run.name, chosen.size, squares, variances[kept], float(away.mean()), spread)
+
+
+def _scatter(found: Sequence[_Difference]) -> float:
+    """Return the variance that brings the median of chi-square per degree of freedom down to one; zero if it is below."""
+
+    def middle(scatter: float) -> float:
+        return float(np.median([item.chi_square(scatter) / item.squares.size for item in found]))
+
+    if not found or middle(0.0) <= 1.0:
+        return 0.0
+    low, high = 0.0, max(float(item.squares.max()) for item in found)
+    for _ in range(HALVINGS):
+        half = 0.5 * (low + high)
+        low, high = (half, high) if middle(half) > 1.0 else (low, half)
+    return high

@@ -1,0 +1,272 @@
+"""The default method over any number of logs: one part per log, wherever it is computed, added in the order of their digests.
+
+The result does not depend on how many processes or machines took part, nor on who finished first. A run that was killed goes on
+with the logs that it had not finished, see `lpvobs.io.parts`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.config import Config
+from lpvobs.io.logs import LogPolicies, file_digest, has_references
+from lpvobs.io.parts import PartsFolder, StoredPart, part_bytes, part_of_bytes, run_key
+from lpvobs.io.stream import LogFile, references
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import Metrics, compare_pieces
+from lpvobs.observer.disagreement import Agreement, agreements
+from lpvobs.observer.estimate import MapEstimate, merged
+from lpvobs.observer.parts import LogPart, LogRun, StateGain, inform
+from lpvobs.observer.settings import EstimateSettings
+from lpvobs.records import Array
+from lpvobs.steps.jobs import finished
+
+PARTS_SHARE = 0.85
+"""Of the whole run, for the progress: the rest compares the map with references."""
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Where and how tasks run: processes on this machine, or the address of a Dask scheduler."""
+
+    jobs: int = 1
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """The map of many logs.
+
+    Attributes
+    ----------
+    estimate : MapEstimate
+        Its runs are in the order of the logs' digests.
+    paths : mapping of str to Path
+        Of each log that took part, by digest.
+    metrics : mapping of str to Metrics or None
+        By digest; None where a log has no references.
+    refused : tuple of str
+        Why other logs were left out.
+    scatter : float
+        [kg/s], one standard deviation of a node between logs; NaN for a single log.
+    agreement : tuple of Agreement
+        Of every log with the map; none for a single log.
+    """
+
+    estimate: MapEstimate
+    paths: dict[str, Path]
+    metrics: dict[str, Metrics | None]
+    refused: tuple[str, ...]
+    scatter: float
+    agreement: tuple[Agreement, ...]
+
+
+@dataclass(frozen=True)
+class PartTask:
+    """One log to go through, with all that this takes."""
+
+    path: Path
+    air_path: AirPath
+    grid: Grid
+    gain: StateGain
+    settings: EstimateSettings
+    policies: LogPolicies
+    key: str
+    done: frozenset[str]
+    alone: bool
+
+
+@dataclass(frozen=True)
+class PartOutcome:
+    """What came of a log: the bytes of its part, unless that is there already, or why it cannot be used."""
+
+    sha256: str
+    data: bytes | None = None
+    refusal: str | None = None
+
+
+@dataclass(frozen=True)
+class MetricsTask:
+    """A final map to compare with the references of one log."""
+
+    path: Path
+    grid: Grid
+    theta: Array
+    units: dict[str, str]
+    kept: tuple[NDArray[np.uint8], ...]
+
+
+def estimate_fleet(
+    config: Config,
+    config_text: str,
+    gain: StateGain,
+    paths: Sequence[Path],
+    out: Path,
+    workplace: Workplace,
+    progress: Callable[[float], None],
+    check: Callable[[MapEstimate], None],
+) -> Fleet:
+    """Return the map of all logs that can be used.
+
+    Parameters
+    ----------
+    config : Config
+    config_text : str
+        Parts are kept for a run with the same configuration.
+    gain : StateGain
+    paths : sequence of Path
+    out : Path
+        The result to be made; parts of several logs wait beside it.
+    workplace : Workplace
+    progress : callable
+        Takes the fraction done.
+    check : callable
+        Raises if a map is of no use, before anything is compared with it.
+
+    Raises
+    ------
+    UsageError
+        For two logs of the same bytes.
+    DataError
+        If no log can be used.
+    """
+    refuse_copies(paths)
+    key = run_key(config_text, gain)
+    store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
+    air_path, grid = config.engine_path(), config.grid()
+    settings = config.estimate.limited_to(air_path.balance_constants)
+    alone = workplace.jobs == 1 and workplace.scheduler is None
+    done = store.done()
+    tasks = [PartTask(path, air_path, grid, gain, settings, config.policies, key, done, alone) for path in paths]
+    found: dict[str, Path] = {}
+    refused: dict[int, str] = {}
+    for count, (number, outcome) in enumerate(finished(part_of, tasks, workplace.jobs, workplace.scheduler), 1):
+        if outcome.refusal is not None:
+            refused[number] = outcome.refusal
+        else:
+            store.keep(outcome)
+            found[outcome.sha256] = paths[number]
+        progress(PARTS_SHARE * count / len(tasks))
+    refusals = tuple(refused[number] for number in sorted(refused))
+    if not found:
+        store.remove()
+        raise DataError("; ".join(refusals))
+    estimate, solution = merged(grid, store.parts(found), settings)
+    check(estimate)
+    scatter = float("nan")
+    agreement: tuple[Agreement, ...] = ()
+    if len(found) > 1:
+        scatter, agreement = agreements(grid, solution, store.parts(found), settings)
+    metrics = _metrics(air_path, estimate, found, store, workplace, lambda f: progress(PARTS_SHARE + 0.14 * f))
+    return Fleet(estimate, found, metrics, refusals, scatter, agreement)
+
+
+def remove_parts(out: Path) -> None:
+    """Delete the parts beside a result that has been written."""
+    PartsFolder(out, "").remove()
+
+
+def part_of(task: PartTask) -> PartOutcome:
+    """Go through one log; a log that cannot be used is an outcome, not a failure."""
+    sha256 = ""
+    try:
+        log = LogFile(task.path, task.air_path.channels, task.policies, threads=task.alone)
+        sha256 = log.sha256
+        if sha256 in task.done:
+            return PartOutcome(sha256)
+        part = inform(task.air_path, task.grid, task.gain, log, task.settings)
+    except DataError as error:
+        return PartOutcome(sha256, refusal=str(error))
+    return PartOutcome(sha256, part_bytes(StoredPart(part, log.kept), task.key))
+
+
+def compared(task: MetricsTask) -> Metrics:
+    """Compare a map with the references of one log."""
+    read = partial(references, task.path, task.units, task.kept)
+    if len(task.kept) == 1:  # fits into memory: no need to read it twice
+        pieces = list(read())
+        return compare_pieces(task.grid, task.theta, lambda: pieces)  # type: ignore[arg-type, return-value]
+    return compare_pieces(task.grid, task.theta, read)  # type: ignore[arg-type]
+
+
+def refuse_copies(paths: Sequence[Path]) -> None:
+    """Raise for two logs of the same bytes, which would count twice; only files of the same size are looked into."""
+    by_size: dict[int, list[Path]] = {}
+    for path in paths:
+        with suppress(OSError):
+            by_size.setdefault(path.stat().st_size, []).append(path)
+    for same in by_size.values():
+        seen: dict[str, Path] = {}
+        for path in same if len(same) > 1 else ():
+            if not path.is_file():
+                continue
+            digest = file_digest(path)
+            if digest in seen:
+                raise UsageError(
+                    f"{path}: same bytes as {seen[digest]}; the same drive would count twice, leave one out"
+                )
+            seen[digest] = path
+
+
+def _metrics(
+    air_path: AirPath,
+    estimate: MapEstimate,
+    found: dict[str, Path],
+    store: "_Store",
+    workplace: Workplace,
+    progress: Callable[[float], None],
+) -> dict[str, Metrics | None]:
+    units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
+    known = [sha256 for sha256, path in found.items() if has_references(path)]
+    tasks = [
+        MetricsTask(found[sha256], estimate.grid, estimate.theta, units, store.read(sha256).kept) for sha256 in known
+    ]
+    metrics: dict[str, Metrics | None] = dict.fromkeys(found)
+    for count, (number, result) in enumerate(finished(compared, tasks, workplace.jobs, workplace.scheduler), 1):
+        metrics[known[number]] = result
+        progress(count / len(tasks))
+    return metrics
+
+
+class _Store:
+    """Where parts wait: in a folder, or a single one in memory."""
+
+    def __init__(self, folder: PartsFolder | None):
+        self.folder = folder
+        self.held: dict[str, StoredPart] = {}
+
+    def done(self) -> frozenset[str]:
+        return self.folder.found() if self.folder else frozenset()
+
+    def keep(self, outcome: PartOutcome) -> None:
+        if outcome.data is None:
+            return
+        if self.folder:
+            self.folder.keep(outcome.sha256, outcome.data)
+        else:
+            self.held[outcome.sha256] = part_of_bytes(outcome.data)[0]
+
+    def read(self, sha256: str) -> StoredPart:
+        return self.folder.read(sha256) if self.folder else self.held[sha256]
+
+    def parts(self, found: dict[str, Path]) -> Iterator[LogPart]:
+        """Yield the parts in the order of their digests, each under the name that its log has now."""
+        for sha256 in sorted(found):
+            part = self.read(sha256).part
+            yield replace(part, run=replace(part.run, name=found[sha256].stem))
+
+    def remove(self) -> None:
+        if self.folder:
+            self.folder.remove()
+
+
+def runs_by_digest(estimate: MapEstimate) -> dict[str, LogRun]:
+    """Return what the estimate keeps of its logs, by digest."""
+    return {run.sha256: run for run in estimate.runs}

@@ -1,0 +1,128 @@
+"""Where tasks run: in this process, in several on this machine, or on the workers of a Dask scheduler.
+
+Results come back as they finish, each with the number of its task; what is made of them must not depend on that order. Only a few
+tasks per worker are under way at a time, so memory does not grow with their number.
+"""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from lpvobs.errors import DataError, UsageError
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+AHEAD = 2
+"""Tasks handed out per worker, so that none waits for the next."""
+RETRIES = 10
+"""How often a task is given to another worker when the one that had it dies."""
+
+
+def finished(
+    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int = 1, scheduler: str | None = None
+) -> Iterator[tuple[int, Result]]:
+    """Yield the number and the result of each task as it finishes.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module, so that other processes can import it.
+    tasks : sequence
+    jobs : int
+        Processes on this machine; 1 runs the tasks here.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as `tcp://host:8786`, instead.
+
+    Raises
+    ------
+    UsageError
+        If Dask is not installed or its scheduler cannot be reached.
+    DataError
+        If a worker dies with its task.
+    """
+    if scheduler is not None:
+        return _on_cluster(function, tasks, scheduler)
+    if jobs == 1 or len(tasks) < 2:
+        return ((number, function(task)) for number, task in enumerate(tasks))
+    return _in_processes(function, tasks, min(jobs, len(tasks)))
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, Result]]:
+    # Processes that start afresh: a copy of this one could inherit a lock that a thread of a library holds.
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
+    waiting = iter(enumerate(tasks))
+    under_way: dict[Future[Result], int] = {}
+    try:
+        while True:
+            while len(under_way) < AHEAD * jobs and (following := next(waiting, None)) is not None:
+                under_way[pool.submit(function, following[1])] = following[0]
+            if not under_way:
+                break
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                yield under_way.pop(future), future.result()
+    except BrokenProcessPool:
+        raise DataError(
+            "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
+        ) from None
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _on_cluster(
+    function: Callable[[Task], Result], tasks: Sequence[Task], address: str
+) -> Iterator[tuple[int, Result]]:
+    try:
+        from distributed import Client, as_completed
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        raise UsageError("--scheduler: Dask is not installed; install lpvobs[cluster]") from None
+    try:
+        client = Client(address, timeout="5s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(
+            f"--scheduler {address}: cannot be reached ({error}); start `dask scheduler`, or check the address"
+        ) from None
+    with client:
+        ahead = AHEAD * max(sum(client.nthreads().values()), 1)
+        waiting = iter(enumerate(tasks))
+        numbers: dict[str, int] = {}
+
+        def hand_out() -> "Future[Result] | None":
+            following = next(waiting, None)
+            if following is None:
+                return None
+            future = client.submit(function, following[1], pure=False, retries=RETRIES)
+            numbers[future.key] = following[0]
+            return future  # type: ignore[no-any-return]
+
+        under_way = as_completed([future for _ in range(ahead) if (future := hand_out()) is not None], loop=client.loop)
+        for future in under_way:
+            try:
+                result = future.result()
+            except KilledWorker:
+                raise DataError(
+                    "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
+                ) from None
+            number = numbers.pop(future.key)
+            if (more := hand_out()) is not None:
+                under_way.add(more)
+            yield number, result

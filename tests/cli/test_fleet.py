@@ -1,0 +1,201 @@
+"""Many logs from the command line: found by folder, done side by side, one bad log left out, resumed after a kill."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lpvobs.io.config import load_config
+from lpvobs.io.gains import read_gain
+from lpvobs.io.parts import run_key
+from lpvobs.observer.parts import StateGain
+from lpvobs.steps.fleet import PartTask, part_of
+
+LOGS = 6
+
+
+@pytest.fixture(scope="session")
+def fleet(chain, table, tmp_path_factory):
+    """Return a folder with the chain's log in pieces that overlap by half: different logs of one map."""
+    folder = tmp_path_factory.mktemp("fleet")
+    length = 2 * table.num_rows // (LOGS + 1)
+    for number in range(LOGS):
+        pq.write_table(table.slice(number * length // 2, length), folder / f"drive {number}.parquet")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def estimate(lpvobs, config, chain):
+    def run(*arguments):
+        return lpvobs("estimate", "--config", config, "--gain", chain.gain, *arguments)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def together(estimate, fleet, tmp_path_factory):
+    """Return the result of the fleet, one log after the other."""
+    out = tmp_path_factory.mktemp("together") / "r.h5"
+    done = estimate(fleet, "--jobs", 1, "--out", out, "--json")
+    assert done.code == 0, done.err
+    return out, done.json
+
+
+def contents(path):
+    """Return every dataset and attribute of a result but its provenance, as bytes."""
+    found = {}
+
+    def look(name, item):
+        if not name.startswith("provenance"):
+            found.update(
+                {(name, key): np.asarray(value).tobytes() for key, value in item.attrs.items() if "LIST" not in key}
+            )
+            if isinstance(item, h5py.Dataset):
+                found[name] = item.asstr()[()].tolist() if h5py.check_string_dtype(item.dtype) else item[()].tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(look)
+    return found
+
+
+def test_a_folder_is_its_logs_and_says_which_agree(together, fleet):
+    out, shown = together
+    assert [log["log"] for log in shown["logs"]] == [f"drive {number}" for number in range(LOGS)]
+    assert [log["name"] for log in shown["agreement"]] == [f"drive {number}" for number in range(LOGS)]
+    assert not any(log["disagrees"] for log in shown["agreement"])
+    with h5py.File(out) as file:
+        assert file["agreement/log"].size == LOGS
+        assert {"nodes", "chi_square", "mean_difference", "deviation", "disagrees", "scatter"} < set(file["agreement"])
+    assert list(out.parent.iterdir()) == [out]  # the parts are gone
+
+
+@pytest.mark.parametrize("jobs", [2, 3])
+def test_neither_the_jobs_nor_the_order_of_the_logs_change_a_byte(estimate, fleet, together, tmp_path, jobs):
+    out = tmp_path / "r.h5"
+    names = sorted(fleet.iterdir(), reverse=jobs == 3)
+    done = estimate(*names, "--jobs", jobs, "--out", out)
+    assert done.code == 0, done.err
+    first, second = contents(together[0]), contents(out)
+    if jobs == 3:  # the table of logs is in the order that they were named in
+        first, second = ({k: v for k, v in found.items() if "agreement" not in str(k)} for found in (first, second))
+    assert first == second
+
+
+def test_a_bad_log_among_many_is_named_and_the_rest_go_on(estimate, fleet, together, tmp_path):
+    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
+    bad.write_bytes(b"PAR1")
+    done = estimate(fleet, bad, "--jobs", 2, "--out", out, "--json")
+    assert done.code == 3
+    assert len(done.json["refused"]) == 1
+    assert str(bad) in done.json["refused"][0]
+    with h5py.File(out) as file, h5py.File(together[0]) as whole:
+        np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
+
+
+def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tmp_path):
+    place = table.column_names.index("W_maf")
+    field, column = table.schema.field("W_maf"), table["W_maf"].to_numpy()
+    drifted = tmp_path / "drifted.parquet"
+    pq.write_table(table.set_column(place, field, [1.05 * column]), drifted)
+    done = estimate(fleet, drifted, "--out", tmp_path / "r.h5", "--json")
+    assert done.code == 0, done.err
+    assert [log["name"] for log in done.json["agreement"] if log["disagrees"]] == ["drifted"]
+    assert "drifted: disagrees" in done.err
+
+
+def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, together, tmp_path):
+    out = tmp_path / "r.h5"
+    parts = tmp_path / "r.h5.parts"
+    call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "1", "--out", out]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, call)], stderr=subprocess.DEVNULL
+    )
+    while len(list(parts.glob("*.part"))) < 2 and process.poll() is None:
+        time.sleep(0.002)
+    process.send_signal(signal.SIGKILL)
+    process.wait(timeout=60)
+    done = {file.name: file.stat().st_mtime_ns for file in parts.glob("*.part")}
+    assert 2 <= len(done) < LOGS, "killed too late: the machine was faster than the look into the folder"
+    assert not out.exists()
+    (parts / f"{'0' * 64}.part").write_bytes(b"half a file of another program")
+    again = estimate(fleet, "--jobs", 2, "--out", out)
+    assert again.code == 0, again.err
+    assert contents(out) == contents(together[0])
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, fleet, together, tmp_path):
+    out, other = tmp_path / "r.h5", tmp_path / "other.toml"
+    other.write_text(config.read_text().replace("smoothing = 0.05 ", "smoothing = 0.06 "))
+    configuration, text = load_config(other)
+    stored = read_gain(chain.gain)
+    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+    parts = tmp_path / "r.h5.parts"
+    parts.mkdir()
+    for path in sorted(fleet.iterdir())[:2]:
+        task = PartTask(
+            path,
+            configuration.engine_path(),
+            configuration.grid(),
+            gain,
+            configuration.estimate,
+            configuration.policies,
+            run_key(text, gain),
+            frozenset(),
+            True,
+        )
+        outcome = part_of(task)
+        (parts / f"{outcome.sha256}.part").write_bytes(outcome.data)
+        assert (
+            part_of(replace(task, done=frozenset({outcome.sha256}))).data is None
+        )  # its own run would not do it again
+    done = estimate(fleet, "--out", out)
+    assert done.code == 0, done.err
+    assert contents(out) == contents(together[0])
+
+
+def test_an_interrupt_ends_all_processes_and_keeps_what_is_done(config, chain, fleet, tmp_path):
+    out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
+    call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, call)],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not list(parts.glob("*.part")) and process.poll() is None:
+        time.sleep(0.002)
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the parent and its workers
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert len(err.strip().splitlines()) == 1, err
+    assert not out.exists()
+    for _ in range(200):  # the library's own helper process ends when it notices that the others have
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    pytest.fail("processes are left")
+
+
+def test_usage_of_jobs(estimate, chain, fleet, tmp_path):
+    out = tmp_path / "r.h5"
+    for arguments, word in (
+        (("--jobs", 2, "--method", "published"), "in turn"),
+        (("--jobs", 2, "--scheduler", "tcp://127.0.0.1:1"), "drop one"),
+        (("--jobs", 0), "jobs"),
+    ):
+        done = estimate(fleet, *arguments, "--out", out)
+        assert done.code == 2, done.err
+        assert word in done.err
+    assert list(tmp_path.iterdir()) == []
+    assert estimate(tmp_path / "*.parquet", "--out", out).code == 2

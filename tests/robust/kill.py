@@ -1,0 +1,212 @@
+"""SIGKILL at random moments of every verb that writes: the target is absent, old or whole, every time.
+
+    PYTHONPATH=.:tests python -m robust.kill [--number 1000] [--seed 1] [--verbs estimate,report]
+
+Half of the kills fall anywhere in the verb's course, the other half into the moments after its first temporary file appeared
+beside the target. Each trial is a forked process that has everything imported, so that its time goes into the verb.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SOURCE = "drive.csv"
+PROFILE = """
+schema = 1
+[time]
+source = "time"
+[channels.n_e]
+source = "speed"
+unit = "rpm"
+source_unit = "rpm"
+"""
+LIMIT = 120.0
+"""[s]; a verb that takes longer hangs."""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A command line with the file that it writes; `source` is what stands there before where the verb changes it in place."""
+
+    name: str
+    arguments: tuple[str, ...]
+    target: str
+    source: str | None = None
+
+
+CONFIGURED = ("--config", "diesel.toml")
+VERBS = (
+    Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet"),
+    Verb("ingest", ("ingest", SOURCE, "--profile", "profile.toml", "--out", "o.parquet"), "o.parquet"),
+    Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("estimate", ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5"),
+    Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5"),
+    Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("report", ("report", "result.h5", "log.parquet", "--html", "o.html"), "o.html"),
+    Verb("export", ("export", "filled.h5", "--format", "dcm", "--out", "o.dcm"), "o.dcm"),
+    Verb("export netcdf", ("export", "filled.h5", "--format", "netcdf", "--out", "o.nc"), "o.nc"),
+)  # fmt: skip
+
+
+def prepare(folder: Path) -> None:
+    """Write the inputs of every verb, by the command line."""
+    shutil.copy(ROOT / "configs" / "diesel.toml", folder)
+    table = (ROOT / "data" / "cycles" / "nedc.csv").read_text().splitlines()
+    (folder / "cycle.csv").write_text("\n".join(table[:80]) + "\n")
+    (folder / "profile.toml").write_text(PROFILE)
+    rows = [f"{0.01 * k:.2f},{900 + k % 700}" for k in range(20_000)]
+    (folder / SOURCE).write_text("time,speed\n" + "\n".join(rows) + "\n")
+    for line in (
+        ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "50", "--out", "log.parquet"),
+        ("synth-gain", *CONFIGURED, "log.parquet", "--out", "gain.h5"),
+        ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "result.h5"),
+        ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "filled.h5"),
+        ("extrapolate", "filled.h5"),
+    ):
+        call = [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *line]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        subprocess.run(call, cwd=folder, env=environment, check=True, capture_output=True)
+
+
+def warm() -> None:
+    """Import what the verbs import; running any of it would start threads that do not survive a fork."""
+    import clarabel  # noqa: F401
+    import cvxpy  # noqa: F401
+    import h5py  # noqa: F401
+    import jinja2  # noqa: F401
+    import pyarrow.parquet  # noqa: F401
+
+    import lpvobs.io.config
+    import lpvobs.report.page
+    import lpvobs.simulation.simulate
+    import lpvobs.steps.estimate
+    import lpvobs.steps.gain
+    import lpvobs.steps.trace  # noqa: F401
+
+
+def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull)) -> int:
+    """Run a command line in a forked process; return its id."""
+    sys.stdout.flush()
+    child = os.fork()
+    if child:
+        return child
+    code = 70
+    try:
+        os.chdir(folder)
+        nothing, said = os.open(os.devnull, os.O_RDWR), os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for stream, where in enumerate((nothing, nothing, said)):
+            os.dup2(where, stream)
+        sys.argv = ["lpvobs", *arguments]
+        from lpvobs.cli.main import run
+
+        run()
+        code = 0
+    except SystemExit as end:
+        code = int(end.code or 0)
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def finish(verb: Verb, folder: Path) -> float:
+    """Run a verb to its end; return the time it took."""
+    began = time.monotonic()
+    _, status = os.waitpid(start(verb.arguments, folder), 0)
+    if os.waitstatus_to_exitcode(status) != 0:
+        raise RuntimeError(f"{verb.name}: exit code {os.waitstatus_to_exitcode(status)} when nobody killed it")
+    return time.monotonic() - began
+
+
+def hidden(folder: Path) -> list[str]:
+    """Return what writers have left or are working on."""
+    return [path.name for path in folder.iterdir() if path.name.startswith(".")]
+
+
+def kill(child: int, moment: float, folder: Path, after_part: bool) -> int:
+    """Kill a process after a time, counted from its start or from its first temporary file; return its exit code."""
+    limit = time.monotonic() + LIMIT
+    waiting = after_part
+    while waiting and time.monotonic() < limit:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status)
+        waiting = not any(name.endswith(".part") for name in hidden(folder))
+        time.sleep(0.0002)
+    time.sleep(moment)
+    os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status)
+
+
+def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Callable[[str], None]) -> int:
+    """Kill a verb so many times; return how many kills hit, raise on the first file that is neither old nor whole."""
+    target = folder / verb.target
+    old = (folder / verb.source).read_bytes() if verb.source else b"old, and precious\n" * 1000
+
+    def lay(content: bytes | None) -> None:
+        target.unlink(missing_ok=True)
+        if content is not None:
+            target.write_bytes(content)
+
+    lay(old if verb.source else None)
+    finish(verb, folder)  # compiles what is not compiled yet
+    lay(old if verb.source else None)
+    length = finish(verb, folder)
+    whole = target.read_bytes()
+    hits = 0
+    for trial in range(number):
+        before = old if verb.source or rng.random() < 0.5 else None
+        lay(before)
+        after_part = trial % 2 == 1
+        moment = rng.uniform(0.0, 0.02 if after_part else 1.05 * length)
+        code = kill(start(verb.arguments, folder), moment, folder, after_part)
+        hits += code == -signal.SIGKILL
+        now = target.read_bytes() if target.exists() else None
+        if now not in (before, whole):
+            raise AssertionError(
+                f"{verb.name}: trial {trial}, killed after {moment:.4f} s, left {len(now or b'')} bytes"
+            )
+        strange = [name for name in hidden(folder) if not name.startswith(f".{verb.target}.")]
+        if strange:
+            raise AssertionError(f"{verb.name}: trial {trial} left {strange}")
+        if code not in (0, -signal.SIGKILL):
+            raise AssertionError(f"{verb.name}: trial {trial} ended with {code}")
+    lay(old if verb.source else None)
+    finish(verb, folder)
+    if hidden(folder) or target.read_bytes() != whole:
+        raise AssertionError(f"{verb.name}: a whole run after the kills left {hidden(folder)}")
+    say(f"{verb.name}: {number} trials, {hits} killed, {length:.2f} s when left alone; always absent, old or whole")
+    return hits
+
+
+def run(number: int, seed: int, names: list[str] | None = None, say: Callable[[str], None] = print) -> int:
+    """Spread so many trials over the verbs; return how many were killed before they had ended."""
+    chosen = [verb for verb in VERBS if names is None or verb.name in names]
+    rng = random.Random(seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        prepare(folder)
+        warm()
+        share = [number // len(chosen) + (place < number % len(chosen)) for place in range(len(chosen))]
+        return sum(trials(verb, folder, many, rng, say) for verb, many in zip(chosen, share, strict=True))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--number", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--verbs", type=lambda text: text.split(","))
+    options = parser.parse_args()
+    killed = run(options.number, options.seed, options.verbs, lambda line: print(line, flush=True))
+    print(f"{options.number} trials, {killed} killed before they had ended; no file torn, none lost")

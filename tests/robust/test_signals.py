@@ -1,0 +1,69 @@
+"""SIGINT and SIGTERM: the contract's code, one line, nothing left, whatever the program is doing."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+# Runs a verb whose work is to wait in the way given, with a file half written; tells when it is ready.
+SCRIPT = """
+    import sys, time
+    from pathlib import Path
+    from lpvobs.cli import main, common
+    from lpvobs.io.atomic import replacing
+
+    class Noisy:
+        def __del__(self):
+            print("ready", flush=True)
+            time.sleep(30)
+
+    def wait():
+        print("ready", flush=True)
+        time.sleep(30)
+
+    def in_a_finaliser():
+        thing = Noisy()
+        del thing  # an exception in here is swallowed by the interpreter
+        time.sleep(30)
+
+    def behind_a_broad_except():
+        try:
+            wait()
+        except Exception:
+            print("swallowed", flush=True)
+
+    @common.guarded
+    def verb():
+        common.refuse_overwriting(Path({target!r}), [])
+        with replacing(Path({target!r})) as temporary:
+            temporary.write_text("half")
+            {way}()
+
+    main.app.command("wait")(verb)
+    sys.argv = ["lpvobs", "wait"]
+    main.run()
+"""
+
+
+@pytest.mark.parametrize(("sent", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "term")])
+@pytest.mark.parametrize("way", ["wait", "in_a_finaliser", "behind_a_broad_except"])
+def test_a_signal_ends_a_verb_with_its_code_and_leaves_the_old_file_alone(tmp_path, sent, code, word, way):
+    target = tmp_path / "old.h5"
+    target.write_text("old")
+    script = textwrap.dedent(SCRIPT).format(target=str(target), way=way)
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "ready\n"
+    assert len(list(tmp_path.iterdir())) == 3  # the old file, the lock, the half
+    os.kill(process.pid, sent)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == code, err
+    assert out == ""
+    assert err.startswith(f"lpvobs: {word}")
+    assert len(err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["old.h5"]
+    assert target.read_text() == "old"

@@ -1,0 +1,153 @@
+"""Two writers of one file, what a killed one leaves, disks and folders that do not take a file."""
+
+import fcntl
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from lpvobs.errors import DataError
+from lpvobs.io.atomic import claim, release, release_all, replacing
+
+ROOT = Path(__file__).parents[2]
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def other_process(target, *, then="", **options):
+    script = f"""
+        import sys, os, signal
+        from pathlib import Path
+        from lpvobs.errors import DataError
+        from lpvobs.io.atomic import claim, replacing
+        try:
+            with replacing(Path({str(target)!r})) as temporary:
+                temporary.write_text("other")
+                {then}
+        except DataError as error:
+            print(error)
+            sys.exit(error.exit_code)
+    """
+    call = [sys.executable, "-c", textwrap.dedent(script)]
+    return subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60, **options)
+
+
+def test_a_second_writer_is_refused_and_the_first_goes_on(tmp_path):
+    target = tmp_path / "result.h5"
+    with replacing(target) as temporary:
+        temporary.write_text("first")
+        done = other_process(target)
+        assert done.returncode == 3
+        assert "another process" in done.stdout
+        assert str(target) in done.stdout
+    assert target.read_text() == "first"
+    assert other_process(target).returncode == 0
+    assert target.read_text() == "other"
+    assert names(tmp_path) == ["result.h5"]
+
+
+def test_a_claim_keeps_others_out_before_anything_is_written(tmp_path):
+    target, link = tmp_path / "result.h5", tmp_path / "link.h5"
+    target.write_text("old")
+    link.symlink_to(target)
+    claim(link)
+    claim(target)  # the same file: nothing new
+    assert other_process(target).returncode == 3
+    release(link)
+    assert other_process(target).returncode == 0
+    assert names(tmp_path) == ["link.h5", "result.h5"]
+
+
+def test_what_a_killed_writer_leaves_keeps_nobody_out_and_is_swept_away(tmp_path):
+    target, neighbour = tmp_path / "result.h5", tmp_path / ".result.h5.mine"
+    target.write_text("old")
+    neighbour.write_text("of somebody else")
+    assert other_process(target, then="os.kill(os.getpid(), signal.SIGKILL)").returncode == -signal.SIGKILL
+    assert target.read_text() == "old"
+    left = set(names(tmp_path)) - {"result.h5", ".result.h5.mine"}
+    assert len(left) == 2
+    assert all(name.startswith(".result.h5.") for name in left)
+    assert other_process(target).returncode == 0
+    assert names(tmp_path) == [".result.h5.mine", "result.h5"]
+
+
+def test_writers_of_different_files_do_not_meet(tmp_path):
+    with replacing(tmp_path / "a") as temporary:
+        temporary.write_text("a")
+        assert other_process(tmp_path / "b").returncode == 0
+    assert names(tmp_path) == ["a", "b"]
+
+
+def test_a_lock_that_vanishes_between_opening_and_locking_is_made_again(tmp_path, monkeypatch):
+    target = tmp_path / "result.h5"
+    lock, real, calls = tmp_path / ".result.h5.lock", fcntl.flock, []
+
+    def flock(handle, how):
+        if not calls:
+            lock.unlink()  # the owner of before has just ended
+        calls.append(how)
+        real(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    claim(target)
+    assert len(calls) == 2
+    assert lock.exists()
+    release_all()
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("error", [38, 37, 95])  # ENOSYS, ENOLCK, ENOTSUP
+def test_a_file_system_without_locks_is_written_to_all_the_same(tmp_path, monkeypatch, error):
+    def flock(handle, how):
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with replacing(tmp_path / "result.h5") as temporary:
+        temporary.write_text("new")
+    assert names(tmp_path) == ["result.h5"]
+
+
+def test_a_folder_that_takes_no_file_is_named():
+    for target in ("/proc/result.h5", "/dev/null/result.h5", "/nowhere/result.h5"):
+        with pytest.raises(DataError, match="cannot be written"):
+            claim(Path(target))
+
+
+@pytest.mark.parametrize("target", ["/", ".", "/dev/null"])
+def test_what_is_no_file_is_not_replaced(target):
+    with pytest.raises(DataError, match="not a regular file"):
+        claim(Path(target))
+
+
+def limited():
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+@pytest.mark.parametrize("verb", ["gain", "log", "page"])
+def test_a_disk_that_is_full_half_way_costs_nothing(samples, tmp_path, verb):
+    """A limit on the size of files stands in for the disk: the kernel refuses to write more in the same way."""
+    target = tmp_path / "target"
+    target.write_text("old")
+    verbs = {
+        "gain": ("synth-gain", "--config", samples.config, "--published", "ETC", "--out", target),
+        "log": ("simulate", "--config", samples.config, "--cycle", "ftp75_cold", "--rate", 1, "--out", target),
+        "page": ("report", samples.result, "--html", target),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, verbs[verb])],
+        capture_output=True, text=True, check=False, timeout=120, preexec_fn=limited,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "File too large" in done.stderr  # from the target, or from where compiled code is kept
+    assert target.read_text() == "old"
+    assert names(tmp_path) == ["target"]

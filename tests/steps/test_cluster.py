@@ -1,0 +1,154 @@
+"""Many machines: a real scheduler with two workers, one of which dies half-way, and the map of one process."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.errors import UsageError
+from lpvobs.io.config import load_config
+from lpvobs.io.logs import write_log
+from lpvobs.observer.parts import StateGain
+from lpvobs.simulation.simulate import simulate
+from lpvobs.steps import jobs
+from lpvobs.steps.fleet import Workplace, estimate_fleet
+
+REPOSITORY = Path(__file__).parents[2]
+LOGS = 8
+
+
+@pytest.fixture(scope="module")
+def setting():
+    config, text = load_config(REPOSITORY / "configs" / "diesel.toml")
+    L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
+    return config, text, StateGain(("p_im", "p_em", "omega_t"), L)
+
+
+@pytest.fixture(scope="module")
+def logs(setting, tmp_path_factory):
+    """Return overlapping pieces of a drive, long enough that a worker can be killed in the middle of one."""
+    config = setting[0]
+    drive = simulate(config.engine, config.simulation, "ftp75_cold", 100.0, 1)
+    folder = tmp_path_factory.mktemp("logs")
+    N = drive.channels["time"].size
+    step = N // (LOGS + 1)
+    for number in range(LOGS):
+        part = slice(number * step, (number + 2) * step)
+        channels = {name: drive.channels[name][part] for name in ("time", *Diesel.channels)}
+        write_log(folder / f"{number}.parquet", channels, drive.units)
+    return sorted(folder.iterdir())
+
+
+def estimated(setting, logs, out, workplace, progress=lambda _: None):
+    config, text, gain = setting
+    return estimate_fleet(config, text, gain, logs, out, workplace, progress, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def alone(setting, logs, tmp_path_factory):
+    return estimated(setting, logs, tmp_path_factory.mktemp("alone") / "r.h5", Workplace())
+
+
+def same(a, b):
+    for name in ("theta", "covariance", "sensitivity", "design", "excitation"):
+        np.testing.assert_array_equal(getattr(a.estimate, name), getattr(b.estimate, name))
+    assert a.agreement == b.agreement
+
+
+def squared(number):
+    """Return the square; a task that any process can import."""
+    if number == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_every_task_comes_back_once_with_its_number(processes):
+    tasks = list(range(12))
+    assert sorted(jobs.finished(squared, tasks, processes)) == [(n, n * n) for n in tasks]
+    assert list(jobs.finished(squared, [], processes)) == []
+
+
+def test_a_worker_that_dies_is_said_in_one_line():
+    with pytest.raises(jobs.DataError, match="worker process died") as failure:
+        list(jobs.finished(squared, [13, 1, 2], 2))
+    assert "\n" not in str(failure.value)
+
+
+def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
+    same(estimated(setting, logs, tmp_path / "r.h5", Workplace(jobs=2)), alone)
+
+
+def test_a_scheduler_that_is_not_there_is_said_in_one_line():
+    pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
+    with pytest.raises(UsageError, match="cannot be reached") as failure:
+        list(jobs.finished(squared, [1], scheduler="tcp://127.0.0.1:1"))
+    assert "\n" not in str(failure.value)
+
+
+def start(folder, name, *arguments):
+    """Start a part of Dask that keeps everything in a folder of its own."""
+    environment = os.environ | {
+        "DASK_TEMPORARY_DIRECTORY": str(folder),
+        "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "10s",
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)]),
+    }
+    call = [sys.executable, "-m", f"distributed.cli.dask_{name.split('-')[0]}", *map(str, arguments)]
+    with (folder / f"{name}.log").open("w") as said:
+        return subprocess.Popen(call, stdout=said, stderr=said, env=environment, cwd=folder)
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Start a scheduler with two workers; yield its address and the workers' processes."""
+    pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
+    said = tmp_path / "scheduler.json"
+    processes = [
+        start(tmp_path, "scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", said)
+    ]
+    try:
+        for number in range(2):
+            arguments = ("--nthreads", 1, "--no-nanny", "--no-dashboard", "--scheduler-file", said)
+            processes.append(start(tmp_path, f"worker-{number}", *arguments))
+        yield address_in(said, processes[0]), processes[1:]
+    finally:
+        for process in processes[::-1]:
+            process.kill()
+            process.wait(timeout=30)
+
+
+def address_in(said, scheduler):
+    for _ in range(600):
+        if said.exists() and said.stat().st_size:
+            return json.loads(said.read_text())["address"]
+        assert scheduler.poll() is None, (said.parent / "scheduler.log").read_text()
+        time.sleep(0.05)
+    raise AssertionError("the scheduler did not start within 30 s")
+
+
+def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, cluster, tmp_path):
+    from distributed import Client
+
+    address, workers = cluster
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    seen = []
+
+    def progress(fraction):
+        seen.append(fraction)
+        if len(seen) == 2:  # two of eight logs are done, the others wait or are being worked on
+            workers[0].kill()
+
+    found = estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress)
+    assert workers[0].wait(timeout=30) == -signal.SIGKILL
+    assert workers[1].poll() is None
+    assert len(seen) >= LOGS
+    assert found.refused == ()
+    same(found, alone)
