@@ -86,9 +86,9 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def publish(name: str, title: str, text: str) -> None:
+def publish(name: str, title: str, text: str, command: str = "make bench") -> None:
     """Print a proof and keep it beside the benchmarks."""
-    page = f"# {title}\n\n{machine()}. Made by `make bench`.\n\n{text}\n"
+    page = f"# {title}\n\n{machine()}. Made by `{command}`.\n\n{text}\n"
     print(page)
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / f"{name}.md").write_text(page, encoding="utf-8")

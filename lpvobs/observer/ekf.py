@@ -18,7 +18,6 @@ from lpvobs.airpath.base import Trajectory
 from lpvobs.maps.grid import Grid, local
 from lpvobs.records import Array
 
-
 MOST_OUTPUTS = 4
 """Three states and the sensor; the update of the covariance takes them together."""
 
@@ -176,7 +175,7 @@ def _drift(P, h, Q, q_map, nodes, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _take_in(x, theta, P, PH, S, o, c, nodes, weights, y, R):  # type: ignore[no-untyped-def]
+def _take_in(x, theta, P, PH, S, o, c, nodes, weights, y, R):  # type: ignore[no-untyped-def]  # noqa: PLR0912
     """Correct states and map by output o, y = c x + weights theta + noise of variance R; leave its P H and S for the update."""
     row = PH[o]
     row[:] = 0.0
