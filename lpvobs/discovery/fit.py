@@ -54,7 +54,7 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
         nodes = linear.nodes
         root = covariance_root(problem, nodes, linear.raw[0])
         linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned, linear)
-    return linear
+    return _stepped(linear, linear)
 
 
 def linearised(

@@ -14,8 +14,8 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
 
 SPACING = 0.0973
-"""[s] between instants; no simple part of a second, so that what happens on the second (a cycle's set-points, a control unit's
-tasks) is seen at all phases: at tenths, kinks at whole seconds looked like a delay of half a millisecond. And"""
+"""[s] between instants; no simple part of a second, so that what happens on the second (set-points of a cycle, tasks of a control
+unit) is seen at all phases: at tenths, kinks at whole seconds looked like a delay of half a millisecond. And"""
 MOST_INSTANTS = 15000
 """how many there are at most: beyond 25 minutes they lie farther apart."""
 LEAST_TIME = 60.0
