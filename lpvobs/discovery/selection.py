@@ -102,9 +102,13 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final = _with_all(linear)
     progress(0.95)
     errors = standard_errors(final)
-    found = tuple(_finished(final, i, c, curve, float(errors[i])) for i, (c, curve) in enumerate(accepted))
+    bare = _bare(final)
+    found = tuple(
+        _finished(final, bare if len(accepted) == 1 else _without(final, i), i, c, curve, float(errors[i]))
+        for i, (c, curve) in enumerate(accepted)
+    )
     progress(1.0)
-    return Selection(verdict, found, _bare(final), final, losses, tuple(ranking))
+    return Selection(verdict, found, bare, final, losses, tuple(ranking))
 
 
 def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, list[Named], Linear, list[Candidate]]:
@@ -261,8 +265,10 @@ def sharpened(linear: Linear, index: int) -> Term:
     return replace(term, begin=begin, end=end) if end > begin else term
 
 
-def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float) -> Accepted:
-    problem, bare = linear.problem, _without(linear, index)
+def _finished(
+    linear: Linear, bare: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float
+) -> Accepted:
+    problem = linear.problem
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
