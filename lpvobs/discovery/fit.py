@@ -13,6 +13,7 @@ from lpvobs.discovery.linear import (
     Term,
     bend_of,
     covariance_root,
+    map_along,
     map_normal,
     operating_nodes,
     residual_of,
@@ -48,7 +49,7 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
     theta = problem.prior.mean if start is None else start.theta
     beta = np.zeros(len(problem.names))
     whitener = None if start is None else start.whitener
-    linear = linearised(problem, tuple(terms), theta, beta, whitener)
+    linear = linearised(problem, tuple(terms), theta, beta, whitener, near=start)
     for _ in range(passes):
         linear = converged(linear)
         nodes = linear.nodes
@@ -73,10 +74,12 @@ def linearised(
     scene = scene_with(problem, terms)
     nodes = operating_nodes(problem, scene)
     constants = _constants(problem, beta)
-    raw = residual_of(problem, scene, constants, theta, nodes)
+    each = problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks)
+    raw = views(each)
+    raw[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
     if whitener is None:
         whitener = np.tile(np.eye(raw.shape[1]) / 1e-3, (problem.K, 1, 1))
-    by_constants = _by_constants(problem, scene, beta) if near is None else near.by_constants
+    by_constants = _by_constants(problem, scene, beta, each) if near is None else near.by_constants
     known = near is not None and near.whitener is whitener and near.problem is problem
     white = near.columns[: beta.size] if near is not None and known else _whitened(problem, whitener, by_constants)
     if terms:
@@ -84,7 +87,7 @@ def linearised(
             [white, _whitened(problem, whitener, _by_terms(problem, terms, constants, theta, nodes))]
         )
     straight = raw.copy()
-    straight[0] += bend_of(problem, scene, constants)
+    straight[0] += bend_of(problem, scene, constants, each)
     residual = whiten(whitener, problem.used, straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
@@ -154,9 +157,8 @@ def _constants(problem: Problem, beta: Array) -> object:
     return base._replace(**{n: getattr(base, n) * (1.0 + b) for n, b in zip(problem.names, beta, strict=True)})
 
 
-def _by_constants(problem: Problem, scene: Scene, beta: Array) -> Array:
+def _by_constants(problem: Problem, scene: Scene, beta: Array, at: Array) -> Array:
     plant = problem.plant
-    at = plant.imbalances(_constants(problem, beta), scene.value, scene.rate, scene.lacks)
     found = np.empty((beta.size, 2, len(plant.balances), problem.K))
     for i in range(beta.size):
         moved = beta.copy()

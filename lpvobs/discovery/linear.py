@@ -165,8 +165,8 @@ def residual_of(problem: Problem, scene: Scene, constants: object, theta: Array,
     return left
 
 
-def bend_of(problem: Problem, scene: Scene, constants: object) -> Array:
-    """Return the balances of the mean of both views less the mean of their balances, shape (B, K) [kg/s].
+def bend_of(problem: Problem, scene: Scene, constants: object, each: Array) -> Array:
+    """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K) [kg/s].
 
     A balance that bends moves with the noise of its signals, and the mean of the views has half the noise of either. (Near its
     stall the compressor bends so much that the noise of p_im was worth ten pascals of offset; so it is worth one.) Twice
@@ -174,7 +174,6 @@ def bend_of(problem: Problem, scene: Scene, constants: object) -> Array:
     product of two would not be one across views any more.
     """
     imbalances, K = problem.plant.imbalances, problem.K
-    each = imbalances(constants, scene.value, scene.rate, scene.lacks)
     middle = (0.5 * (x[:, :K] + x[:, K:]) for x in (scene.value, scene.rate, scene.lacks))
     return np.asarray(imbalances(constants, *middle) - 0.5 * (each[:, :K] + each[:, K:]))
 

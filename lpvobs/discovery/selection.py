@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.stats
 
 from lpvobs.discovery.candidates import (
     Candidate,
@@ -102,9 +103,13 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     final = _with_all(linear)
     progress(0.95)
     errors = standard_errors(final)
-    found = tuple(_finished(final, i, c, curve, float(errors[i])) for i, (c, curve) in enumerate(accepted))
+    bare = _bare(final)
+    found = tuple(
+        _finished(final, bare if len(accepted) == 1 else _without(final, i), i, c, curve, float(errors[i]))
+        for i, (c, curve) in enumerate(accepted)
+    )
     progress(1.0)
-    return Selection(verdict, found, _bare(final), final, losses, tuple(ranking))
+    return Selection(verdict, found, bare, final, losses, tuple(ranking))
 
 
 def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, list[Named], Linear, list[Candidate]]:
@@ -261,8 +266,10 @@ def sharpened(linear: Linear, index: int) -> Term:
     return replace(term, begin=begin, end=end) if end > begin else term
 
 
-def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float) -> Accepted:
-    problem, bare = linear.problem, _without(linear, index)
+def _finished(
+    linear: Linear, bare: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float
+) -> Accepted:
+    problem = linear.problem
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
@@ -276,5 +283,12 @@ def _finished(linear: Linear, index: int, candidate: Candidate, curve: Curve | N
 
 
 def _cannot_be_told(best: Candidate, other: Candidate, per_coarse: int) -> bool:
+    """Return whether the differences of the losses by block are as often, and as much, the one way as the other.
+
+    Both by their sum (after Vuong) and by their signed ranks: one block with a large difference spoils the one, many with small
+    ones the other.
+    """
     difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
-    return bool(difference.sum() <= ALIKE * np.sqrt((difference**2).sum()) and other.gain > 0.5 * best.gain)
+    ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
+    told = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
+    return max(told) <= ALIKE and other.gain > 0.5 * best.gain
