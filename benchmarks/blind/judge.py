@@ -24,7 +24,7 @@ sys.addaudithook(refuse)  # before anything of the project is imported
 from lpvobs.io.config import load_config  # noqa: E402
 from lpvobs.steps.estimate import estimate_logs  # noqa: E402
 from lpvobs.steps.gain import make_gain  # noqa: E402
-from lpvobs.steps.trace import refine_result  # noqa: E402
+from lpvobs.steps.trace import Sources, refine_result  # noqa: E402
 
 
 def main(folder: Path, share: int, of: int) -> None:
@@ -41,7 +41,7 @@ def main(folder: Path, share: int, of: int) -> None:
         result, refined = log.with_suffix(".h5"), log.with_suffix(".refined.h5")
         estimate_logs(config, text, gain, [source], result, "observer", lambda _: None)
         begin = time.process_time()
-        found, _ = refine_result(result, [log], refined, None, lambda _: None)
+        found, _ = refine_result(Sources(result, [log]), refined, lambda _: None)
         content = found.as_json(refined=True) | {"seconds": time.process_time() - begin}
         part = verdict.with_suffix(".part")
         part.write_text(json.dumps(content), encoding="utf-8")

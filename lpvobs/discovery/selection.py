@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.stats
 
 from lpvobs.discovery.candidates import (
     Candidate,
@@ -282,5 +283,12 @@ def _finished(
 
 
 def _cannot_be_told(best: Candidate, other: Candidate, per_coarse: int) -> bool:
+    """Return whether the differences of the losses by block are as often, and as much, the one way as the other.
+
+    Both by their sum (after Vuong) and by their signed ranks: one block with a large difference spoils the one, many with small
+    ones the other.
+    """
     difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
-    return bool(difference.sum() <= ALIKE * np.sqrt((difference**2).sum()) and other.gain > 0.5 * best.gain)
+    ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
+    told = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
+    return max(told) <= ALIKE and other.gain > 0.5 * best.gain

@@ -64,19 +64,33 @@ def estimate_refined(
     NotProven
         If an effect adds a state and the larger observer cannot be proven.
     """
-    engine = scaled(config.engine, constants)
-    air_path, grid = replace(config, engine=engine).engine_path(), config.grid()
+    refined = refined_model(config, gain, effects, constants)
+    air_path, grid = refined.air_path, config.grid()
     settings = config.estimate.limited_to(air_path.balance_constants)
-    refined = Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, settings.smoothing, effects)
     seen = [observed(refined, log) for _, log in logs]
-    path = observed_path(refined)
-    estimate = estimate_default(path, grid, StateGain(gain.outputs, gain.gain.L, gain.gain.region), seen, settings)
+    state_gain = StateGain(gain.outputs, gain.gain.L, gain.gain.region)
+    estimate = estimate_default(observed_path(refined), grid, state_gain, seen, settings)
     refuse_empty(estimate)
     summaries = tuple(
         summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(logs, estimate.runs, strict=True)
     )
     return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
+
+
+def refined_model(
+    config: Config, gain: StoredGain, effects: tuple[Standing, ...], constants: Mapping[str, float]
+) -> Refined:
+    """Return the model as the observer has it: the engine with its constants where the joint fit has them, and the effects.
+
+    `estimate` takes the constants as configured, and carries their tolerance into the standard errors. Beside effects they
+    move: a size and a constant are estimated together, and mean little apart. On simulated drives with every constant off by up
+    to 1 % the map of a refined model missed by 0.7 to 2.1 %, and by 1.3 to 6.8 % with the constants as configured; where they are
+    exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
+    """
+    engine = scaled(config.engine, constants)
+    air_path = replace(config, engine=engine).engine_path()
+    return Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, config.estimate.smoothing, effects)
 
 
 def sensor_state(refined: Refined, gain: StoredGain) -> SensorState | None:

@@ -35,7 +35,7 @@ from lpvobs.io.refinements import (
 )
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
-from lpvobs.steps.refined import estimate_refined
+from lpvobs.steps.refined import estimate_refined, refined_model, sensor_state
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 LEAST_LEFT = 1.0 / 3.0
@@ -107,12 +107,17 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
 
 
 def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
-    """Write the effects beside a map that stands."""
+    """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
+    stored, found = closed.stored, closed.refinement
+    config = config_of(stored.provenance.config, stored.path)
+    proven = sensor_state(refined_model(config, stored.gain, found.standing, found.beta), stored.gain)
     with changing(result, out) as file:
         for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
         closed.write(file)
+        if proven is not None:
+            write_sensor_state(file["refinement"], proven, stored.gain)
 
 
 def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:

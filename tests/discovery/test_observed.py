@@ -12,6 +12,7 @@ from lpvobs.discovery.problem import free_map
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.parts import StateGain
+from lpvobs.simulation.effects import Effect
 
 L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
 OUTPUTS = ("p_im", "p_em", "omega_t")
@@ -142,3 +143,21 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
     spread = np.sqrt(refined.standard_error**2 + np.diag(found.covariance).reshape(found.theta.shape))
     apart = (np.abs(refined.theta - found.theta) / spread)[known]
     assert np.mean(apart < 1.645) > 0.9
+
+
+def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
+    """The plant has a hole, put there by formulas of its own; nobody is told."""
+    log = record(effects=[Effect("leak.intake", 2e-5)])
+    tolerance = config.estimate.tolerance
+    found = refine(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [log])
+    (leak,) = found.standing
+    assert leak.id == "leak.intake"
+    assert leak.value == pytest.approx(2e-5, rel=0.05)
+    known = (healthy.standard_error < 1e-3) & np.isfinite(healthy.theta)
+
+    def away(estimate):
+        return float(np.sqrt(np.nanmean((estimate.theta - healthy.theta)[known] ** 2)))
+
+    assert away(estimated(model(*found.standing), log, config, settings)) < 0.1 * away(
+        estimated(model(), log, config, settings)
+    )
