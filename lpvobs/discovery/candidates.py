@@ -34,7 +34,7 @@ class Candidate:
     loss : ndarray, shape (blocks,)
         Half the sum of squares that is left, by block.
     elsewhere : float
-        Unevenness without the block that has the largest share in it: one block alone, such as a cold start, is no structure in time.
+        Unevenness without the block that has the largest share in it: one alone, such as a cold start, is no structure in time.
     """
 
     term: Term
