@@ -50,7 +50,10 @@ SIZES = {
 }
 ABSORBED = frozenset({"maf.gain", "maf.offset", "maf.contamination", "maf.backflow", "leak.inlet", "u_delta.gain"})
 """A map made from the same log would rightly hold these: they come with an onset, or against a nominal map."""
-AUXILIARY = ("T_coolant", "T_charge", "humidity", "v_veh", "ac_switch")
+DRIVERS = {"T_coolant": 20.0, "T_charge": 10.0, "humidity": 10.0, "v_veh": 40.0, "ac_switch": 1.0}
+"""Auxiliary channels that an effect may follow, with what they move by, in their units (K, K, %, km/h, 1)."""
+ENGINE_CYCLES = ("etc", "whtc")
+"""Cycles that prescribe no vehicle speed."""
 PIECES = (
     ("etc", 0.0, 600.0),
     ("etc", 600.0, 1200.0),
@@ -116,7 +119,7 @@ def draw(bank: int, number: int, tolerance: dict[str, float]) -> Case:
         "pair": lambda: [
             _catalogue(rng, id_, length, nominal is not None) for id_ in rng.choice(list(SIZES), 2, replace=False)
         ],
-        "channel": lambda: [_channel(rng)],
+        "channel": lambda: [_channel(rng, piece[0])],
         "unlogged": lambda: [_unlogged(rng, length)],
     }[kind]()
     return Case(number, kind, piece, nominal, 1000 * bank + number, surface, constants, effects)
@@ -149,15 +152,15 @@ def _catalogue(rng: np.random.Generator, id_: str, length: float, against_nomina
     return effect
 
 
-def _channel(rng: np.random.Generator) -> dict[str, Any]:
-    name = str(rng.choice(AUXILIARY))
-    scale = {"T_coolant": 20.0, "T_charge": 10.0, "humidity": 0.004, "v_veh": 12.0, "ac_switch": 1.0}[name]
+def _channel(rng: np.random.Generator, table: str) -> dict[str, Any]:
+    names = [name for name in DRIVERS if name != "v_veh" or table not in ENGINE_CYCLES]
+    name = str(rng.choice(names))
     form = str(rng.choice(["additive", "gain"]))
     size = rng.uniform(4e-4, 1.2e-3) if form == "additive" else rng.uniform(0.03, 0.07)
     return {
         "id": f"channel:{name}",
         "form": form,
-        "per_unit": float(size * rng.choice([-1, 1]) / scale),
+        "amplitude": float(size * rng.choice([-1, 1]) / DRIVERS[name]),
     }
 
 

@@ -50,7 +50,12 @@ def _drive(
         toml.write_text(_toml(case.effects if with_effects else []), encoding="utf-8")
         effects, _ = load_effects(toml)
         log = simulate(
-            altered(config.engine, case.constants), parameters, str(cycle), seed=seed, effects=effects.effect
+            altered(config.engine, case.constants),
+            parameters,
+            str(cycle),
+            seed=seed,
+            effects=effects.injected,
+            auxiliary=effects.auxiliary,
         )
     channels = {name: values for name, values in log.channels.items() if not name.startswith("ref_")}
     write_log(path, channels, log.units)
@@ -74,7 +79,7 @@ def _cut(piece: tuple[str, float, float], path: Path) -> None:
 
 
 def _toml(effects: list[dict[str, object]]) -> str:
-    lines = ["[surface]", 'kind = "zero"']
+    lines = ["[auxiliary]"]  # a road, and every channel that the cycle has
     for effect in effects:
         lines.append("[[effect]]")
         lines += [
