@@ -43,7 +43,7 @@ def simulate(
     configuration, _ = load_config(config)
     if configuration.simulation is None:
         raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
-    injected = load_effects(effects)[0] if effects else Effects()
+    wanted = load_effects(effects)[0] if effects else Effects()
     with progress(f"simulating {cycle}") as report:
         log = drive(
             configuration.engine,
@@ -51,9 +51,10 @@ def simulate(
             cycle,
             rate,
             seed,
-            injected.surface,
+            wanted.surface,
             report,
-            effects=injected.effect,
+            effects=wanted.injected,
+            auxiliary=wanted.auxiliary,
         )
     write_log(out, log.channels, log.units)
     time = log.channels["time"]

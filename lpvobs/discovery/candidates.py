@@ -33,6 +33,8 @@ class Candidate:
         Mean square of the block sums of its score over what noise gives: near one when one size fits every block.
     loss : ndarray, shape (blocks,)
         Half the sum of squares that is left, by block.
+    elsewhere : float
+        Unevenness without the block that has the largest share in it: one alone, such as a cold start, is no structure in time.
     """
 
     term: Term
@@ -40,6 +42,7 @@ class Candidate:
     information: float
     unevenness: float
     loss: Array
+    elsewhere: float
 
     @property
     def id(self) -> str:
@@ -137,7 +140,14 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
-    return Candidate(term, gain, information, float(sums @ sums / information), 0.5 * linear.by_block(left, left))
+    unevenness, elsewhere = unevenness_of(sums, information)
+    return Candidate(term, gain, information, unevenness, 0.5 * linear.by_block(left, left), elsewhere)
+
+
+def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
+    """Return the mean square of block sums over what noise gives, and the same without the largest of them."""
+    squares = sums**2 / information
+    return float(squares.sum()), float(squares.sum() - squares.max())
 
 
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
@@ -150,12 +160,14 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     left = linear.moved(linear.residual, linear.pull)
     scores = linear.products_by_block(left) @ row * information
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
+    unevenness, elsewhere = unevenness_of(sums, information)
     return replace(
         like,
         term=linear.terms[index],
         information=float(information),
-        unevenness=float(sums @ sums / information),
+        unevenness=unevenness,
         loss=0.5 * linear.by_block(left, left),
+        elsewhere=elsewhere,
     )
 
 

@@ -162,7 +162,7 @@ def structure(linear: Linear) -> float:
     """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
     blocks = linear.problem.coarse_blocks
     carriers = [e for e in linear.problem.plant.catalogue if e.id in linear.problem.plant.carriers]
-    return max(0.5 * (fit_candidate(linear, effect).unevenness - 1.0) * blocks for effect in carriers)
+    return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
 
 
 def _left_over(before: Linear, after: Linear) -> bool:

@@ -4,7 +4,7 @@ What the file does not know is refused with the nearest key that exists; what it
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,8 +21,9 @@ from lpvobs.io.strict import read_text as _read
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
-from lpvobs.simulation.effects import Effect, effect_of
+from lpvobs.simulation.disturbances import Injected, injected_of
 from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.simulation.road import Auxiliary
 from lpvobs.synthesis.settings import GainSettings
 
 Record = TypeVar("Record")
@@ -111,10 +112,11 @@ def config_of(text: str, path: Path) -> Config:
 
 @dataclass(frozen=True)
 class Effects:
-    """What `simulate --effects` reads: another surface of the sensor's error, and what has happened to engine and sensors."""
+    """What `simulate --effects` reads: another surface of the sensor's error, what has happened to engine and sensors, a road."""
 
     surface: Surface | None = None
-    effect: tuple[Effect, ...] = ()
+    auxiliary: Auxiliary | None = None
+    injected: tuple[Injected, ...] = ()
 
 
 def load_effects(path: Path) -> tuple[Effects, str]:
@@ -122,17 +124,28 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     text = _read(path)
     document = _parse(text, path)
     if not document:
-        raise UsageError(f"{path}: holds neither [surface] nor [[effect]]; see configs/effects for examples")
-    tables = document.pop("effect", [])
-    if not (isinstance(tables, list) and all(isinstance(table, dict) for table in tables)):
+        raise UsageError(
+            f"{path}: holds neither [surface], [[effect]] nor [auxiliary]; see configs/effects for examples"
+        )
+    listed = document.pop("effect", [])
+    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
-    effects = tuple(_effect(path, place, table) for place, table in enumerate(tables))
-    return replace(_convert(path, document, Effects), effect=effects), text
+    effects = tuple(_effect(path, place, table) for place, table in enumerate(listed))
+    tables = _convert(path, document, _Surroundings)
+    return Effects(tables.surface, tables.auxiliary, effects), text
 
 
-def _effect(path: Path, place: int, table: Mapping[str, Any]) -> Effect:
+@dataclass(frozen=True)
+class _Surroundings:
+    """The tables of an effects file whose keys are fixed; those of an effect depend on its identifier."""
+
+    surface: Surface | None = None
+    auxiliary: Auxiliary | None = None
+
+
+def _effect(path: Path, place: int, table: Mapping[str, Any]) -> Injected:
     try:
-        return effect_of(table)
+        return injected_of(table)
     except UsageError as error:
         raise UsageError(f"{path}: effect[{place}]: {error}") from None
 

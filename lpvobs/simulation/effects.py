@@ -9,7 +9,11 @@ from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lpvobs.errors import UsageError
+from lpvobs.records import Array
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,10 @@ class Effect:
         """Whether the value changes anything."""
         return self.value != self.kind.neutral
 
+    def at(self, time: Array) -> NDArray[np.bool_]:
+        """Return when the effect is at work, shape (N,)."""
+        return span_at_work(self.onset, self.end, time)
+
 
 def kind_of(identifier: str) -> Kind:
     """Return the catalogue's entry, or say what is wrong with the identifier."""
@@ -120,7 +128,7 @@ def kind_of(identifier: str) -> Kind:
         sensor = identifier.partition(".")[0]
         raise UsageError(f"{identifier}: the diesel has no {sensor}, only the throttled engine has; leave it out")
     near = difflib.get_close_matches(identifier, CATALOGUE, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(CATALOGUE)}"
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(CATALOGUE)}, channel:NAME, unlogged"
     raise UsageError(f"{identifier}: no such effect; {hint}")
 
 
@@ -131,6 +139,13 @@ def check_span(name: str, onset: float | None, end: float | None) -> None:
             raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log")
     if end is not None and end <= (onset or 0.0):
         raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; mend one of them")
+
+
+def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray[np.bool_]:
+    """Return whether each time [s] lies in onset <= time < end, shape (N,); an open side reaches to the log's."""
+    after = end if end is not None else np.inf
+    # a sample's time may miss the number that a person wrote by a rounding
+    return np.asarray((time >= (onset or 0.0) - 1e-9) & (time < after - 1e-9))
 
 
 def effect_of(table: Mapping[str, Any]) -> Effect:

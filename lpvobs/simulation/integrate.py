@@ -26,6 +26,7 @@ Index = NDArray[np.int64]
 
 RECORDED = (
     "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
+    "heating",
 )  # fmt: skip
 TRAIL = ("n_e", "u_delta", "W_c", "T_im")
 """What is kept at every step of the integrator where a sensor needs to know what has been."""
@@ -220,7 +221,8 @@ def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
     f = flows(plant, x, given)
     out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.u_egr, x[U_VGT]
     out[4], out[5], out[6], out[7] = x[P_IM], x[P_EM], x[OMEGA_T], x[T_IM]
-    out[8], out[9], out[10], out[11], out[12] = f.T_em, f.W_c, f.W_egr, f.W_ei, f.W_leak
+    out[8], out[9], out[10], out[11] = f.T_em, f.W_c, f.W_egr, f.W_ei
+    out[12], out[13] = f.W_leak, f.compressor_heating
 
 
 @njit(cache=True)

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import exp, expm1, floor, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from lpvobs.records import Array
+from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import Effect
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.surface import surface_error
@@ -26,17 +26,10 @@ def reading(channel: str, values: Array, time: Array, effects: Sequence[Effect])
     """Return what a sensor other than that of the air flow shows, shape (N,), when its factors and offsets are wrong."""
     for effect in effects:
         if effect.id == f"{channel}.gain":
-            values = np.where(at_work(effect, time), effect.value * values, values)
+            values = np.where(effect.at(time), effect.value * values, values)
         elif effect.id == f"{channel}.offset":
-            values = np.where(at_work(effect, time), values + effect.value, values)
+            values = np.where(effect.at(time), values + effect.value, values)
     return values
-
-
-def at_work(effect: Effect, time: Array) -> NDArray[np.bool_]:
-    """Return when an effect is at work, shape (N,)."""
-    after = effect.end if effect.end is not None else np.inf
-    # a sample's time may miss the number that a person wrote by a rounding
-    return np.asarray((time >= (effect.onset or 0.0) - 1e-9) & (time < after - 1e-9))
 
 
 def flow_through_sensor(
@@ -52,7 +45,7 @@ def flow_through_sensor(
         if effect.id == "leak.inlet":
             density = air["p_amb"] / (R_a * air["T_amb"])
             share = effect.value * np.sqrt(2.0 * density * FILTER_RESISTANCE)
-            W_c = np.where(at_work(effect, time), W_c / (1.0 + share), W_c)
+            W_c = np.where(effect.at(time), W_c / (1.0 + share), W_c)
     return W_c
 
 
@@ -72,7 +65,7 @@ def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effect
     for identifier, characteristic in _CHARACTERISTICS.items():
         for effect in effects:
             if effect.id == identifier:
-                W = np.where(at_work(effect, time), characteristic(effect.value, W, time, point), W)
+                W = np.where(effect.at(time), characteristic(effect.value, W, time, point), W)
     return W
 
 
@@ -99,14 +92,19 @@ _CHARACTERISTICS: dict[str, _Characteristic] = {
 
 
 def maf_reading(
-    point: Mapping[str, Array], time: Array, surface: Surface, R_a: float, effects: Sequence[Effect]
+    point: Mapping[str, Array],
+    time: Array,
+    surface: Surface,
+    R_a: float,
+    effects: Sequence[Effect],
+    disturbances: Sequence[ChannelEffect | UnloggedEffect],
 ) -> Array:
     """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
 
     Parameters
     ----------
     point : mapping of str to ndarray, shape (N,)
-        True `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa] and `T_amb` [K].
+        True `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K], and the channels behind disturbances.
     time : ndarray, shape (N,)
         [s] since the start of the log.
     surface : Surface
@@ -114,9 +112,17 @@ def maf_reading(
     R_a : float
         [J/(kg K)]
     effects : sequence of Effect
+    disturbances : sequence of ChannelEffect or UnloggedEffect
+        Settled; they act on what the effects leave.
     """
     W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
-    return maf_characteristic(W + surface_error(surface, point["u_delta"], point["n_e"], W), time, point, effects)
+    W = maf_characteristic(W + surface_error(surface, point["u_delta"], point["n_e"], W), time, point, effects)
+    for disturbance in disturbances:
+        if isinstance(disturbance, ChannelEffect):
+            W = disturbance.on(W, time, point[disturbance.channel])
+        else:
+            W = disturbance.on(W, time)
+    return W
 
 
 def with_memory(W: Array, step: float, effects: Sequence[Effect]) -> Array:
@@ -127,12 +133,12 @@ def with_memory(W: Array, step: float, effects: Sequence[Effect]) -> Array:
     time = np.linspace(0.0, (W.size - 1) * step, W.size)
     for effect in effects:
         if effect.id.endswith(".lag"):
-            inside = at_work(effect, time)
+            inside = effect.at(time)
             W = W.copy()
             W[inside] = lagged(W[inside], step, effect.value)
     for effect in effects:
         if effect.id.endswith(".delay"):
-            W = np.where(at_work(effect, time), delayed(W, step, effect.value), W)
+            W = np.where(effect.at(time), delayed(W, step, effect.value), W)
     return W
 
 

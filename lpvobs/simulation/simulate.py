@@ -8,19 +8,18 @@ import numpy as np
 from lpvobs.airpath.diesel_engine import DieselEngine
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
-from lpvobs.simulation.bench import drive_engine_cycle
 from lpvobs.simulation.condition import stages_of
 from lpvobs.simulation.control import targets_of
-from lpvobs.simulation.cycles import SpeedCycle, load_cycle
+from lpvobs.simulation.disturbances import ChannelEffect, Injected
 from lpvobs.simulation.effects import Effect
-from lpvobs.simulation.integrate import RECORDED, TRAIL, Course, Samples, at_samples, drive, sample_times
+from lpvobs.simulation.integrate import drive, sample_times
 from lpvobs.simulation.parameters import SimulationParameters, Surface
 from lpvobs.simulation.plant import plant_of, resting_state
-from lpvobs.simulation.readings import WITH_MEMORY, maf_reading, reading, with_memory
+from lpvobs.simulation.readings import WARM, WITH_MEMORY
+from lpvobs.simulation.road import AUXILIARY, Auxiliary, measure_road
+from lpvobs.simulation.scene import Scene, scene_of
+from lpvobs.simulation.sensing import Instruments, sense
 from lpvobs.simulation.sensors import measure
-from lpvobs.simulation.surface import surface_error
-from lpvobs.simulation.torque import work_of
-from lpvobs.simulation.vehicle import drive_speed_cycle
 
 UNITS = {
     "time": "s",
@@ -67,7 +66,8 @@ def simulate(
     seed: int = 1,
     surface: Surface | None = None,
     progress: Callable[[float], None] | None = None,
-    effects: Sequence[Effect] = (),
+    effects: Sequence[Injected] = (),
+    auxiliary: Auxiliary | None = None,
 ) -> SimulatedLog:
     """Drive the plant over a cycle and record it.
 
@@ -81,13 +81,15 @@ def simulate(
     rate : float
         [Hz]; at most one sample per step of the integrator.
     seed : int
-        Of the sensor noise; same seed, same log.
+        Of the sensor noise, and of the road where there is one; same seed, same log.
     surface : Surface, optional
         The sensor's error instead of the configured one.
     progress : callable, optional
         Takes the fraction done.
-    effects : sequence of Effect
+    effects : sequence of Effect, ChannelEffect or UnloggedEffect
         What has happened to engine and sensors. The control of the engine keeps its own true signals.
+    auxiliary : Auxiliary, optional
+        Drive on the road, where the air is not constant, and log these channels as well.
 
     Raises
     ------
@@ -100,93 +102,67 @@ def simulate(
         )
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
-    course = course_of(engine, parameters, cycle)
-    acting = [effect for effect in effects if effect.acts]
-    _check_that_they_show(acting, course, parameters.control.period)
-    truth, shown = _drive(engine, parameters, course, rate, surface or parameters.surface, acting, progress)
+    scene = scene_of(engine, parameters, cycle, auxiliary, seed)
+    for effect in effects:
+        _check_that_it_shows(effect, scene)
+    truth, shown = _drive(engine, parameters, scene, rate, surface or parameters.surface, effects, progress)
     readings = measure({name: shown[name] for name in UNITS if name in shown}, parameters.sensors, seed)
+    if auxiliary is not None:
+        readings |= measure_road(shown, scene.logged, seed)
     time = np.arange(truth["W_c"].size) / rate
     references = {"ref_W_c": truth["W_c"], "ref_delta_W_c": truth["delta_W_c"]}
-    return SimulatedLog({"time": time, **readings, **references}, UNITS, truth)
+    units = UNITS | {name: AUXILIARY[name][0] for name in scene.logged}
+    return SimulatedLog({"time": time, **readings, **references}, units, truth)
 
 
-def course_of(engine: DieselEngine, parameters: SimulationParameters, cycle: str) -> Course:
-    """Return what the cycle asks of the engine, at every action of its control."""
-    period, work, table = parameters.control.period, work_of(engine, parameters), load_cycle(cycle)
-    if isinstance(table, SpeedCycle):
-        n_e, u_delta = drive_speed_cycle(parameters.vehicle, work, table, period)
-    else:
-        n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
-    still = np.ones_like(n_e)
-    return Course(n_e, u_delta, parameters.ambient.p_amb * still, parameters.ambient.T_amb * still)
-
-
-def _check_that_they_show(effects: Sequence[Effect], course: Course, period: float) -> None:
-    """Refuse effects that would leave no trace: a later search for them would blame the searcher."""
-    duration = (course.n_e.size - 1) * period
-    for effect in effects:
-        if (effect.onset or 0.0) >= duration:
-            raise UsageError(
-                f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {duration:g} s"
-            )
+def _check_that_it_shows(effect: Injected, scene: Scene) -> None:
+    """Refuse an effect that would leave no trace: whoever looked for it later would look in vain."""
+    if isinstance(effect, ChannelEffect) and effect.channel not in scene.logged:
+        raise UsageError(
+            f"{effect.id}: the drive does not log {effect.channel}; add it to [auxiliary] channels = [...], "
+            f"or take a cycle that has it"
+        )
+    if not isinstance(effect, Effect | ChannelEffect):
+        return
+    if (effect.onset or 0.0) >= scene.duration:
+        raise UsageError(
+            f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {scene.duration:g} s"
+        )
+    if (
+        isinstance(effect, Effect)
+        and effect.id == "maf.temperature"
+        and effect.acts
+        and np.all(scene.course.T_amb == WARM)
+    ):
+        raise UsageError(
+            f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add an [auxiliary] table"
+        )
 
 
 def _drive(
     engine: DieselEngine,
     parameters: SimulationParameters,
-    course: Course,
+    scene: Scene,
     rate: float,
     surface: Surface,
-    effects: Sequence[Effect],
+    effects: Sequence[Injected],
     progress: Callable[[float], None] | None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,)."""
-    period, plant = parameters.control.period, plant_of(engine, parameters)
-    samples = sample_times(rate, (course.n_e.size - 1) * period, parameters.step)
-    stages = stages_of(plant, effects, period, course.n_e.size - 1)
-    start = resting_state(plant, course.p_amb[0], course.T_amb[0])
-    with_trail = any(effect.id in WITH_MEMORY for effect in effects)
-    targets = targets_of(parameters, engine.geometry.n_cyl)
-    recorded, trail = drive(stages, targets, course, samples, parameters.step, start, progress, with_trail)
-    time = samples.step * parameters.step + samples.after
-    truth = dict(zip(RECORDED, recorded.T, strict=True)) | _ambient(course, time, period)
-    truth["delta_W_c"] = surface_error(surface, truth["u_delta"], truth["n_e"], truth["W_c"])
-    truth["W_maf"] = maf_reading(truth, time, surface, engine.gas.R_a, effects)
-    shown = {name: reading(name, values, time, effects) for name, values in truth.items() if name != "W_maf"}
-    shown["W_maf"] = truth["W_maf"]
-    if with_trail:
-        late = _behind(
-            dict(zip(TRAIL, trail.T, strict=True)), course, samples, parameters, surface, engine.gas.R_a, effects
-        )
-        shown |= late
-        truth["W_maf"] = late["W_maf"]
-    return truth, shown
-
-
-def _ambient(course: Course, time: Array, period: float) -> dict[str, Array]:
-    """Return the true surroundings at given times, shape (N,)."""
-    actions = np.arange(course.n_e.size) * period
-    return {"p_amb": np.interp(time, actions, course.p_amb), "T_amb": np.interp(time, actions, course.T_amb)}
-
-
-def _behind(
-    trail: Mapping[str, Array],
-    course: Course,
-    samples: Samples,
-    parameters: SimulationParameters,
-    surface: Surface,
-    R_a: float,
-    effects: Sequence[Effect],
-) -> dict[str, Array]:
-    """Return what the sensors with a memory show at the samples, from the trail at every step of the integrator."""
-    step = parameters.step
-    steps = trail["W_c"].size
-    time = np.linspace(0.0, (steps - 1) * step, steps)
-    point = {**trail, **_ambient(course, time, parameters.control.period)}
-    shown = {"W_maf": maf_reading(point, time, surface, R_a, effects), "T_im": trail["T_im"]}
-    own = {"W_maf": "maf.", "T_im": "T_im."}
-    late = {
-        name: with_memory(values, step, [effect for effect in effects if effect.id.startswith(own[name])])
-        for name, values in shown.items()
-    }
-    return {name: at_samples(values, samples, step) for name, values in late.items()}
+    course, plant = scene.course, plant_of(engine, parameters)
+    acting = tuple(effect for effect in effects if isinstance(effect, Effect) and effect.acts)
+    others = tuple(effect for effect in effects if not isinstance(effect, Effect))
+    samples = sample_times(rate, scene.duration, parameters.step)
+    recorded, trail = drive(
+        stages_of(plant, acting, scene.period, course.n_e.size - 1),
+        targets_of(parameters, engine.geometry.n_cyl),
+        course,
+        samples,
+        parameters.step,
+        resting_state(plant, course.p_amb[0], course.T_amb[0]),
+        progress,
+        with_trail=any(effect.id in WITH_MEMORY for effect in acting),
+    )
+    cooler = parameters.cooling.effectiveness_intercooler
+    instruments = Instruments(surface, engine.gas.R_a, cooler, parameters.step, acting, others)
+    return sense(instruments, scene, samples, recorded, trail)

@@ -85,8 +85,11 @@ def car_of(vehicle: Vehicle) -> Car:
     )
 
 
-def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: float) -> tuple[Array, Array]:
-    """Return n_e [rpm] and u_delta [mg/cycle] before the smoke limit, both of shape (M,), every `raster` seconds from zero."""
+def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: float) -> tuple[Array, Array, Array]:
+    """Return n_e [rpm], u_delta [mg/cycle] before the smoke limit and the vehicle's speed [m/s].
+
+    Each of shape (M,), every `raster` seconds from zero.
+    """
     time = np.arange(round(cycle.time[-1] / raster) + 1) * raster
     wanted = smooth(np.interp(time, cycle.time, cycle.speed), SMOOTHING / raster)
     acceleration = np.gradient(wanted, raster)
@@ -112,17 +115,17 @@ def smooth(values: Array, width: float) -> Array:
 @njit(cache=True)
 def _follow(
     car: Car, work: Work, dt: float, wanted: Array, foreseen: Array, gear: NDArray[np.int64], engaged: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Return n_e and u_delta along a wanted speed; a gear of -1 leaves the choice to the driver."""
-    n_e, u_delta = np.empty(wanted.size), np.empty(wanted.size)
+) -> tuple[Array, Array, Array]:
+    """Return n_e, u_delta and speed along a wanted speed; a gear of -1 leaves the choice to the driver."""
+    n_e, u_delta, speed = np.empty(wanted.size), np.empty(wanted.size), np.empty(wanted.size)
     now = Moment(wanted[0], car.idle, fuel(work, car.idle, car.accessory), 0, 10.0, False)
     for k in range(wanted.size):
-        n_e[k], u_delta[k] = now.n_e, now.u_delta
+        n_e[k], u_delta[k], speed[k] = now.n_e, now.u_delta, now.speed
         missing = car.speed_gain * (wanted[k] - now.speed)
         force = car.mass * (foreseen[k] + missing) + road_load(car, now.speed)
         now = shifted(car, work, now, force, wanted[k], gear[k], engaged[k])
         now = moved(car, work, now, force, dt)
-    return n_e, u_delta
+    return n_e, u_delta, speed
 
 
 @njit(cache=True)

@@ -2,7 +2,6 @@
 
 import h5py
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import xarray as xr
@@ -11,17 +10,14 @@ TAU = 0.1  # s
 
 
 @pytest.fixture(scope="module")
-def slow(table, tmp_path_factory):
-    """Return the drive with a sensor that follows the flow with a lag, and the same noise."""
-    h = 0.05
-    reading = table["W_maf"].to_numpy()
-    truth = table["ref_W_c"].to_numpy() + table["ref_delta_W_c"].to_numpy()
-    follows = truth.copy()
-    for k in range(1, truth.size):
-        follows[k] = truth[k] + (follows[k - 1] - truth[k]) * np.exp(-h / TAU)
-    place = table.column_names.index("W_maf")
-    path = tmp_path_factory.mktemp("slow") / "slow.parquet"
-    pq.write_table(table.set_column(place, table.schema.field(place), pa.array(follows + reading - truth)), path)
+def slow(lpvobs, config, tmp_path_factory):
+    """Return the same drive, with the same noise, of a sensor that follows the flow with a lag."""
+    folder = tmp_path_factory.mktemp("slow")
+    effects, path = folder / "lag.toml", folder / "slow.parquet"
+    effects.write_text(f'[[effect]]\nid = "maf.lag"\ntau = {TAU}\n')
+    drive = ("simulate", "--config", config, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--effects", effects)
+    done = lpvobs(*drive, "--out", path)
+    assert done.code == 0, done.err
     return path
 
 

@@ -1,0 +1,264 @@
+"""Effects outside the catalogue: the air flow reading follows an auxiliary channel, or something that no log holds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from lpvobs.errors import UsageError
+from lpvobs.records import Array
+from lpvobs.simulation.effects import (
+    Effect,
+    check_span,
+    effect_of,
+    number,
+    optional_number,
+    refuse_others,
+    span_at_work,
+)
+from lpvobs.simulation.road import AUXILIARY
+
+PREFIX = "channel:"
+CHANNEL_FORMS = ("additive", "gain", "rate", "switch")
+UNLOGGED_FORMS = ("additive", "gain")
+SHAPES = ("abrupt", "smooth")
+FLANK = 0.25  # of an episode, in which a smooth one rises, and in which it falls
+
+
+@dataclass(frozen=True)
+class ChannelEffect:
+    """The reading depends on a logged auxiliary channel c.
+
+    Attributes
+    ----------
+    channel : str
+        A name of `road.AUXILIARY`.
+    form : str
+        `additive`: + amplitude (c - reference), kg/s per unit. `gain`: x (1 + amplitude (c - reference)), per unit.
+        `rate`: + amplitude dc/dt, kg/s per unit/s. `switch`: + amplitude [kg/s] while c exceeds the threshold.
+    amplitude : float
+    reference, threshold : float, optional
+        In the channel's unit; its mean over the drive, and the middle of its range, unless given.
+    onset, end : float, optional
+        [s] as for `Effect`.
+    """
+
+    channel: str
+    form: str
+    amplitude: float
+    reference: float | None = None
+    threshold: float | None = None
+    onset: float | None = None
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.channel not in AUXILIARY:
+            raise UsageError(f"{self.id}: no such auxiliary channel; expected one of {', '.join(AUXILIARY)}")
+        _check_form(self.id, self.form, CHANNEL_FORMS)
+        _check_amplitude(self.id, self.amplitude)
+        if self.reference is not None and self.form not in ("additive", "gain"):
+            raise UsageError(f"{self.id}: form '{self.form}' has no reference; leave it out")
+        if self.threshold is not None and self.form != "switch":
+            raise UsageError(f"{self.id}: form '{self.form}' has no threshold; leave it out")
+        check_span(self.id, self.onset, self.end)
+
+    @property
+    def id(self) -> str:
+        """The contract's identifier."""
+        return PREFIX + self.channel
+
+    def settled(self, course: Array) -> "ChannelEffect":
+        """Return the effect with reference or threshold taken from the channel's course over the drive, shape (N,)."""
+        if self.form in ("additive", "gain") and self.reference is None:
+            return replace(self, reference=float(course.mean()))
+        if self.form == "switch" and self.threshold is None:
+            return replace(self, threshold=float(0.5 * (course.min() + course.max())))
+        return self
+
+    def on(self, W: Array, time: Array, course: Array) -> Array:
+        """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true course at the same times."""
+        distance = course - (self.reference or 0.0)
+        if self.form == "additive":
+            changed = W + self.amplitude * distance
+        elif self.form == "gain":
+            changed = W * (1.0 + self.amplitude * distance)
+        elif self.form == "rate":
+            changed = W + self.amplitude * np.gradient(course, time)
+        else:
+            changed = W + self.amplitude * (course > (self.threshold or 0.0))
+        return np.where(span_at_work(self.onset, self.end, time), changed, W)
+
+
+@dataclass(frozen=True)
+class Telegraph:
+    """Episodes at random: on and off for exponentially distributed times of these means [s]."""
+
+    seed: int
+    on: float
+    off: float
+
+    def __post_init__(self) -> None:
+        if not (self.seed >= 0 and 0 < self.on < float("inf") and 0 < self.off < float("inf")):
+            raise UsageError(
+                "unlogged: telegraph needs a seed that is not negative and positive mean times on and off [s]"
+            )
+
+    def episodes(self, duration: float) -> tuple[tuple[float, float], ...]:
+        """Return the episodes that begin within a duration [s]; the drive starts between two of them."""
+        stream = np.random.Generator(np.random.PCG64(self.seed))
+        found: list[tuple[float, float]] = []
+        moment = float(stream.exponential(self.off))
+        while moment < duration:
+            stop = moment + float(stream.exponential(self.on))
+            found.append((moment, stop))
+            moment = stop + float(stream.exponential(self.off))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class UnloggedEffect:
+    """The reading is disturbed by something that no log holds, which comes and goes.
+
+    Attributes
+    ----------
+    form : str
+        `additive`: + amplitude [kg/s]. `gain`: x (1 + amplitude).
+    amplitude : float
+    episodes : tuple of (start, stop), or Telegraph
+        [s]; at least two of them.
+    shape : str
+        `abrupt`, or `smooth`: rises and falls over a quarter of an episode each.
+    """
+
+    form: str
+    amplitude: float
+    episodes: tuple[tuple[float, float], ...] | Telegraph
+    shape: str = "abrupt"
+
+    def __post_init__(self) -> None:
+        _check_form(self.id, self.form, UNLOGGED_FORMS)
+        _check_amplitude(self.id, self.amplitude)
+        if self.shape not in SHAPES:
+            raise UsageError(f"{self.id}: shape = '{self.shape}', expected {' or '.join(SHAPES)}")
+        if not isinstance(self.episodes, Telegraph):
+            _check_episodes(self.episodes)
+
+    @property
+    def id(self) -> str:
+        """What effects files call it."""
+        return "unlogged"
+
+    def settled(self, duration: float) -> "UnloggedEffect":
+        """Return the effect with the episodes of a drive [s]; raises UsageError where fewer than two begin within it."""
+        drawn = self.episodes.episodes(duration) if isinstance(self.episodes, Telegraph) else self.episodes
+        inside = tuple(episode for episode in drawn if episode[0] < duration)
+        if len(inside) < 2:
+            raise UsageError(
+                f"unlogged: {len(inside)} episodes begin within the drive of {duration:g} s, expected at least two; "
+                f"let them come earlier, or take another seed"
+            )
+        return replace(self, episodes=inside)
+
+    def on(self, W: Array, time: Array) -> Array:
+        """Return the reading W [kg/s] with the effect, shape (N,); settled."""
+        strength = self.amplitude * sum(_episode(time, *span, self.shape) for span in self._spans())
+        return np.asarray(W + strength if self.form == "additive" else W * (1.0 + strength))
+
+    def _spans(self) -> tuple[tuple[float, float], ...]:
+        return () if isinstance(self.episodes, Telegraph) else self.episodes
+
+
+Injected = Effect | ChannelEffect | UnloggedEffect
+"""Whatever an effects file can hold."""
+
+
+def _episode(time: Array, start: float, stop: float, shape: str) -> Array:
+    """Return the share of one episode that is there, shape (N,), from 0 to 1."""
+    if shape == "abrupt":
+        return np.where(span_at_work(start, stop, time), 1.0, 0.0)
+    flank = FLANK * (stop - start)
+    inside = np.clip(np.minimum(time - start, stop - time) / flank, 0.0, 1.0)
+    return np.asarray(np.sin(0.5 * np.pi * inside) ** 2)
+
+
+def _check_form(name: str, form: str, known: tuple[str, ...]) -> None:
+    if form not in known:
+        raise UsageError(f"{name}: form = '{form}', expected one of {', '.join(known)}")
+
+
+def _check_amplitude(name: str, amplitude: float) -> None:
+    if not isfinite(amplitude):
+        raise UsageError(f"{name}: amplitude = {amplitude:g}, expected a finite number")
+
+
+def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
+    if len(episodes) < 2:
+        raise UsageError(
+            f"unlogged: {len(episodes)} episodes, expected at least two: one alone is an effect with an onset"
+        )
+    for start, stop in episodes:
+        check_span("unlogged", start, stop)
+    if any(after[0] <= before[1] for before, after in pairwise(episodes)):
+        raise UsageError("unlogged: episodes overlap or run backward; expected start < stop < next start")
+
+
+def injected_of(table: Mapping[str, Any]) -> Injected:
+    """Return what one `[[effect]]` table describes, of the catalogue or outside it.
+
+    Raises
+    ------
+    UsageError
+        For anything that is missing, unknown, or cannot be meant.
+    """
+    identifier = table.get("id")
+    if isinstance(identifier, str) and identifier.startswith(PREFIX):
+        return _channel_effect_of(identifier, table)
+    return _unlogged_of(table) if identifier == "unlogged" else effect_of(table)
+
+
+def _channel_effect_of(name: str, table: Mapping[str, Any]) -> ChannelEffect:
+    numbers = ("reference", "threshold", "onset", "end")
+    refuse_others(name, table, ("id", "form", "amplitude", *numbers))
+    return ChannelEffect(
+        name.removeprefix(PREFIX),
+        _text(name, table, "form"),
+        number(name, table, "amplitude"),
+        *(optional_number(name, table, key) for key in numbers),
+    )
+
+
+def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
+    refuse_others("unlogged", table, ("id", "form", "amplitude", "episodes", "telegraph", "shape"))
+    shape = _text("unlogged", table, "shape") if "shape" in table else "abrupt"
+    if ("episodes" in table) == ("telegraph" in table):
+        raise UsageError("unlogged: expected either episodes = [[start, stop], ...] or telegraph = { seed, on, off }")
+    drawn = _telegraph(table["telegraph"]) if "telegraph" in table else _episodes(table["episodes"])
+    return UnloggedEffect(_text("unlogged", table, "form"), number("unlogged", table, "amplitude"), drawn, shape)
+
+
+def _telegraph(table: Any) -> Telegraph:
+    if not isinstance(table, Mapping) or not isinstance(table.get("seed"), int):
+        raise UsageError("unlogged: telegraph is no table with a whole seed; write { seed = 1, on = 40.0, off = 60.0 }")
+    refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
+    on, off = (number("unlogged: telegraph", table, key) for key in ("on", "off"))
+    return Telegraph(table["seed"], on, off)
+
+
+def _episodes(rows: Any) -> tuple[tuple[float, float], ...]:
+    pairs = rows if isinstance(rows, list) else [rows]
+    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        raise UsageError("unlogged: episodes is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
+    return tuple(
+        (number("unlogged", {"start": start}, "start"), number("unlogged", {"stop": stop}, "stop"))
+        for start, stop in pairs
+    )
+
+
+def _text(name: str, table: Mapping[str, Any], key: str) -> str:
+    value = table.get(key)
+    if not isinstance(value, str):
+        raise UsageError(f"{name}: key '{key}' is missing or no text")
+    return value

@@ -1,0 +1,204 @@
+"""The surroundings of a real drive, and the channels that a recorder takes along with them.
+
+Without it a drive takes place on a test bench: constant air, nothing but the engine. On the road the altitude changes and with it
+pressure and temperature of the air, the intake soaks heat while the car stands, coolant warms up, the air conditioning switches on
+and off. All of it follows from the seed. A slope changes the air but not the load: the cycle prescribes speed or torque.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+
+import numpy as np
+
+from lpvobs.records import Array
+from lpvobs.simulation.sensors import Quality, read_with
+
+GRID = 0.5  # s, of what changes slowly
+GRAVITY = 9.81  # m/s^2
+LAPSE = 6.5e-3  # K/m
+STANDING = 0.5  # m/s
+SOAK = 14.0  # K, by which the air in a standing car's intake ends up warmer
+SOAK_RISE, SOAK_FALL = 90.0, 45.0  # s
+HEAT_CAPACITY = 6.0e4  # J/K, coolant and what it wets
+COOLANT_SHARE = 0.28  # of the fuel's heat
+THERMOSTAT = (358.0, 366.0)  # K, begins to open, is open
+RADIATOR, BLOCK = 600.0, 12.0  # W/K, radiator with open thermostat, and engine to air
+AC_TORQUE = 8.0  # Nm, compressor of the air conditioning
+AC_ON, AC_OFF = 22.0, 38.0  # s, typical
+CHARGE_LAG = 3.0  # s, charge air cooler and thermometer
+
+AUXILIARY = {
+    "T_coolant": ("K", Quality(0.2, 1.0)),
+    "T_charge": ("K", Quality(0.3, 0.5)),
+    "humidity": ("%", Quality(0.3, 0.5)),
+    "v_veh": ("km/h", Quality(0.05, 0.1)),
+    "ac_switch": ("1", Quality(0.0, 1.0)),
+    "p_baro": ("Pa", Quality(30.0, 100.0)),
+}
+"""Unit and sensor of every channel beyond those that the engine needs."""
+AMBIENT = {"p_amb": Quality(10.0, 10.0), "T_amb": Quality(0.05, 0.1)}
+"""Sensors of the surroundings where these are not constant."""
+
+
+@dataclass(frozen=True)
+class Auxiliary:
+    """A drive on the road, and which channels of `AUXILIARY` are logged; none named: all that the cycle has.
+
+    Raises
+    ------
+    ValueError
+        For a channel that does not exist or is named twice.
+    """
+
+    channels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.channels:
+            if name not in AUXILIARY:
+                raise ValueError(f"channels: '{name}' is no channel; expected some of {', '.join(AUXILIARY)}")
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError(f"channels: {', '.join(self.channels)} has a name twice; name each once")
+
+
+@dataclass(frozen=True)
+class Road:
+    """What happens around the engine, at every action of its control, shape (M,).
+
+    Attributes
+    ----------
+    p_amb, T_amb : ndarray
+        [Pa], [K] of the air that the engine takes in.
+    torque : ndarray
+        [Nm] that the air conditioning takes from the crankshaft.
+    channels : mapping of str to ndarray
+        True values of auxiliary channels, in the units of `AUXILIARY`.
+    """
+
+    p_amb: Array
+    T_amb: Array
+    torque: Array
+    channels: Mapping[str, Array]
+
+
+def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, heat: Array, seed: int) -> Road:
+    """Return one road; it begins at the configured pressure [Pa], and at the configured temperature [K] but for heat soak.
+
+    Parameters
+    ----------
+    period : float
+        [s] between two actions of the control.
+    p_0, T_0 : float
+    speed : ndarray, shape (M,)
+        [m/s] of the vehicle, or a likely one where the cycle has none.
+    measured : bool
+        Whether there is a vehicle whose speed can be logged.
+    heat : ndarray, shape (M,)
+        [W] of the fuel.
+    seed : int
+        Every part draws from a stream of its own.
+    """
+    time = np.linspace(0.0, (speed.size - 1) * period, speed.size)
+    slow = np.arange(0.0, time[-1] + 2.0 * GRID, GRID)
+    coarse_speed, coarse_heat = np.interp(slow, time, speed), np.interp(slow, time, _mean_over(heat, GRID / period))
+    height = altitude(np.cumsum(coarse_speed) * GRID, seed)
+    air = T_0 + wander(slow.size, 1.5, 300.0, _stream(seed, "weather")) - LAPSE * height
+    T_amb = air + heat_soak(coarse_speed, seed)
+    p_amb = p_0 * np.exp(-GRAVITY * height / (287.0 * T_0))
+    on = air_conditioning(time, np.interp(time, slow, air), seed)
+    damp = _stream(seed, "humidity").uniform(35.0, 75.0) + wander(slow.size, 8.0, 250.0, _stream(seed, "front"))
+    coarse = {"T_coolant": coolant(coarse_heat, air, seed), "humidity": np.clip(damp, 5.0, 98.0), "p_baro": p_amb}
+    channels = {name: np.interp(time, slow, values) for name, values in coarse.items()} | {"ac_switch": on}
+    if measured:
+        channels["v_veh"] = 3.6 * speed
+    return Road(channels["p_baro"], np.interp(time, slow, T_amb), AC_TORQUE * on, channels)
+
+
+def _stream(seed: int, name: str) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64([seed, zlib.crc32(f"road {name}".encode())]))
+
+
+def _mean_over(values: Array, width: float) -> Array:
+    """Return a moving average over about `width` samples, the same shape."""
+    size = max(1, round(width))
+    return np.convolve(
+        np.pad(values, (size // 2, size - 1 - size // 2), mode="edge"), np.full(size, 1.0 / size), "valid"
+    )
+
+
+def altitude(distance: Array, seed: int) -> Array:
+    """Return the height over the start [m] after a distance [m]: three waves of hills, each up to 4 % steep."""
+    stream = _stream(seed, "altitude")
+    height = np.zeros(distance.size)
+    for length in stream.uniform((1500.0, 3000.0, 6000.0), (3000.0, 6000.0, 12000.0)):
+        steepness, phase = stream.uniform(0.01, 0.04), stream.uniform(0.0, 2.0 * pi)
+        height += steepness * length / (2.0 * pi) * (np.sin(2.0 * pi * distance / length + phase) - np.sin(phase))
+    return height
+
+
+def wander(size: int, spread: float, memory: float, stream: np.random.Generator) -> Array:
+    """Return a random course from zero, shape (size,) every `GRID` seconds, that forgets within `memory` seconds.
+
+    Twice low-passed white noise, so that it bends but has no corners; `spread` is its standard deviation far from the start.
+    """
+    left = exp(-GRID / (0.5 * memory))
+    # two equal poles: variance of the output per variance of white noise at the input is (1 - a)^4 (1 + a^2) / (1 - a^2)^3
+    noise = spread * sqrt((1.0 - left**2) ** 3 / ((1.0 - left) ** 4 * (1.0 + left**2))) * stream.standard_normal(size)
+    course, first, second = np.empty(size), 0.0, 0.0
+    for k in range(size):
+        course[k] = second
+        first += (1.0 - left) * (noise[k] - first)
+        second += (1.0 - left) * (first - second)
+    return course
+
+
+def heat_soak(speed: Array, seed: int) -> Array:
+    """Return by how much the intake warms the air [K], shape (M,) every `GRID` seconds: much after standing, little under way."""
+    warmer = _stream(seed, "soak").uniform(0.0, SOAK)
+    course = np.empty(speed.size)
+    for k in range(speed.size):
+        course[k] = warmer
+        target, memory = (SOAK, SOAK_RISE) if speed[k] < STANDING else (0.0, SOAK_FALL)
+        warmer += GRID / memory * (target - warmer)
+    return course
+
+
+def coolant(heat: Array, air: Array, seed: int) -> Array:
+    """Return the coolant's temperature [K], shape (M,) every `GRID` seconds: warm-up from a random start to the thermostat."""
+    now = air[0] + _stream(seed, "coolant").uniform(0.0, 40.0)
+    opens, is_open = THERMOSTAT
+    course = np.empty(heat.size)
+    for k in range(heat.size):
+        course[k] = now
+        opening = min(max((now - opens) / (is_open - opens), 0.0), 1.0)
+        now += GRID / HEAT_CAPACITY * (COOLANT_SHARE * heat[k] - (BLOCK + RADIATOR * opening) * (now - air[k]))
+    return course
+
+
+def air_conditioning(time: Array, air: Array, seed: int) -> Array:
+    """Return 1 where the compressor of the air conditioning runs, else 0, shape (M,): the evaporator's thermostat.
+
+    The hotter it is outside, the longer it takes to cool down and the sooner it has to begin again.
+    """
+    stream = _stream(seed, "air conditioning")
+    on, moment = bool(stream.random() < 0.5), float(-stream.uniform(0.0, AC_ON))
+    running = np.zeros(time.size)
+    while moment < time[-1]:
+        warmth = exp(0.03 * (float(np.interp(moment, time, air)) - 298.0))
+        lasts = (AC_ON * warmth if on else AC_OFF / warmth) * float(stream.lognormal(0.0, 0.25))
+        if on:
+            running[(time >= moment) & (time < moment + lasts)] = 1.0
+        on, moment = not on, moment + lasts
+    return running
+
+
+def charge_temperature(T_amb: Array, heating: Array, effectiveness: float) -> Array:
+    """Return the temperature [K] behind the charge air cooler, shape (N,), from the compressor's heating [K]."""
+    return np.asarray(T_amb + (1.0 - effectiveness) * heating)
+
+
+def measure_road(truth: Mapping[str, Array], logged: tuple[str, ...], seed: int) -> dict[str, Array]:
+    """Return the readings of the surroundings' sensors and of the logged auxiliary channels, each of shape (N,)."""
+    qualities = AMBIENT | {name: AUXILIARY[name][1] for name in logged}
+    return {name: read_with(name, truth[name], quality, seed) for name, quality in qualities.items()}

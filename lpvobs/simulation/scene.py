@@ -1,0 +1,100 @@
+"""What a drive asks of the engine, on the test bench or on the road, at every action of the engine's control."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.errors import UsageError
+from lpvobs.records import Array
+from lpvobs.simulation.bench import drive_engine_cycle
+from lpvobs.simulation.cycles import SpeedCycle, load_cycle
+from lpvobs.simulation.integrate import Course
+from lpvobs.simulation.parameters import FullLoad, SimulationParameters
+from lpvobs.simulation.road import AUXILIARY, Auxiliary, road
+from lpvobs.simulation.torque import Work, work_of
+from lpvobs.simulation.vehicle import drive_speed_cycle
+
+FASTEST = 30.0  # m/s, a likely vehicle's at the highest engine speed
+IDLING = 50.0  # rpm above idle speed, below which a likely vehicle stands
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The course of a drive and what a recorder could log along with it.
+
+    Attributes
+    ----------
+    course : Course
+    period : float
+        [s] between its points.
+    channels : mapping of str to ndarray, shape (M,)
+        True auxiliary channels; none on the test bench.
+    logged : tuple of str
+        Those that the log will have.
+    """
+
+    course: Course
+    period: float
+    channels: Mapping[str, Array]
+    logged: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """Length of the drive [s]."""
+        return (self.course.n_e.size - 1) * self.period
+
+    def at(self, time: Array, names: tuple[str, ...] = ()) -> dict[str, Array]:
+        """Return air and channels, all of them or those named, at given times [s], shape (N,)."""
+        actions = np.arange(self.course.n_e.size) * self.period
+        everything = {"p_amb": self.course.p_amb, "T_amb": self.course.T_amb, **self.channels}
+        return {name: np.interp(time, actions, everything[name]) for name in names or everything}
+
+
+def scene_of(
+    engine: DieselEngine, parameters: SimulationParameters, cycle: str, auxiliary: Auxiliary | None, seed: int
+) -> Scene:
+    """Return the scene of a cycle: in the configured air, or with the road's own where `auxiliary` is given.
+
+    Raises
+    ------
+    UsageError
+        For an unknown cycle, or a channel that it cannot have.
+    """
+    period, work, table = parameters.control.period, work_of(engine, parameters), load_cycle(cycle)
+    measured, ambient = isinstance(table, SpeedCycle), parameters.ambient
+    if isinstance(table, SpeedCycle):
+        n_e, u_delta, speed = drive_speed_cycle(parameters.vehicle, work, table, period)
+    else:
+        n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
+        speed = likely_speed(parameters.full_load, n_e)
+    if auxiliary is None:
+        still = np.ones_like(n_e)
+        return Scene(Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still), period, {}, ())
+    heat = parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
+    around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
+    loaded = with_load(work, u_delta, around.torque)
+    return Scene(
+        Course(n_e, loaded, around.p_amb, around.T_amb), period, around.channels, _logged(auxiliary, measured, cycle)
+    )
+
+
+def likely_speed(full_load: FullLoad, n_e: Array) -> Array:
+    """Return a speed [m/s], shape (M,), that goes with the engine speed [rpm] where a cycle knows no vehicle."""
+    idle = full_load.idle_speed
+    return np.where(n_e > idle + IDLING, FASTEST * (n_e - idle) / (full_load.n_e[-1] - idle), 0.0)
+
+
+def with_load(work: Work, u_delta: Array, load: Array) -> Array:
+    """Return the fuel [mg/cycle], shape (M,), that carries another load [Nm] at the crankshaft; none in overrun."""
+    return np.where(u_delta > 0.0, u_delta + 4.0 * pi * load / work.per_fuel, u_delta)
+
+
+def _logged(auxiliary: Auxiliary, measured: bool, cycle: str) -> tuple[str, ...]:
+    if "v_veh" in auxiliary.channels and not measured:
+        raise UsageError(f"[auxiliary]: cycle {cycle} is an engine's and has no vehicle; leave v_veh out")
+    if auxiliary.channels:
+        return tuple(name for name in AUXILIARY if name in auxiliary.channels)
+    return tuple(name for name in AUXILIARY if measured or name != "v_veh")

@@ -1,0 +1,116 @@
+"""From the plant's course to the truth at the samples and to what noise-free sensors show of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.records import Array
+from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
+from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
+from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.readings import lagged, maf_reading, reading, with_memory
+from lpvobs.simulation.road import CHARGE_LAG, charge_temperature
+from lpvobs.simulation.scene import Scene
+from lpvobs.simulation.surface import surface_error
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """The sensors of a drive and what is wrong with them.
+
+    Attributes
+    ----------
+    surface : Surface
+        Of the air flow sensor's error.
+    R_a : float
+        [J/(kg K)]
+    effectiveness : float
+        Of the charge air cooler.
+    step : float
+        [s] of the integrator.
+    effects : tuple of Effect
+    disturbances : tuple of ChannelEffect or UnloggedEffect
+    """
+
+    surface: Surface
+    R_a: float
+    effectiveness: float
+    step: float
+    effects: tuple[Effect, ...]
+    disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
+
+
+def sense(
+    instruments: Instruments, scene: Scene, samples: Samples, recorded: Array, trail: Array
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,).
+
+    Parameters
+    ----------
+    instruments, scene, samples
+        The sensors, what happened around the engine, and when to look.
+    recorded, trail : ndarray
+        As `integrate.drive` returns them.
+    """
+    time = samples.step * instruments.step + samples.after
+    truth = dict(zip(RECORDED, recorded.T, strict=True)) | scene.at(time)
+    truth["delta_W_c"] = surface_error(instruments.surface, truth["u_delta"], truth["n_e"], truth["W_c"])
+    if scene.channels:
+        charge = charge_temperature(truth["T_amb"], truth["heating"], instruments.effectiveness)
+        truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)
+    disturbances = settled(instruments.disturbances, truth, scene.duration)
+    truth["W_maf"] = _maf(instruments, truth, time, disturbances)
+    shown = {
+        name: reading(name, values, time, instruments.effects) for name, values in truth.items() if name != "W_maf"
+    }
+    if trail.shape[0] > 0:
+        late = _with_trail(instruments, scene, samples, trail, (time, truth), disturbances)
+        truth["W_maf"], shown["T_im"] = late["W_maf"], late["T_im"]
+    return truth, shown | {"W_maf": truth["W_maf"]}
+
+
+def settled(
+    disturbances: Sequence[ChannelEffect | UnloggedEffect], truth: Mapping[str, Array], duration: float
+) -> list[ChannelEffect | UnloggedEffect]:
+    """Return disturbances with everything filled in that this drive decides."""
+    return [
+        found.settled(truth[found.channel]) if isinstance(found, ChannelEffect) else found.settled(duration)
+        for found in disturbances
+    ]
+
+
+def _maf(
+    instruments: Instruments,
+    point: Mapping[str, Array],
+    time: Array,
+    disturbances: Sequence[ChannelEffect | UnloggedEffect],
+) -> Array:
+    return maf_reading(point, time, instruments.surface, instruments.R_a, instruments.effects, disturbances)
+
+
+def _with_trail(
+    instruments: Instruments,
+    scene: Scene,
+    samples: Samples,
+    trail: Array,
+    sampled: tuple[Array, Mapping[str, Array]],
+    disturbances: Sequence[ChannelEffect | UnloggedEffect],
+) -> dict[str, Array]:
+    """Return what the sensors with a memory show at the samples, from the trail at every step of the integrator."""
+    step, (times, truth) = instruments.step, sampled
+    time = np.linspace(0.0, (trail.shape[0] - 1) * step, trail.shape[0])
+    drivers = {found.channel for found in disturbances if isinstance(found, ChannelEffect)}
+    point = {
+        **dict(zip(TRAIL, trail.T, strict=True)),
+        **{name: np.interp(time, times, truth[name]) for name in drivers},
+        **scene.at(time, ("p_amb", "T_amb")),
+    }
+    shown = {"W_maf": _maf(instruments, point, time, disturbances), "T_im": point["T_im"]}
+    own = {"W_maf": "maf.", "T_im": "T_im."}
+    late = {
+        name: with_memory(values, step, [effect for effect in instruments.effects if effect.id.startswith(own[name])])
+        for name, values in shown.items()
+    }
+    return {name: at_samples(values, samples, step) for name, values in late.items()}
