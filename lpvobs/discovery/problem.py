@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,11 @@ class MapPrior:
     precision: Array
     sensitivity: Array
     free: bool
+
+    @cached_property
+    def standard_error(self) -> Array:
+        """Of every node, whatever the constants, shape (p,) [kg/s]."""
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.precision))))
 
 
 @dataclass(frozen=True)
@@ -259,6 +264,7 @@ def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
         later=later,
         slow=slow,
         channels=plant.channels,
+        constants=plant.constants,
     )
 
 
