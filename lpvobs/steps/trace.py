@@ -15,7 +15,7 @@ from lpvobs.discovery.heldout import Comparison
 from lpvobs.discovery.outcome import Trace
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.problem import MapPrior, free_map
-from lpvobs.discovery.standing import Span, Standing
+from lpvobs.discovery.standing import Span, Standing, from_off
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
@@ -112,23 +112,24 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
         for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
-        closed.write(file)
+        closed.write(file, found.standing)
         if proven is not None:
             write_sensor_state(file["refinement"], proven, stored.gain)
 
 
 def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
-    stored, found = closed.stored, closed.refinement
+    stored = closed.stored
     config = config_of(stored.provenance.config, stored.path)
     logs = list(zip(paths, closed.logs, strict=True))
-    seen = estimate_refined(config, stored.gain, found.standing, closed.constants, logs)
+    effects = tuple(from_off(effect) for effect in closed.refinement.standing)
+    seen = estimate_refined(config, stored.gain, effects, closed.constants, logs)
     air_path = config.engine_path()
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     provenance = Provenance({path.name: log.sha256 for path, log in logs}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
-        closed.write(file)
+        closed.write(file, effects)
         if seen.sensor_state is not None:
             write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
 
@@ -186,11 +187,11 @@ class _Closed:
         if found.trace.left is not None:
             write_leftover(group, found.trace.left)
 
-    def write(self, file: h5py.File) -> None:
-        """Write `/refinement`."""
+    def write(self, file: h5py.File, effects: Sequence[Standing]) -> None:
+        """Write `/refinement` with the effects as the map is estimated beside them."""
         found = self.refinement
         stored = StoredRefinement(
-            effects=tuple(self._with_earlier(effect) for effect in found.standing),
+            effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
             deviations=found.beta_deviation,
             of_map=self.start.of_map if self.frozen else self.constants,
