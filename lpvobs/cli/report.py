@@ -28,6 +28,7 @@ def report(
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
+    from lpvobs.report.discovered import contents, sentences
     from lpvobs.report.gates import judge, parse_gate
     from lpvobs.report.load import load
     from lpvobs.report.names import distinct
@@ -38,6 +39,8 @@ def report(
     names = distinct([item.path for item in loaded.results])
     results = list(zip(names, loaded.results, strict=True))
     content = report_content(results)
+    for item, found in zip(content["results"], loaded.discovered, strict=True):
+        item.update(contents(found))
     if html is not None:
         from lpvobs.report.content import gather
         from lpvobs.report.page import write_page
@@ -51,5 +54,8 @@ def report(
         fits = [(name, item.extrapolation) for name, item in results if item.extrapolation is not None]
         if fits:
             print("\n" + table(*coefficient_rows(fits)))
+        told = sentences(list(zip(names, loaded.discovered, strict=True)))
+        if told:
+            print("\n" + "\n".join(told))
         print("\n" + "\n".join(f"gain of {name}: {gain_line(item.gain)}" for name, item in results))
     judge(gates, content["logs"])

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.airpath.diesel_engine import DieselConstants, DieselEngine, constants_of
+from lpvobs.airpath.diesel_engine import DieselEngine, constants_of
 from lpvobs.discovery.diesel import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances, known_inputs
 from lpvobs.discovery.plant import Effect, Plant, Scene
 from lpvobs.records import Array
@@ -80,18 +80,14 @@ def contamination(s: Scene, x: float) -> Scene:
     return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
 
 
-def bypass(c: DieselConstants) -> Change:
-    """Return the correction for a hole that draws air in behind the filter, whose depression grows with the square of its flow.
+def bypass(s: Scene, area: float) -> Scene:
+    """Return the flow before a hole that draws air in behind the filter, whose depression grows with the square of its flow.
 
     The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: the flow is that of the filling.
     """
-
-    def change(s: Scene, area: float) -> Scene:
-        share = area * np.sqrt(2.0 * s["p_amb"] / (c.R_a * s["T_amb"]) * FILTER)
-        filling = s[SENSOR] - imbalances(c, s.value, s.rate, s.lacks)[1]
-        return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
-
-    return change
+    share = area * np.sqrt(2.0 * s["p_amb"] / (s.constants.R_a * s["T_amb"]) * FILTER)
+    filling = s[SENSOR] - imbalances(s.constants, s.value, s.rate, s.lacks)[1]
+    return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
 
 
 def pulsating(s: Scene, x: float) -> Array:
@@ -107,43 +103,41 @@ EGR = "the same operating points with the EGR valve open and shut"
 ALTITUDE = "drives at other ambient pressures or temperatures"
 
 
-def catalogue(c: DieselConstants) -> tuple[Effect, ...]:
-    """Return the effects in the order in which they are undone: what came last on its way into the log comes first."""
-    return (
-        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS),
-        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 0.5, "sensor", lag, TRANSIENTS),
-        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True),
-        Effect(
-            "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
-            reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True,
-        ),
-        Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor", reading(lambda s, x: 1.0 + x * s.time), STEADY),
-        Effect(
-            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor",
-            reading(lambda s, x: 1.0 + x * (s["T_amb"] - AIR_AT_CALIBRATION)), ALTITUDE,
-        ),
-        Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.2, 1.0, "sensor", reading(pulsating), STEADY, True),
-        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, EGR),
-        Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass(c), ALTITUDE, True),
-        Effect("u_delta.gain", "factor", "1", 1.0, 0.05, 0.6, 1.5, "fuel", gain("u_delta"), STEADY, True, True),
-        Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
-        Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
-        Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
-        Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
-        Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR),
-        Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking("leak_intake"), BOOST),
-        Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking("egr_leak"), EGR),
-        Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking("egr_area"), EGR),
-        Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking("eta_vol"), EGR),
-        Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking("compressor"), BOOST),
-        Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking("turbine"), BOOST),
-        Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking("exhaust"), BOOST),
-    )  # fmt: skip
+CATALOGUE = (
+    Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS),
+    Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 0.5, "sensor", lag, TRANSIENTS),
+    Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True),
+    Effect(
+        "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
+        reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True,
+    ),
+    Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor", reading(lambda s, x: 1.0 + x * s.time), STEADY),
+    Effect(
+        "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor",
+        reading(lambda s, x: 1.0 + x * (s["T_amb"] - AIR_AT_CALIBRATION)), ALTITUDE,
+    ),
+    Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.2, 1.0, "sensor", reading(pulsating), STEADY, True),
+    Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, EGR),
+    Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
+    Effect("u_delta.gain", "factor", "1", 1.0, 0.05, 0.6, 1.5, "fuel", gain("u_delta"), STEADY, True, True),
+    Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
+    Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
+    Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
+    Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
+    Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR),
+    Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacking("leak_intake"), BOOST),
+    Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacking("egr_leak"), EGR),
+    Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacking("egr_area"), EGR),
+    Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacking("eta_vol"), EGR),
+    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacking("compressor"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacking("turbine"), BOOST),
+    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacking("exhaust"), BOOST),
+)  # fmt: skip
+"""In the order in which effects are undone: what came last on its way into the log comes first."""
 
 
 def diesel_plant(engine: DieselEngine) -> Plant:
     """Return the diesel as discovery sees it."""
-    constants = constants_of(engine)
     return Plant(
         balances=BALANCES,
         mapped=np.array([1.0, 1.0, 0.0, 0.0]),
@@ -153,9 +147,9 @@ def diesel_plant(engine: DieselEngine) -> Plant:
         fuel="u_delta",
         speed="n_e",
         lacks=tuple(IN_ORDER),
-        constants=constants,
+        constants=constants_of(engine),
         imbalances=imbalances,
-        catalogue=catalogue(constants),
+        catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
         inputs=known_inputs,
     )

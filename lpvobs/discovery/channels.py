@@ -8,12 +8,11 @@ import numpy as np
 from lpvobs.discovery.candidates import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.plant import Effect, Scene
+from lpvobs.discovery.problem import MOST_LEVELS
 from lpvobs.records import Array
 
 KNOTS = (0.0, 1 / 3, 2 / 3, 1.0)
 """Quantiles of the channel between which a curve is straight."""
-MOST_LEVELS = 3
-"""A channel with at most so many values is a switch."""
 COST = 8.0
 """What each coefficient of a curve must gain."""
 RATE_WINDOW = 11

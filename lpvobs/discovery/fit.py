@@ -71,9 +71,9 @@ def linearised(
 
     Without a whitener every balance counts alike; with a model `near` by, its derivatives by the constants are used.
     """
-    scene = scene_with(problem, terms)
-    nodes = operating_nodes(problem, scene)
     constants = _constants(problem, beta)
+    scene = scene_with(problem, terms, constants)
+    nodes = operating_nodes(problem, scene)
     each = problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks)
     raw = views(each)
     raw[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
@@ -176,7 +176,7 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], constants: object, thet
         ends = []
         for shift in (h, -h):
             moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
-            scene = scene_with(problem, moved)
+            scene = scene_with(problem, moved, constants)
             at = operating_nodes(problem, scene) if term.effect.moves_point else nodes
             ends.append(residual_of(problem, scene, constants, theta, at))
         found[i] = (ends[0] - ends[1]) / (2.0 * h)

@@ -18,6 +18,8 @@ from lpvobs.records import Array
 FOLDS = 5
 SUPPORT = 10.0
 """Instants that must inform a node for what it predicts elsewhere to count."""
+KNOWN = 5e-4
+"""[kg/s], standard error of a nominal map's node up to which it counts as well: noise of one instant."""
 NOTHING = 0.02
 """Weight of a node in an interpolation that does not count."""
 DRAWS = 1000
@@ -95,15 +97,16 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
         step = scipy.linalg.cho_solve((factor, True), linear.gradient - linear.products(own), check_finite=False)
         left = linear.moved(linear.residual, step)[0]
         losses[out] = (left[:, out] ** 2).sum(0)
-        counted[out] = informed(linear, ~out)[out] | (not problem.prior.free)
+        counted[out] = informed(linear, ~out)[out]
     return losses, counted & problem.used
 
 
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which instants read the map where some of the instants inform it, shape (K,)."""
+    """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    return np.asarray(np.all((time[nodes] >= SUPPORT) | (weights < NOTHING), axis=1), dtype=bool)
+    sound = (time >= SUPPORT) | (linear.problem.prior.standard_error < KNOWN)
+    return np.asarray(np.all(sound[nodes] | (weights < NOTHING), axis=1), dtype=bool)
 
 
 def compare(before: Linear, after: Linear) -> Losses:
@@ -112,7 +115,7 @@ def compare(before: Linear, after: Linear) -> Losses:
     Where these read the map at no node that the rest informs, the blocks are left out in turn instead.
     """
     problem = after.problem
-    use = problem.judged & (informed(after, problem.used) if problem.prior.free else np.ones(problem.K, dtype=bool))
+    use = problem.judged & informed(after, problem.used)
     if not use.any():
         return cross_validated(before, after)
     lost, left = ((whiten(after.whitener, use, linear.raw)[0] ** 2).sum(0) for linear in (before, after))

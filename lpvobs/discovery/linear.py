@@ -6,7 +6,7 @@ drops out of every sum, so that a regressor built from noisy signals is not atte
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -132,10 +132,10 @@ class Linear:
         return np.asarray(out)
 
 
-def scene_with(problem: Problem, terms: Sequence[Term]) -> Scene:
-    """Return the scene with all effects accounted for, in the order of the catalogue; channels come last."""
+def scene_with(problem: Problem, terms: Sequence[Term], constants: object = None) -> Scene:
+    """Return the scene with all effects accounted for, in the order of the catalogue, channels last."""
     order = {effect.id: i for i, effect in enumerate(problem.plant.catalogue)}
-    scene = problem.scene
+    scene = problem.scene if constants is None else replace(problem.scene, constants=constants)
     for term in sorted(terms, key=lambda term: order.get(term.effect.id, len(order))):
         scene = term.put(scene)
     return scene
@@ -185,7 +185,7 @@ def map_along(theta: Array, nodes: Nodes) -> Array:
 
 def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
     """Return the whitened residual with other terms, map and constants as they are, shape (2, B, K)."""
-    problem, scene = linear.problem, scene_with(linear.problem, terms)
+    problem, scene = linear.problem, scene_with(linear.problem, terms, linear.constants)
     nodes = operating_nodes(problem, scene)
     return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes))
 

@@ -158,7 +158,7 @@ def _scene(plant: Plant, log: Log, columns: Array, rate: Array) -> Scene:
 
     since = log.time - log.time[0]
     lacks = np.tile(np.array(plant.lacks)[:, None], (1, len(log)))
-    return Scene(since, since, columns, rate, lacks, later, slow, plant.channels)
+    return Scene(since, since, columns, rate, lacks, later, slow, plant.channels, plant.constants)
 
 
 def _put(scene: Scene, refined: Refined, effects: Sequence[Standing], log: Log) -> Scene:

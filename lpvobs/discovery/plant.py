@@ -28,6 +28,8 @@ class Scene:
     slow : callable
         Rate of a channel by name, seen through a wide window, shape (2K,).
     channels : tuple of str
+    constants : named tuple
+        The engine's, where the model stands.
     """
 
     time: Array
@@ -38,6 +40,7 @@ class Scene:
     later: Callable[[float], Array]
     slow: Callable[[str], Array]
     channels: tuple[str, ...]
+    constants: Any
 
     def __getitem__(self, channel: str) -> Array:
         """Return the values of one channel, shape (2K,)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ WIDER = 1.5
 """How much wider the windows are that tell what a size owes to their width."""
 LEAST_SAMPLES = 14
 """Samples that a window must hold: seven for each half of the samples."""
+MOST_LEVELS = 3
+"""A channel with at most so many values is a switch."""
 PAUSE = 60.0
 """[s] between two logs on the common clock."""
 WIDE = 0.25
@@ -62,6 +64,11 @@ class MapPrior:
     precision: Array
     sensitivity: Array
     free: bool
+
+    @cached_property
+    def standard_error(self) -> Array:
+        """Of every node, whatever the constants, shape (p,) [kg/s]."""
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.precision))))
 
 
 @dataclass(frozen=True)
@@ -259,6 +266,7 @@ def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
         later=later,
         slow=slow,
         channels=plant.channels,
+        constants=plant.constants,
     )
 
 
@@ -313,4 +321,7 @@ def _usable(values: Array) -> bool:
 
 def _steadied(log: Log, name: str, time: Array) -> Array:
     known = np.isfinite(log.auxiliary[name])
-    return np.interp(time, log.time[known], log.auxiliary[name][known])
+    at, values = log.time[known], log.auxiliary[name][known]
+    if np.unique(values).size <= MOST_LEVELS:  # a switch has no value between its levels
+        return np.asarray(values[np.clip(np.searchsorted(at, time, side="right") - 1, 0, at.size - 1)])
+    return np.interp(time, at, values)

@@ -14,7 +14,7 @@ from lpvobs.discovery.channels import Curve, rate_of
 from lpvobs.discovery.fit import WIDEST
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.plant import Effect, Plant, Scene
-from lpvobs.discovery.problem import SPACING, Problem, starts
+from lpvobs.discovery.problem import MOST_LEVELS, SPACING, Problem, starts
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
@@ -142,6 +142,18 @@ def stored_curve(curve: Curve, problem: Problem) -> Curve:
     along = np.interp(rate_of(values) if curve.of == "rate" else values, curve.knots, curve.values)
     knots = curve.knots / _spacing(problem) if curve.of == "rate" else curve.knots
     return replace(curve, knots=knots, values=curve.values - along.mean())
+
+
+def from_off(standing: Standing) -> Standing:
+    """Return an effect that follows a switch as nothing where the switch is off; others as they are.
+
+    What a curve says on the average of its logs belongs to the map that is estimated beside it, so where it is zero is a matter of
+    choice, and the map has to be estimated with the same choice. For a switch that is off, no effect is what everybody expects.
+    """
+    curve = standing.curve
+    if curve is None or curve.of != "value" or curve.knots.size > MOST_LEVELS:
+        return standing
+    return replace(standing, curve=replace(curve, values=curve.values - curve.values[0]))
 
 
 def catalogued(name: str, plant: Plant) -> Effect:

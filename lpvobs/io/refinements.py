@@ -32,6 +32,8 @@ class StoredRefinement:
         Relative deviation of each uncertain constant from the configured one.
     deviations : mapping of str to float
         Standard deviation of each.
+    of_map : mapping of str to float
+        Relative deviation of the constants that the map was estimated with.
     map_stood : bool
         Whether the map was frozen when the effects were found.
     json : str
@@ -41,6 +43,7 @@ class StoredRefinement:
     effects: tuple[Standing, ...]
     constants: Mapping[str, float]
     deviations: Mapping[str, float]
+    of_map: Mapping[str, float]
     map_stood: bool
     json: str
 
@@ -83,14 +86,16 @@ def read_refinement(file: h5py.File) -> StoredRefinement | None:
     group = file["refinement"]
     constants = group["constants"]
     names = list(constants["constant"].asstr()[()]) if "constant" in constants else []
-    values, spread = (
-        constants[name][()].tolist() if names else [] for name in ("relative_deviation", "standard_deviation")
+    values, spread, of_map = (
+        constants[name][()].tolist() if names else []
+        for name in ("relative_deviation", "standard_deviation", "relative_deviation_of_map")
     )
     effects = group["effects"]
     return StoredRefinement(
         effects=tuple(_read_effect(effects[f"effect_{i + 1}"]) for i in range(int(effects.attrs["count"]))),
         constants=dict(zip(names, values, strict=True)),
         deviations=dict(zip(names, spread, strict=True)),
+        of_map=dict(zip(names, of_map, strict=True)),
         map_stood=bool(group.attrs["map_frozen"]),
         json=str(group.attrs["json"]),
     )
@@ -205,6 +210,12 @@ def _write_constants(parent: h5py.Group, stored: StoredRefinement) -> None:
             ),
             "standard_deviation": Field(
                 np.array([stored.deviations[name] for name in stored.constants]), "1", "of the deviation", axes
+            ),
+            "relative_deviation_of_map": Field(
+                np.array([stored.of_map.get(name, 0.0) for name in stored.constants]),
+                "1",
+                "from the configured value, of the constants that the map was estimated with",
+                axes,
             ),
         },
     )

@@ -1,7 +1,7 @@
 """What a result says of its residual: the outcome of `trace` and `refine`, read back for the page."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +90,16 @@ def sentence(found: Discovered) -> str:
     )
 
 
+def sentences(results: Sequence[tuple[str, Sequence[Discovered]]]) -> list[str]:
+    """Return the verdicts on named results in words, none for a result that neither verb has looked at."""
+    return [f"{name}: {sentence(item)}" for name, found in results for item in found]
+
+
+def contents(found: Sequence[Discovered]) -> dict[str, Mapping[str, Any]]:
+    """Return what was found on one result as plain content, by the name of its group."""
+    return {name: item.content for name, verb in GROUPS.items() for item in found if item.verb == verb}
+
+
 def where(left: Leftover | None) -> str:
     """Return in words when, where and how fast a residual is, and what it follows."""
     if left is None:
@@ -171,7 +181,7 @@ def ranking_rows(found: Discovered, most: int = 12) -> Table | None:
     return header, rows
 
 
-def test_rows(found: Discovered) -> Table | None:
+def whiteness_rows(found: Discovered) -> Table | None:
     """Return the tests of whiteness by balance, before and after."""
     seen, structure = found.portrait, found.structure
     if seen is None or set(structure) != {"before", "after"}:

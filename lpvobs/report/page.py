@@ -12,6 +12,7 @@ from lpvobs.io.atomic import replacing
 from lpvobs.io.results import LogSummary
 from lpvobs.report import figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
+from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.residual import Picture, picture, residual_sections
 from lpvobs.report.tables import (
@@ -51,7 +52,10 @@ def page(report: Report) -> str:
     fits = [(view.name, view.stored.extrapolation) for view in report.results if view.stored.extrapolation is not None]
     return template.render(
         version=__version__,
-        verdicts=[verdict(view) for view in report.results],
+        verdicts=[
+            *(verdict(view) for view in report.results),
+            *sentences([(v.name, v.discovered) for v in report.results]),
+        ],
         summary=report_rows(named),
         cycles=[_cycle(cycle, number) for number, cycle in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],

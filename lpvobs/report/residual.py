@@ -9,7 +9,7 @@ from markupsafe import Markup
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.report import residual_figures as figures
 from lpvobs.report.content import ResultView
-from lpvobs.report.discovered import Discovered, effect_rows, error_rows, ranking_rows, sentence, test_rows
+from lpvobs.report.discovered import Discovered, effect_rows, error_rows, ranking_rows, sentence, whiteness_rows
 from lpvobs.report.tables import Table
 
 MOST_LOGS = 6
@@ -56,7 +56,7 @@ def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
     ranking = ranking_rows(found)
     if ranking is not None:
         yield ranking, "Every candidate alone against the model as it was"
-    tests = test_rows(found)
+    tests = whiteness_rows(found)
     if tests is not None:
         yield (
             tests,

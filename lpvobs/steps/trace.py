@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,10 +13,9 @@ from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.heldout import Comparison
 from lpvobs.discovery.outcome import Trace
-from lpvobs.discovery.plant import Plant
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.problem import MapPrior, free_map
-from lpvobs.discovery.standing import Span, Standing
+from lpvobs.discovery.standing import Span, Standing, from_off
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.atomic import replacing
@@ -35,12 +34,10 @@ from lpvobs.io.refinements import (
 )
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
+from lpvobs.steps.constants import Start, start_of
 from lpvobs.steps.refined import estimate_refined, refined_model, sensor_state
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
-LEAST_LEFT = 1.0 / 3.0
-"""Of a constant's tolerance: what one refinement may narrow it to. Its own interval is of a model linear around its optimum, with
-noise less independent than it takes it for."""
 
 
 @dataclass(frozen=True)
@@ -110,28 +107,29 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
     """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
     stored, found = closed.stored, closed.refinement
     config = config_of(stored.provenance.config, stored.path)
-    proven = sensor_state(refined_model(config, stored.gain, found.standing, found.beta), stored.gain)
+    proven = sensor_state(refined_model(config, stored.gain, found.standing, closed.constants), stored.gain)
     with changing(result, out) as file:
         for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
-        closed.write(file)
+        closed.write(file, found.standing)
         if proven is not None:
             write_sensor_state(file["refinement"], proven, stored.gain)
 
 
 def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
-    stored, found = closed.stored, closed.refinement
+    stored = closed.stored
     config = config_of(stored.provenance.config, stored.path)
     logs = list(zip(paths, closed.logs, strict=True))
-    seen = estimate_refined(config, stored.gain, found.standing, found.beta, logs)
+    effects = tuple(from_off(effect) for effect in closed.refinement.standing)
+    seen = estimate_refined(config, stored.gain, effects, closed.constants, logs)
     air_path = config.engine_path()
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     provenance = Provenance({path.name: log.sha256 for path, log in logs}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
-        closed.write(file)
+        closed.write(file, effects)
         if seen.sensor_state is not None:
             write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
 
@@ -144,10 +142,16 @@ class _Closed:
     """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
 
     stored: StoredResult
+    start: Start
     logs: tuple[Log, ...]
     hold_out: tuple[Log, ...]
     refinement: Refinement
     frozen: bool
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Relative deviation of each constant of the refined model from the configured one."""
+        return self.start.total(self.refinement.beta)
 
     @property
     def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
@@ -183,24 +187,27 @@ class _Closed:
         if found.trace.left is not None:
             write_leftover(group, found.trace.left)
 
-    def write(self, file: h5py.File) -> None:
-        """Write `/refinement`."""
+    def write(self, file: h5py.File, effects: Sequence[Standing]) -> None:
+        """Write `/refinement` with the effects as the map is estimated beside them."""
         found = self.refinement
         stored = StoredRefinement(
-            effects=tuple(self._with_healthy(effect) for effect in found.standing),
-            constants=found.beta,
+            effects=tuple(self._with_earlier(effect) for effect in effects),
+            constants=self.constants,
             deviations=found.beta_deviation,
+            of_map=self.start.of_map if self.frozen else self.constants,
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
         write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.plant.balances)
         self._write_pictures(file["refinement"])
 
-    def _with_healthy(self, effect: Standing) -> Standing:
-        """Return an effect that says it is absent from the logs that made the map which it was found against."""
+    def _with_earlier(self, effect: Standing) -> Standing:
+        """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
+        earlier = {log.sha256: log.name for log in self.stored.logs} if self.frozen else {}
+        earlier |= {span.sha256: span.log for other in self.refinement.standing for span in other.spans}
         told = {span.sha256 for span in effect.spans}
-        without = [Span(log.name, log.sha256, np.inf, np.inf) for log in self.stored.logs if log.sha256 not in told]
-        return replace(effect, spans=effect.spans + tuple(without)) if self.frozen else effect
+        without = [Span(name, digest, np.inf, np.inf) for digest, name in earlier.items() if digest not in told]
+        return replace(effect, spans=effect.spans + tuple(without))
 
 
 def _close(sources: Sources, progress: Callable[[float], None], anew: bool = False) -> _Closed:
@@ -215,27 +222,11 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     )
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
-    prior, tolerance, plant = _prior(config, stored, frozen), config.estimate.tolerance, diesel_plant(config.engine)
-    if refined is not None and not any(effect.took_part(logs) for effect in refined.effects):
-        plant, prior, tolerance = _moved(plant, prior, tolerance, refined)
+    prior, plant = _prior(config, stored, frozen), diesel_plant(config.engine)
+    start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
-    found = refine(plant, config.grid(), tolerance, prior, logs, progress, had, hold_out)
-    return _Closed(stored, logs, hold_out, found, frozen)
-
-
-def _moved(
-    plant: Plant, prior: MapPrior, tolerance: Mapping[str, float], refined: StoredRefinement
-) -> tuple[Plant, MapPrior, dict[str, float]]:
-    """Return engine, map and tolerances around the constants of a refined model, for logs that have not told of them."""
-    beta = np.array([refined.constants.get(name, 0.0) for name in tolerance])
-    constants = {n: getattr(plant.constants, n) * (1.0 + b) for n, b in zip(tolerance, beta, strict=True)}
-    narrowed = {}
-    for name, width in tolerance.items():
-        spread = refined.deviations.get(name, width) * np.sqrt(3.0)  # as if uniform
-        narrowed[name] = float(np.clip(spread, LEAST_LEFT * width, width))
-    if refined.map_stood:
-        prior = replace(prior, mean=prior.mean + prior.sensitivity @ beta)
-    return replace(plant, constants=plant.constants._replace(**constants)), prior, narrowed
+    found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)
+    return _Closed(stored, start, logs, hold_out, found, frozen)
 
 
 def _refuse_copies(logs: Sequence[Log]) -> None:

@@ -9,7 +9,7 @@ from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.closing import refine
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.problem import free_map, starts
-from lpvobs.discovery.standing import Span, Standing, active, spans_of, term_on
+from lpvobs.discovery.standing import Span, Standing, active, from_off, spans_of, term_on
 from lpvobs.errors import DataError
 
 STEP = Standing(
@@ -68,6 +68,15 @@ def test_a_curve_follows_the_channel_of_the_other_log(first, second, laid_out):
     assert undone == pytest.approx(expected, abs=1e-3)  # the channel is read between samples
     with pytest.raises(DataError, match=r"^second: channel 'heat' is missing, .*record it"):
         term_on(effect, laid_out(second), [second])
+
+
+def test_a_switch_that_is_off_does_nothing():
+    switch = Curve("ac", "value", "maf.offset", np.array([0.0, 1.0]), np.array([-0.0004, 0.0006]))
+    effect = replace(STEP, id="channel:ac", curve=switch)
+    assert list(from_off(effect).curve.values) == pytest.approx([0.0, 0.001])
+    smooth = replace(effect, curve=replace(switch, knots=np.arange(4.0), values=np.arange(4.0)))
+    assert from_off(smooth) is smooth
+    assert from_off(STEP) is STEP
 
 
 @pytest.fixture(scope="module")

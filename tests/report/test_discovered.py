@@ -1,0 +1,89 @@
+"""The residual in words and tables: verdict first, nothing named that was not proven."""
+
+from dataclasses import replace
+
+import pytest
+
+from lpvobs.discovery.leftover import Leftover, Stretch
+from lpvobs.discovery.outcome import Ranked
+from lpvobs.report.discovered import (
+    Discovered,
+    effect_rows,
+    error_rows,
+    ranking_rows,
+    sentence,
+    sentences,
+    whiteness_rows,
+)
+from lpvobs.report.residual_figures import ranking_bars
+
+LAG = {
+    "id": "maf.lag",
+    "parameters": {"tau": {"value": 0.080347, "unit": "s", "ci90": [0.079661, 0.081034]}},
+    "onset": 120.4,
+    "end": None,
+    "explained": 0.63,
+    "p_value": 0.0,
+    "indistinguishable": ["maf.delay"],
+}
+ERROR = {"before": 2.5e-4, "after": 1.5e-4, "ratio": 0.6, "ratio_ci90": [0.5, 0.7], "held_out": "parts"}
+WHITE = {"white": True, "correlated_with": []}
+LEFT = Leftover(
+    (Stretch("a", 40.0, 80.0, 0.6),), (4.0, 8.0), (1000.0, 1250.0), 3.2, 0.0125, "sensor-filling", {"heat": -0.4}
+)
+
+
+def content(verdict, effects=()):
+    return {
+        "verdict": verdict,
+        "effects": list(effects),
+        "error": ERROR,
+        "logs": [
+            {"log": "a", "verdict": verdict, "effects": list(effects), "error": ERROR, "residual": WHITE},
+            {"log": "b", "verdict": verdict, "effects": list(effects), "error": ERROR},
+        ],
+        "error_on_held_out_logs": ERROR,
+    }
+
+
+@pytest.fixture
+def refined():
+    return Discovered("refine", content("effect", [LAG]), None, (Ranked("maf.lag", 0.08, "s", 120.0, 1.1),), None, {})
+
+
+def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
+    said = sentence(refined)
+    assert said.startswith("Added from a: maf.lag with tau = 0.08035 s (90 %: 0.07966 to 0.08103) from 120.4 s")
+    assert "not to be told from maf.delay" in said
+    assert "from 0.250 to 0.150 g/s rms, to 60.0 % (90 %: 50.0 % to 70.0 %)" in said
+    assert sentence(replace(refined, verb="trace")).startswith("The model lacks on a: maf.lag")
+    assert sentences([("r", [refined])]) == [f"r: {said}"]
+
+
+def test_nothing_and_something_without_a_name(refined):
+    assert sentence(replace(refined, content=content("none"))).startswith("Nothing that the model lacks was found on a")
+    said = sentence(replace(refined, content=content("unexplained"), left=LEFT))
+    assert "nothing was named" in said
+    for part in ("40 to 80 s of a", "sensor-filling", "1000 to 1250 rpm", "0.0125 Hz", "heat (-0.40)"):
+        assert part in said
+
+
+def test_tables_have_every_log_and_what_was_held_out(refined):
+    header, rows = error_rows(refined)
+    assert [row[0] for row in rows] == ["all logs", "all logs held out", "a", "b"]
+    assert rows[3][1] == "all of it, nothing fitted"
+    assert all(len(row) == len(header) for row in rows)
+    header, rows = effect_rows(refined)
+    assert rows[0][0] == "maf.lag"
+    assert "< 1e-16" in rows[0]
+    assert len(rows[0]) == len(header)
+    assert ranking_rows(refined)[1][0][0] == "maf.lag"
+    assert whiteness_rows(refined) is None  # nothing was stored
+    assert effect_rows(replace(refined, content=content("none"))) is None
+    assert ranking_rows(replace(refined, ranking=())) is None
+
+
+def test_bars_are_drawn_for_what_has_evidence(refined):
+    text = ranking_bars("r", "ranking", (*refined.ranking, Ranked("maf.gain", 1.0, "1", -1.0, 1.0)))
+    assert "maf.lag" in text
+    assert "maf.gain" not in text

@@ -1,0 +1,64 @@
+"""Constants of refined models: nothing counts twice, several refinements add up, and a map that stands follows its constants."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery.catalogue import diesel_plant
+from lpvobs.discovery.problem import MapPrior, free_map
+from lpvobs.discovery.standing import Span, Standing
+from lpvobs.io.config import load_config
+from lpvobs.io.refinements import StoredRefinement
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Defects, Log
+from lpvobs.steps.constants import LEAST_LEFT, start_of
+
+TOLERANCE = {"V_d": 0.01, "V_im": 0.02}
+LAG = Standing("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)
+REFINED = StoredRefinement(
+    (LAG,), {"V_d": 0.004, "V_im": -0.01}, {"V_d": 0.0001, "V_im": 0.009}, {"V_d": 0.001, "V_im": 0.0}, True, "{}"
+)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return diesel_plant(load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0].engine)
+
+
+@pytest.fixture(scope="module")
+def prior():
+    sensitivity = np.array([[1.0, 2.0], [0.0, -1.0]])
+    return MapPrior(np.array([0.01, 0.02]), np.eye(2), sensitivity, False)
+
+
+def log(sha256):
+    time = np.arange(3.0)
+    return Log("a", sha256, time, {}, {}, ((0, 3),), np.arange(3), Defects(3))
+
+
+def test_a_result_that_was_not_refined_starts_as_configured(plant, prior):
+    start = start_of(plant, prior, TOLERANCE, None, [log("2")])
+    assert (start.plant, start.prior, start.tolerance) == (plant, prior, TOLERANCE)
+    assert start.total({"V_d": 0.003}) == pytest.approx({"V_d": 0.003})
+
+
+def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(plant, prior):
+    start = start_of(plant, prior, TOLERANCE, REFINED, [log("2")])
+    assert start.plant.constants.V_d == pytest.approx(1.004 * plant.constants.V_d)
+    assert start.tolerance["V_d"] == pytest.approx(LEAST_LEFT * 0.01)  # no refinement narrows it further
+    assert start.tolerance["V_im"] == pytest.approx(np.sqrt(3.0) * 0.009)
+    assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [0.004 - 0.001, -0.01])
+    assert start.total({"V_d": 0.01})["V_d"] == pytest.approx(1.004 * 1.01 - 1.0)
+
+
+def test_logs_that_told_already_start_as_configured_with_the_map_brought_back(plant, prior):
+    start = start_of(plant, prior, TOLERANCE, REFINED, [log("1")])
+    assert start.plant.constants == plant.constants
+    assert start.tolerance == TOLERANCE
+    assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [-0.001, 0.0])
+
+
+def test_a_free_map_is_not_moved(plant):
+    free = free_map(Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0])), 2, 0.1)
+    assert start_of(plant, free, TOLERANCE, REFINED, [log("2")]).prior is free
