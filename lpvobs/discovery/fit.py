@@ -55,7 +55,7 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
         nodes = linear.nodes
         root = covariance_root(problem, nodes, linear.raw[0])
         linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned, linear)
-    return _stepped(linear, linear)
+    return _stepped(linear, None)  # near the stall of the compressor derivatives change fast, and tests follow
 
 
 def linearised(
