@@ -123,7 +123,7 @@ class Diesel:
             C[:, row, STATES.index(channel)] = 1.0
         C[:, -1, 2] = parameters[:, 0]  # C_2 of Eq. (26)
         y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
-        return Trajectory(parameters, A, E, C, y)
+        return Trajectory(parameters, A, E, C, y, len(outputs))
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
