@@ -23,7 +23,7 @@ help:
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests'
 	@echo 'make lint    ruff and mypy'
-	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage; results in benchmarks/results'
+	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
 	@echo 'make clean   removes $(BUILD)'
@@ -99,6 +99,8 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/surfaces.py
 	$(VENV)/bin/python benchmarks/mismatch.py
 	$(VENV)/bin/python benchmarks/intervals.py
+	$(VENV)/bin/python benchmarks/speed.py
+	$(VENV)/bin/python benchmarks/scaling.py
 
 kill: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)

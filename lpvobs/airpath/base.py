@@ -66,6 +66,8 @@ class Trajectory:
         Output matrix; the last row, C_2, carries the map.
     y : ndarray, shape (N, r)
         Measured outputs y_m; the last, y_m2, is the mass air flow sensor.
+    steady : int
+        Outputs, from the first on, whose row of C is the same for all samples: they cost less.
     """
 
     parameters: Array
@@ -73,6 +75,7 @@ class Trajectory:
     E: Array
     C: Array
     y: Array
+    steady: int = 0
 
 
 @dataclass(frozen=True)

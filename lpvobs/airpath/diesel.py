@@ -123,7 +123,7 @@ class Diesel:
             C[:, row, STATES.index(channel)] = 1.0
         C[:, -1, 2] = parameters[:, 0]  # C_2 of Eq. (26)
         y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
-        return Trajectory(parameters, A, E, C, y)
+        return Trajectory(parameters, A, E, C, y, len(outputs))
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -176,19 +176,24 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     N = n_e.size
     parameters = np.empty((N, 7))
     E = np.zeros((N, 3))
+    # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
     for k in range(N):
-        r1 = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
-        r4, Pi_t = relation.turbine(c, p_em[k], u_vgt[k], T_em[k], p_amb[k])
-        a_2 = c.R_e * T_em[k] / c.V_em
-        parameters[k, 0] = r1
+        parameters[k, 0] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
         parameters[k, 1] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
         parameters[k, 2] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
-        parameters[k, 3] = r4
-        parameters[k, 4] = relation.rho_5(c, r1, p_im[k], omega_t[k], p_amb[k], T_amb[k])
         parameters[k, 5] = c.R_a * T_im[k] / c.V_im
-        parameters[k, 6] = a_2
-        power = relation.turbine_power(c, r4 * p_em[k], Pi_t, omega_t[k], T_em[k])
-        E[k, 1] = a_2 * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
+        parameters[k, 6] = c.R_e * T_em[k] / c.V_em
+    for k in range(N):
+        parameters[k, 4] = relation.rho_5(c, parameters[k, 0], p_im[k], omega_t[k], p_amb[k], T_amb[k])
+    scale, p_es, Pi_t = np.empty(N), p_amb.copy(), np.empty(N)
+    for k in range(N):
+        scale[k] = relation.turbine_scale(c, u_vgt[k], T_em[k])
+    for _ in range(relation.TURBINE_PASSES):
+        for k in range(N):
+            parameters[k, 3], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
+    for k in range(N):
+        power = relation.turbine_power(c, parameters[k, 3] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
+        E[k, 1] = parameters[k, 6] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
         E[k, 2] = power / (c.J_t * omega_t[k])
     return parameters, E
 

@@ -10,6 +10,9 @@ from numba import njit
 
 from lpvobs.airpath.diesel_engine import DieselConstants
 
+TURBINE_PASSES = 3
+"""Of the fixed point between flow and back pressure of the turbine."""
+
 
 @njit(cache=True)
 def compressor_flow_coefficient(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
@@ -75,15 +78,29 @@ def vgt_area_ratio(c: DieselConstants, u_vgt: float) -> float:
 def turbine(c: DieselConstants, p_em: float, u_vgt: float, T_em: float, p_amb: float) -> tuple[float, float]:
     """Return rho_4 [kg/(s Pa)] of Eq. (3), so that W_t = rho_4 p_em, and the expansion ratio Pi_t = p_es / p_em.
 
-    The back pressure p_es = p_amb + k_exhaust W_t^2 depends on the flow it throttles: three fixed-point passes.
+    The back pressure p_es = p_amb + k_exhaust W_t^2 depends on the flow it throttles: a few fixed-point passes.
     """
-    scale = c.A_vgt_max * vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
+    scale = turbine_scale(c, u_vgt, T_em)
     p_es, flow, Pi_t = p_amb, 0.0, 0.9999
-    for _ in range(3):
-        Pi_t = min(p_es / p_em, 0.9999)
-        flow = scale * sqrt(1.0 - Pi_t**c.K_t)
-        p_es = p_amb + c.k_exhaust * (flow * p_em) ** 2
+    for _ in range(TURBINE_PASSES):
+        flow, Pi_t, p_es = turbine_pass(c, scale, p_es, p_em, p_amb)
     return flow, Pi_t
+
+
+@njit(cache=True)
+def turbine_scale(c: DieselConstants, u_vgt: float, T_em: float) -> float:
+    """Return rho_4 [kg/(s Pa)] of a turbine that expands into nothing."""
+    return c.A_vgt_max * vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
+
+
+@njit(cache=True)
+def turbine_pass(
+    c: DieselConstants, scale: float, p_es: float, p_em: float, p_amb: float
+) -> tuple[float, float, float]:
+    """Return rho_4 and Pi_t for a back pressure p_es, and the back pressure that this flow makes: one pass of the fixed point."""
+    Pi_t = min(p_es / p_em, 0.9999)
+    flow = scale * sqrt(1.0 - Pi_t**c.K_t)
+    return flow, Pi_t, p_amb + c.k_exhaust * (flow * p_em) ** 2
 
 
 @njit(cache=True)

@@ -71,6 +71,21 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
+def load_compiler() -> None:
+    """Load Numba without SciPy's linear algebra, which it looks for although no kernel on the way of a verb multiplies matrices.
+
+    That search takes as long as estimating a map. A kernel that does multiply matrices finds SciPy later, when it is compiled.
+    """
+    looked_for = "scipy.linalg.cython_blas"
+    if looked_for in sys.modules:
+        return
+    sys.modules[looked_for] = None  # type: ignore[assignment]
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        del sys.modules[looked_for]
+
+
 def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
     """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
     for path in inputs:

@@ -6,7 +6,17 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, refuse_overwriting, say, table
+from lpvobs.cli.common import (
+    ConfigOption,
+    JsonOption,
+    guarded,
+    load_compiler,
+    print_json,
+    progress,
+    refuse_overwriting,
+    say,
+    table,
+)
 
 
 @guarded
@@ -47,6 +57,7 @@ def estimate(
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
+    load_compiler()
     from lpvobs.errors import DataError
     from lpvobs.io.config import load_config
     from lpvobs.io.finding import find_logs

@@ -366,9 +366,12 @@ def _as_floats(table: "pa.Table", name: str) -> Array:
     Chunk by chunk through DLPack: pyarrow's own conversion imports pandas, which takes longer than reading the log.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    column = table.column(name).cast(pa.float64(), safe=False)  # large whole numbers are rounded
+    column = table.column(name)
+    if column.type != pa.float64():
+        column = column.cast(pa.float64(), safe=False)  # large whole numbers are rounded
     if column.null_count:
+        import pyarrow.compute as pc  # takes a while to load, and few logs need it
+
         column = pc.fill_null(column, float("nan"))
     return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in column.chunks)])

@@ -1,4 +1,4 @@
-"""Logs of any length, read in slabs of a million rows, so that memory does not grow with the log.
+"""Logs of any length, read in slabs of half a million rows, so that memory does not grow with the log.
 
 A log of one slab is what `read_log` makes of it. In a longer one time, gaps and repeated samples are followed from slab to slab;
 the rules that look at a whole log, such as the plausible median of a channel, look at each slab, which is hours of driving: one
@@ -25,7 +25,7 @@ from lpvobs.records import Array, Defects, Finding, Piece
 if TYPE_CHECKING:
     import pyarrow as pa
 
-SLAB = 1 << 20
+SLAB = 1 << 19
 """Rows that are held in memory at a time."""
 BATCH = 1 << 16
 """Rows that are decoded at a time."""

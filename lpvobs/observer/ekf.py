@@ -175,7 +175,9 @@ def _drift(P, h, Q, q_map, nodes, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _take_in(x, theta, P, PH, S, o, c, nodes, weights, y, R):  # type: ignore[no-untyped-def]  # noqa: PLR0912
+def _take_in(  # type: ignore[no-untyped-def] # noqa: PLR0912 loops over three states and four nodes
+    x, theta, P, PH, S, o, c, nodes, weights, y, R
+):
     """Correct states and map by output o, y = c x + weights theta + noise of variance R; leave its P H and S for the update."""
     row = PH[o]
     row[:] = 0.0

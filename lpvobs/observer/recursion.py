@@ -90,6 +90,8 @@ def observe(
     theta = theta_0.copy()
     u_delta, n_e = operating_point
     by_output = np.ascontiguousarray(np.asarray(L, dtype=float).T)
+    steady = trajectory.steady
+    fixed = tuple((by_output[:steady].T @ trajectory.C[0, :steady]).ravel().tolist())
     for (start, stop), first in zip(segments, x_0, strict=True):
         part = slice(start, stop)
         _recursion(
@@ -99,6 +101,8 @@ def observe(
             trajectory.E[part],
             trajectory.C[part],
             trajectory.y[part],
+            trajectory.steady,
+            fixed,
             u_delta[part],
             n_e[part],
             grid.u_delta,
@@ -115,17 +119,19 @@ def observe(
 
 @njit(cache=True)
 def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0915 straight-line arithmetic
-    before, time, A, E, C, y, u_delta, n_e, u_nodes, n_nodes, L, gamma, x_0, theta, x_out, innovation
+    before, time, A, E, C, y, steady, fixed, u_delta, n_e, u_nodes, n_nodes, L, gamma, x_0, theta, x_out, innovation
 ):
     """Fill x_out and innovation and move theta in place along one segment.
 
     The state's block is inverted by cofactors: it is regular at any step if the state error decays, and cofactors, unlike
     elimination with pivots, do not care that pascals stand beside radians per second. With x = x(s = 0) - h per s the fourth
-    equation gives e in closed form. Nothing is allocated, and what the next sample waits for is kept short.
+    equation gives e in closed form. `fixed` is L C of the first `steady` outputs, whose rows of C do not change. Nothing is
+    allocated, and what the next sample waits for is kept short.
     """
     N, r = y.shape
     x_0_, x_1_, x_2_ = x_0
     b0, b1, b2 = L[r - 1, 0], L[r - 1, 1], L[r - 1, 2]
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = fixed
     cascade = b0 == 0.0 and b1 == 0.0 and b2 == 0.0
     p_1 = u_nodes.size
     i, j = 0, 0
@@ -133,19 +139,20 @@ def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0915 straight-line ar
         h = time[k] - before
         before = time[k]
         # I - h (A - L C) and the right-hand side
-        m00, m01, m02 = -A[k, 0, 0], -A[k, 0, 1], -A[k, 0, 2]
-        m10, m11, m12 = -A[k, 1, 0], -A[k, 1, 1], -A[k, 1, 2]
-        m20, m21, m22 = -A[k, 2, 0], -A[k, 2, 1], -A[k, 2, 2]
+        m00, m01, m02 = c00 - A[k, 0, 0], c01 - A[k, 0, 1], c02 - A[k, 0, 2]
+        m10, m11, m12 = c10 - A[k, 1, 0], c11 - A[k, 1, 1], c12 - A[k, 1, 2]
+        m20, m21, m22 = c20 - A[k, 2, 0], c21 - A[k, 2, 1], c22 - A[k, 2, 2]
         f0, f1, f2 = E[k, 0], E[k, 1], E[k, 2]
-        for o in range(r):
-            l0, l1, l2 = L[o, 0], L[o, 1], L[o, 2]
-            f0, f1, f2 = f0 + l0 * y[k, o], f1 + l1 * y[k, o], f2 + l2 * y[k, o]
-            c0, c1, c2 = C[k, o, 0], C[k, o, 1], C[k, o, 2]
-            if c0 != 0.0:  # most outputs are one of the states
+        for o in range(r - 1):
+            f0, f1, f2 = f0 + L[o, 0] * y[k, o], f1 + L[o, 1] * y[k, o], f2 + L[o, 2] * y[k, o]
+        if not cascade:
+            f0, f1, f2 = f0 + b0 * y[k, r - 1], f1 + b1 * y[k, r - 1], f2 + b2 * y[k, r - 1]
+        if not (cascade and steady == r - 1):
+            for o in range(steady, r):
+                l0, l1, l2 = L[o, 0], L[o, 1], L[o, 2]
+                c0, c1, c2 = C[k, o, 0], C[k, o, 1], C[k, o, 2]
                 m00, m10, m20 = m00 + l0 * c0, m10 + l1 * c0, m20 + l2 * c0
-            if c1 != 0.0:
                 m01, m11, m21 = m01 + l0 * c1, m11 + l1 * c1, m21 + l2 * c1
-            if c2 != 0.0:
                 m02, m12, m22 = m02 + l0 * c2, m12 + l1 * c2, m22 + l2 * c2
         m00, m01, m02 = 1.0 + h * m00, h * m01, h * m02
         m10, m11, m12 = h * m10, 1.0 + h * m11, h * m12
@@ -156,9 +163,6 @@ def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0915 straight-line ar
         a10, a11, a12 = m12 * m20 - m10 * m22, m00 * m22 - m02 * m20, m02 * m10 - m00 * m12
         a20, a21, a22 = m10 * m21 - m11 * m20, m01 * m20 - m00 * m21, m00 * m11 - m01 * m10
         inverse = 1.0 / (m00 * a00 + m01 * a10 + m02 * a20)
-        a00, a01, a02 = a00 * inverse, a01 * inverse, a02 * inverse
-        a10, a11, a12 = a10 * inverse, a11 * inverse, a12 * inverse
-        a20, a21, a22 = a20 * inverse, a21 * inverse, a22 * inverse
         # the map at the operating point
         i, j = seek(u_nodes, u_delta[k], i), seek(n_nodes, n_e[k], j)
         eta_1, eta_2 = share(u_nodes, u_delta[k], i), share(n_nodes, n_e[k], j)
@@ -168,17 +172,17 @@ def _recursion(  # type: ignore[no-untyped-def] # noqa: PLR0915 straight-line ar
         g = h * gamma * ((w0 * w0 + w1 * w1) + (w2 * w2 + w3 * w3))
         q0, q1, q2, reading = C[k, r - 1, 0], C[k, r - 1, 1], C[k, r - 1, 2], y[k, r - 1]
         # x as it would be for s = 0
-        x_0_, x_1_, x_2_ = (
-            a00 * f0 + a01 * f1 + a02 * f2, a10 * f0 + a11 * f1 + a12 * f2, a20 * f0 + a21 * f1 + a22 * f2,
-        )  # fmt: skip
+        x_0_ = (a00 * f0 + a01 * f1 + a02 * f2) * inverse
+        x_1_ = (a10 * f0 + a11 * f1 + a12 * f2) * inverse
+        x_2_ = (a20 * f0 + a21 * f1 + a22 * f2) * inverse
         missing = reading - (q0 * x_0_ + q1 * x_1_ + q2 * x_2_)
         known = (w0 * theta[node] + w1 * theta[node + 1]) + (w2 * theta[node + p_1] + w3 * theta[node + p_1 + 1])
         if cascade:
             e = (missing - known) * (1.0 / (1.0 + g))
         else:
-            per0, per1, per2 = (
-                a00 * b0 + a01 * b1 + a02 * b2, a10 * b0 + a11 * b1 + a12 * b2, a20 * b0 + a21 * b1 + a22 * b2,
-            )  # fmt: skip
+            per0 = (a00 * b0 + a01 * b1 + a02 * b2) * inverse
+            per1 = (a10 * b0 + a11 * b1 + a12 * b2) * inverse
+            per2 = (a20 * b0 + a21 * b1 + a22 * b2) * inverse
             left = 1.0 - h * (q0 * per0 + q1 * per1 + q2 * per2)
             e = (missing - left * known) * (1.0 / (1.0 + g * left))
             s = h * (known + g * e)

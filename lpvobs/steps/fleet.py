@@ -26,7 +26,7 @@ from lpvobs.observer.estimate import MapEstimate, merged
 from lpvobs.observer.parts import LogPart, LogRun, StateGain, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
-from lpvobs.steps.jobs import finished
+from lpvobs.steps.jobs import Workers
 
 PARTS_SHARE = 0.85
 """Of the whole run, for the progress: the rest compares the map with references."""
@@ -138,34 +138,44 @@ def estimate_fleet(
         If no log can be used.
     """
     refuse_copies(paths)
-    key = run_key(config_text, gain)
-    store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
     air_path, grid = config.engine_path(), config.grid()
     settings = config.estimate.limited_to(air_path.balance_constants)
-    alone = workplace.jobs == 1 and workplace.scheduler is None
-    done = store.done()
-    tasks = [PartTask(path, air_path, grid, gain, settings, config.policies, key, done, alone) for path in paths]
+    key = run_key(config_text, gain)
+    store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
+    with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
+        alone = workplace == Workplace()
+        task = PartTask(Path(), air_path, grid, gain, settings, config.policies, key, store.done(), alone)
+        found, refusals = _parts(workers, task, paths, store, lambda f: progress(PARTS_SHARE * f))
+        estimate, solution = merged(grid, store.parts(found), settings)
+        check(estimate)
+        scatter = float("nan")
+        agreement: tuple[Agreement, ...] = ()
+        if len(found) > 1:
+            scatter, agreement = agreements(grid, solution, store.parts(found), settings)
+        rest = 1.0 - PARTS_SHARE
+        metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(PARTS_SHARE + 0.9 * rest * f))
+    return Fleet(estimate, found, metrics, refusals, scatter, agreement)
+
+
+def _parts(
+    workers: Workers, task: PartTask, paths: Sequence[Path], store: "_Store", progress: Callable[[float], None]
+) -> tuple[dict[str, Path], tuple[str, ...]]:
+    """Have the parts of all logs in the store; return the logs by digest, and why others were left out."""
+    tasks = [replace(task, path=path) for path in paths]
     found: dict[str, Path] = {}
     refused: dict[int, str] = {}
-    for count, (number, outcome) in enumerate(finished(part_of, tasks, workplace.jobs, workplace.scheduler), 1):
+    for count, (number, outcome) in enumerate(workers.finished(part_of, tasks), 1):
         if outcome.refusal is not None:
             refused[number] = outcome.refusal
         else:
             store.keep(outcome)
             found[outcome.sha256] = paths[number]
-        progress(PARTS_SHARE * count / len(tasks))
+        progress(count / len(tasks))
     refusals = tuple(refused[number] for number in sorted(refused))
     if not found:
         store.remove()
         raise DataError("; ".join(refusals))
-    estimate, solution = merged(grid, store.parts(found), settings)
-    check(estimate)
-    scatter = float("nan")
-    agreement: tuple[Agreement, ...] = ()
-    if len(found) > 1:
-        scatter, agreement = agreements(grid, solution, store.parts(found), settings)
-    metrics = _metrics(air_path, estimate, found, store, workplace, lambda f: progress(PARTS_SHARE + 0.14 * f))
-    return Fleet(estimate, found, metrics, refusals, scatter, agreement)
+    return found, refusals
 
 
 def remove_parts(out: Path) -> None:
@@ -216,11 +226,11 @@ def refuse_copies(paths: Sequence[Path]) -> None:
 
 
 def _metrics(
+    workers: Workers,
     air_path: AirPath,
     estimate: MapEstimate,
     found: dict[str, Path],
     store: "_Store",
-    workplace: Workplace,
     progress: Callable[[float], None],
 ) -> dict[str, Metrics | None]:
     units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
@@ -229,7 +239,7 @@ def _metrics(
         MetricsTask(found[sha256], estimate.grid, estimate.theta, units, store.read(sha256).kept) for sha256 in known
     ]
     metrics: dict[str, Metrics | None] = dict.fromkeys(found)
-    for count, (number, result) in enumerate(finished(compared, tasks, workplace.jobs, workplace.scheduler), 1):
+    for count, (number, result) in enumerate(workers.finished(compared, tasks), 1):
         metrics[known[number]] = result
         progress(count / len(tasks))
     return metrics

@@ -23,33 +23,57 @@ RETRIES = 10
 """How often a task is given to another worker when the one that had it dies."""
 
 
-def finished(
-    function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int = 1, scheduler: str | None = None
-) -> Iterator[tuple[int, Result]]:
-    """Yield the number and the result of each task as it finishes.
+class Workers:
+    """Run tasks side by side, for as long as it is open; processes start with the first tasks and stay for later ones.
 
     Parameters
     ----------
-    function : callable
-        Of a module, so that other processes can import it.
-    tasks : sequence
     jobs : int
         Processes on this machine; 1 runs the tasks here.
     scheduler : str, optional
         Address of a Dask scheduler, such as `tcp://host:8786`, instead.
-
-    Raises
-    ------
-    UsageError
-        If Dask is not installed or its scheduler cannot be reached.
-    DataError
-        If a worker dies with its task.
     """
-    if scheduler is not None:
-        return _on_cluster(function, tasks, scheduler)
-    if jobs == 1 or len(tasks) < 2:
-        return ((number, function(task)) for number, task in enumerate(tasks))
-    return _in_processes(function, tasks, min(jobs, len(tasks)))
+
+    def __init__(self, jobs: int = 1, scheduler: str | None = None):
+        self.jobs, self.scheduler = jobs, scheduler
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._pool is None:
+            return
+        if kind is not None:  # what they are at is of no use any more
+            for process in multiprocessing.active_children():
+                process.terminate()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def finished(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+        """Yield the number and the result of each task as it finishes.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module, so that other processes can import it.
+        tasks : sequence
+
+        Raises
+        ------
+        UsageError
+            If Dask is not installed or its scheduler cannot be reached.
+        DataError
+            If a worker dies with its task.
+        """
+        if self.scheduler is not None:
+            return _on_cluster(function, tasks, self.scheduler)
+        if self.jobs == 1 or len(tasks) < 2:
+            return ((number, function(task)) for number, task in enumerate(tasks))
+        if self._pool is None:
+            # Processes that start afresh: a copy of this one could inherit a lock that a thread of a library holds.
+            afresh = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.jobs, afresh, _leave_interrupts_to_the_parent)
+        return _in_processes(function, tasks, self._pool, AHEAD * self.jobs)
 
 
 def processors() -> int:
@@ -57,14 +81,14 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, Result]]:
-    # Processes that start afresh: a copy of this one could inherit a lock that a thread of a library holds.
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
+def _in_processes(
+    function: Callable[[Task], Result], tasks: Sequence[Task], pool: ProcessPoolExecutor, ahead: int
+) -> Iterator[tuple[int, Result]]:
     waiting = iter(enumerate(tasks))
     under_way: dict[Future[Result], int] = {}
     try:
         while True:
-            while len(under_way) < AHEAD * jobs and (following := next(waiting, None)) is not None:
+            while len(under_way) < ahead and (following := next(waiting, None)) is not None:
                 under_way[pool.submit(function, following[1])] = following[0]
             if not under_way:
                 break
@@ -74,12 +98,6 @@ def _in_processes(function: Callable[[Task], Result], tasks: Sequence[Task], job
         raise DataError(
             "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
         ) from None
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _leave_interrupts_to_the_parent() -> None:

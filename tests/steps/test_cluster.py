@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lpvobs.airpath.diesel import Diesel
-from lpvobs.errors import UsageError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.io.config import load_config
 from lpvobs.io.logs import write_log
 from lpvobs.observer.parts import StateGain
@@ -72,13 +72,14 @@ def squared(number):
 @pytest.mark.parametrize("processes", [1, 2])
 def test_every_task_comes_back_once_with_its_number(processes):
     tasks = list(range(12))
-    assert sorted(jobs.finished(squared, tasks, processes)) == [(n, n * n) for n in tasks]
-    assert list(jobs.finished(squared, [], processes)) == []
+    with jobs.Workers(processes) as workers:
+        assert sorted(workers.finished(squared, tasks)) == [(n, n * n) for n in tasks]
+        assert list(workers.finished(squared, [])) == []
 
 
 def test_a_worker_that_dies_is_said_in_one_line():
-    with pytest.raises(jobs.DataError, match="worker process died") as failure:
-        list(jobs.finished(squared, [13, 1, 2], 2))
+    with pytest.raises(DataError, match="worker process died") as failure, jobs.Workers(2) as workers:
+        list(workers.finished(squared, [13, 1, 2]))
     assert "\n" not in str(failure.value)
 
 
@@ -89,7 +90,7 @@ def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
 def test_a_scheduler_that_is_not_there_is_said_in_one_line():
     pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
     with pytest.raises(UsageError, match="cannot be reached") as failure:
-        list(jobs.finished(squared, [1], scheduler="tcp://127.0.0.1:1"))
+        list(jobs.Workers(scheduler="tcp://127.0.0.1:1").finished(squared, [1]))
     assert "\n" not in str(failure.value)
 
 

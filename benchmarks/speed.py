@@ -1,0 +1,257 @@
+"""Time per sample of every kernel, of the rivals, and of the command from shell to shell: `python benchmarks/speed.py`.
+
+Everything that is compared is timed in one run, in turn, and the least of several times counts: on a shared machine the others
+measure its other users.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import asdict
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+from common import CONFIG, configuration, drive, markdown, publish, state_gain
+from watch import Watched, watch
+
+from lpvobs.airpath.base import Trajectory
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.cli.main import app
+from lpvobs.io.config import Config
+from lpvobs.io.logs import write_log
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import compare
+from lpvobs.observer import ekf
+from lpvobs.observer.cells import no_sums
+from lpvobs.observer.estimate import calmed, estimate_default, operating_point
+from lpvobs.observer.parts import inform
+from lpvobs.observer.recursion import observe
+from lpvobs.observer.rivals import estimate_batch, estimate_ekf
+from lpvobs.observer.settings import EstimateSettings
+from lpvobs.observer.smoothing import BLOCK
+from lpvobs.records import Array, Log
+from lpvobs.simulation.simulate import simulate
+
+ROUNDS = 7
+CYCLES = ("etc", "ftp75", "nedc")
+SMALL = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 3001.0, 250.0))
+"""The 15 x 13 = 195 nodes of Sec. 4.1."""
+
+
+def least(work: Callable[[], object], samples: int, rounds: int = ROUNDS) -> float:
+    """Return the least processor time per sample of several rounds, [ns]."""
+    work()
+    times = []
+    for _ in range(rounds):
+        begin = time.thread_time()
+        work()
+        times.append(time.thread_time() - begin)
+    return 1e9 * min(times) / samples
+
+
+def plain(
+    trajectory: Trajectory, time_: Array, point: tuple[Array, Array], grid: Grid, L: Array, gamma: float
+) -> Array:
+    """Run the observer of Eq. (26) in NumPy alone, one dense (3 + 1) solve per sample, as one writes it at first."""
+    theta, x = np.zeros(grid.size), trajectory.y[0, :3].copy()
+    for k in range(1, time_.size):
+        h, C = time_[k] - time_[k - 1], trajectory.C[k]
+        nodes, weights = grid.regressors(point[0][k : k + 1], point[1][k : k + 1])
+        psi, place = weights[0], nodes[0]
+        g = gamma * psi @ psi
+        M = np.zeros((4, 4))
+        M[:3, :3] = np.eye(3) - h * (trajectory.A[k] - L @ C)
+        M[:3, 3], M[3, :3], M[3, 3] = h * L[:, -1], h * g * C[-1], 1.0 + h * g
+        right = np.append(
+            x + h * (trajectory.E[k] + L @ trajectory.y[k]), psi @ theta[place] + h * g * trajectory.y[k, -1]
+        )
+        solved = np.linalg.solve(M, right)
+        x = solved[:3]
+        theta[place] += h * gamma * psi * (trajectory.y[k, -1] - C[-1] @ x - solved[3])
+    return theta
+
+
+def kernels(config: Config, log: Log) -> list[list[str]]:
+    """Return the rows of the table of kernels."""
+    engine, gain, settings = Diesel(config.engine), state_gain(config), config.estimate
+    first, N = 20_000, BLOCK
+    part = _cut(log, first, N)
+    calm, rates = calmed(engine, part, settings.smoothing)
+    trajectory = engine.trajectory(calm, gain.outputs)
+    point = operating_point(engine, part)
+    x_0 = np.array([[calm[name][0] for name in engine.state_names]])
+    theta = np.zeros(SMALL.size)
+
+    def recursion(gamma: float) -> Callable[[], object]:
+        return lambda: observe(trajectory, part.time, part.segments, point, SMALL, gain.L, gamma, x_0, theta)
+
+    def with_scheduling() -> object:
+        found = engine.trajectory(calmed(engine, part, settings.smoothing)[0], gain.outputs)
+        return observe(found, part.time, part.segments, point, SMALL, gain.L, 0.0, x_0, theta)
+
+    kalman, noise = config.ekf, [*gain.outputs, engine.sensor]
+    R = np.array([config.ekf.measurement_noise[name] for name in noise]) ** 2
+    Q = np.array([config.ekf.process_noise[name] for name in engine.state_names]) ** 2
+    rng = np.random.default_rng(1)
+    everywhere = rng.uniform(0.0, 56.0, N), rng.uniform(0.0, 3000.0, N)
+
+    def filtered(state: ekf.KalmanState, where: tuple[Array, Array]) -> ekf.KalmanState:
+        return ekf.adapt(state, trajectory, part.time, part.segments, where, SMALL, R, Q, kalman.map_drift, x_0)
+
+    full = filtered(ekf.start(SMALL, kalman), everywhere)
+    if not full.P.all():
+        raise RuntimeError("the covariance is not full; the filter would be flattered")
+    timed = {
+        "recursion: solve and four cells": least(recursion(2.0), N, 10 * ROUNDS),
+        "the same, map frozen": least(recursion(0.0), N, 10 * ROUNDS),
+        "smoothing": least(lambda: calmed(engine, part, settings.smoothing), N, 3 * ROUNDS),
+        "scheduling parameters, A, E, C": least(lambda: engine.trajectory(calm, gain.outputs), N, 3 * ROUNDS),
+        "recursion with smoothing and all scheduling": least(with_scheduling, N, 3 * ROUNDS),
+        "both balances and their slopes": least(lambda: engine.balances(calm, rates, tuple(settings.tolerance)), N),
+        "default method, all of it": least(
+            lambda: inform(engine, config.grid(), gain, log, _limited(config)), len(log), 3
+        ),
+        "Kalman filter, 3 + 195 states, all nodes correlated": least(lambda: filtered(full, point), N, 3),
+        "the same recursion in NumPy": least(lambda: plain(trajectory, part.time, point, SMALL, gain.L, 2.0), N, 1),
+    }
+    base = timed["recursion: solve and four cells"]
+    return [
+        [name, f"{value:.0f}" if value >= 100 else f"{value:.1f}", f"{value / base:.1f}"]
+        for name, value in timed.items()
+    ]
+
+
+def rivals(config: Config) -> list[list[str]]:
+    """Return time, memory of the working set and error of each method on the same log."""
+    engine, gain, grid, settings = Diesel(config.engine), state_gain(config), config.grid(), _limited(config)
+    d = drive(config, "etc_part1", 1)
+    log = d.log
+    p = grid.size
+    rows = []
+    methods: dict[str, tuple[Callable[[], Array], int]] = {
+        "observer, default": (
+            lambda: estimate_default(engine, grid, gain, [log], settings).theta,
+            _working_set(config),
+        ),
+        "extended Kalman filter": (
+            lambda: estimate_ekf(engine, grid, gain, [log], config.ekf, settings).theta,
+            8 * (3 + p) ** 2,
+        ),
+        "batch least squares": (lambda: estimate_batch(engine, grid, gain, [log], settings).theta, 8 * p * p),
+    }
+    for name, (method, memory) in methods.items():
+        begin = time.perf_counter()
+        theta = method()
+        first = time.perf_counter() - begin
+        error = asdict(compare(grid, theta, log["u_delta"], log["n_e"], d.delta_W_c))
+        took = least(method, len(log), 3)
+        cells = [
+            f"{took:.0f}",
+            f"{1e3 * first:.0f}",
+            f"{memory / 2**20:.2f}",
+            f"{100 * error['mean_relative_error']:.2f}",
+        ]
+        rows.append([name, *cells])
+    return rows
+
+
+def _working_set(config: Config) -> int:
+    """Return the bytes that the default method carries along a log."""
+    return sum(array.nbytes for array in no_sums(config.grid(), 2, len(_limited(config).tolerance)))
+
+
+def _limited(config: Config) -> EstimateSettings:
+    return config.estimate.limited_to(Diesel(config.engine).balance_constants)
+
+
+def _cut(log: Log, first: int, N: int) -> Log:
+    part = slice(first, first + N)
+    channels = {name: column[part] for name, column in log.channels.items()}
+    return Log(log.name, log.sha256, log.time[part], channels, {}, ((0, N),), log.rows[part], log.defects)
+
+
+def commands(config: Config, folder: Path) -> list[list[str]]:
+    """Return wall times of the command line from shell to shell."""
+    if config.simulation is None:
+        raise ValueError("the configuration has no simulation")
+    logs = []
+    for cycle in CYCLES:
+        made = simulate(config.engine, config.simulation, cycle, seed=1)
+        logs.append(folder / f"{cycle}.parquet")
+        write_log(logs[-1], made.channels, made.units)
+    gain, out = folder / "gain.h5", folder / "r.h5"
+    if watch(["synth-gain", "--config", CONFIG, *logs, "--out", gain]).code:
+        raise RuntimeError("no gain")
+    estimate = ["estimate", "--config", CONFIG, "--gain", gain, "--out", out]
+    cold = {"NUMBA_CACHE_DIR": str(folder / "cold"), "PYTHONDONTWRITEBYTECODE": "1"}
+    rows = [["`estimate`, one log of 30 min, nothing compiled yet", *_row(watch([*estimate, logs[0]], cold))]]
+    for name, arguments in (
+        ("`--help`", ["--help"]),
+        ("`--version`", ["--version"]),
+        ("`estimate`, one log of 30 min (180 001 samples)", [*estimate, logs[0]]),
+        ("`estimate`, three cycles (485 403 samples)", [*estimate, *logs]),
+    ):
+        watch(arguments)
+        rows.append([name, *_row(min((watch(arguments) for _ in range(5)), key=lambda one: one.seconds))])
+    return rows
+
+
+def chain(folder: Path) -> list[list[str]]:
+    """Return, for the verbs of `make run`, the time from shell to shell and the time in a process that has done it before."""
+    log, gain, out = folder / "etc_part1.parquet", folder / "g.h5", folder / "m.h5"
+    rows = []
+    for verb in (
+        ["simulate", "--config", CONFIG, "--cycle", "etc_part1", "--out", log],
+        ["synth-gain", "--config", CONFIG, log, "--out", gain],
+        ["verify", gain],
+        ["estimate", "--config", CONFIG, "--gain", gain, log, "--out", out],
+        ["extrapolate", out],
+        ["report", out, log, "--html", folder / "r.html"],
+    ):
+        arguments = list(map(str, verb))
+        shell = min((watch(arguments) for _ in range(3)), key=lambda one: one.seconds)
+        times = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+                app(arguments, standalone_mode=False)
+            times.append(time.perf_counter() - begin)
+        computing = min(times)
+        rows.append([f"`{verb[0]}`", f"{shell.seconds:.2f}", f"{computing:.2f}", f"{shell.seconds - computing:.2f}"])
+    return rows
+
+
+def _row(found: Watched) -> list[str]:
+    if found.code:
+        raise RuntimeError("a command failed")
+    return [f"{found.seconds:.2f}", f"{found.processor:.2f}", f"{found.memory / 2**20:.0f}"]
+
+
+def main() -> None:
+    """Print and keep the tables."""
+    config = configuration()
+    log = drive(config, "etc", 1).log
+    text = "## Kernels, one core\n\n"
+    text += markdown(["per sample", "ns", "over the recursion"], kernels(config, log))
+    text += f"\n\nOn {BLOCK} samples of the ETC surrogate at 100 Hz, 15 x 13 nodes; least of several rounds.\n\n"
+    text += "## Methods on one log, 15 x 17 nodes\n\n"
+    header = ["method", "ns per sample", "first call, ms", "memory carried along, MB", "mean relative error, %"]
+    text += markdown(header, rivals(config))
+    text += "\n\n## Commands, from shell to shell\n\n"
+    with tempfile.TemporaryDirectory() as folder:
+        text += markdown(["command", "s", "processor s", "memory, MB"], commands(config, Path(folder)))
+        text += "\n\n## Where the time of `make run` goes: one cycle of 600 s\n\n"
+        header = ["verb", "s, from shell to shell", "computing, s", "starting, s"]
+        text += markdown(header, chain(Path(folder)))
+    text += (
+        "\n\nCommands: warm but for the first line; least of five and of three, because the others show the machine's other users. "
+        "Starting is loading Python, its libraries and the compiled kernels, and is the same for a log of any length."
+    )
+    publish("speed", "Speed", text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
