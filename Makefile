@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench docs kill clean
+.PHONY: help setup run test lint bench docs kill fuzz clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -25,6 +25,7 @@ help:
 	@echo 'make lint    ruff and mypy'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
+	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
 	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
 	@echo 'make clean   removes $(BUILD)'
 
@@ -99,6 +100,10 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/surfaces.py
 	$(VENV)/bin/python benchmarks/mismatch.py
 	$(VENV)/bin/python benchmarks/intervals.py
+
+fuzz: $(VENV)/.ready
+	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --number $(or $(NUMBER),100000)
+	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --command-line $(or $(COMMANDS),2000)
 
 kill: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)

@@ -45,4 +45,12 @@ class Provenance:
 def read_provenance(file: h5py.File) -> Provenance:
     """Return the inputs and the configuration behind a stored result."""
     attributes = file["provenance"].attrs
-    return Provenance(json.loads(attributes["inputs_sha256"]), str(attributes["config"]))
+    return Provenance(table_of(attributes["inputs_sha256"]), str(attributes["config"]))
+
+
+def table_of(text: str) -> dict[str, str]:
+    """Return a JSON object of strings; raises ValueError for anything else."""
+    found = json.loads(text)
+    if not isinstance(found, dict):
+        raise ValueError("expected a table of strings")
+    return {str(key): str(value) for key, value in found.items()}
