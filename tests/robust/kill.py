@@ -26,6 +26,7 @@ PROFILE = """
 schema = 1
 [time]
 source = "time"
+unit = "s"
 [channels.n_e]
 source = "speed"
 unit = "rpm"
