@@ -37,9 +37,12 @@ class Provenance:
         group.attrs["inputs_sha256"] = json.dumps(dict(self.inputs))
         group.attrs["config"] = self.config
         group.attrs["command_line"] = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-        group.attrs["versions"] = json.dumps(
-            {"lpvobs": __version__, "python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
-        )
+        group.attrs["versions"] = json.dumps(versions())
+
+
+def versions() -> dict[str, str]:
+    """Return the version of the package, of Python, and of the libraries that numbers depend on."""
+    return {"lpvobs": __version__, "python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
 
 
 def read_provenance(file: h5py.File) -> Provenance:
