@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench docs kill clean
+.PHONY: help setup run test lint bench docs kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -25,6 +25,9 @@ help:
 	@echo 'make lint    ruff and mypy'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
+	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
+	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
+	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler'
 	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
 	@echo 'make clean   removes $(BUILD)'
 
@@ -101,6 +104,16 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/intervals.py
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
+
+mutants: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/mutants.py --number $(or $(NUMBER),300)
+
+matrix: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/matrix.py
+
+fuzz: $(VENV)/.ready
+	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --number $(or $(NUMBER),100000)
+	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --command-line $(or $(COMMANDS),2000)
 
 kill: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)

@@ -12,9 +12,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "lpvobs"
 ROOMS = (
-    "errors", "records", "airpath", "maps", "synthesis", "observer", "discovery", "simulation", "io", "steps", "report", "cli",
+    "errors", "records", "airpath", "maps", "synthesis", "observer", "discovery", "simulation", "io", "steps", "selftest",
+    "report", "cli",
 )  # fmt: skip
-FORBIDDEN = {"steps": {"report", "cli"}}
+FORBIDDEN = {"steps": {"report", "cli"}, "selftest": {"report", "cli"}}
 HEAVY = {"numpy", "numba", "pandas", "pyarrow", "h5py", "cvxpy", "matplotlib", "scipy", "jinja2", "pint"}
 
 

@@ -16,6 +16,7 @@ from lpvobs.cli import (
     profile,
     refine,
     report,
+    selftest,
     simulate,
     synth_gain,
     trace,
@@ -43,6 +44,7 @@ app.command("trace", short_help="Find what the model lacks, from its residual.")
 app.command("refine", short_help="Add what is proven, estimate again, error before and after.")(refine.refine)
 app.command("export", short_help="Write the map for calibration tools: DCM, CSV, netCDF.")(export.export)
 app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
+app.command("selftest", short_help="Try the installed package on cases with known answers.")(selftest.selftest)
 
 
 def _version(wanted: bool) -> None:

@@ -4,6 +4,7 @@ What the record does not know is refused with the nearest key that exists; what 
 """
 
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -16,11 +17,18 @@ import msgspec
 from lpvobs.errors import UsageError
 
 Record = TypeVar("Record")
+MOST_BYTES = 2**18
+_ENDLESS_KEY = re.compile(r"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){32}")
+"""A key of so many parts; the parser's time grows with the square of their number."""
 
 
 def read_text(path: Path) -> str:
     """Return the text of a TOML file, or say why it cannot be read."""
     try:
+        if path.is_file() and path.stat().st_size > MOST_BYTES:
+            raise UsageError(f"{path}: is larger than {MOST_BYTES} bytes, which no configuration is; name a TOML file")
+        if path.exists() and not path.is_file():
+            raise UsageError(f"{path}: cannot be read (not a regular file); name a TOML file")
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be read ({error.strerror}); name a TOML file") from None
@@ -30,9 +38,13 @@ def read_text(path: Path) -> str:
 
 def parse(text: str, path: Path) -> dict[str, Any]:
     """Return the document in a TOML text; `path` names it in errors."""
+    if _ENDLESS_KEY.search(text):
+        raise UsageError(f"{path}: has a key of more than 32 parts, which no configuration has; mend that line")
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise UsageError(f"{path}: nests brackets deeper than any configuration; mend that line") from None
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
 
 

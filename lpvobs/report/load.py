@@ -1,6 +1,5 @@
 """What a report is made of: results, and the logs that belong to them."""
 
-import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from lpvobs.airpath.engines import AIR_PATHS
 from lpvobs.errors import DataError
 from lpvobs.io.hdf import reading
 from lpvobs.io.logs import LogPolicies, References, file_digest, read_log, read_references
+from lpvobs.io.provenance import table_of
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
@@ -99,7 +99,7 @@ def read_origin(path: Path) -> Origin:
     """Return what a result says of its own making; raises DataError as `read_result` does."""
     with reading(path, KIND, REMEDY) as file:
         attributes = file["provenance"].attrs
-        return Origin(str(attributes["command_line"]), json.loads(attributes["versions"]))
+        return Origin(str(attributes["command_line"]), table_of(attributes["versions"]))
 
 
 def _refuse_absent(paths: Sequence[Path]) -> None:
@@ -121,4 +121,7 @@ def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> Loade
 
 def _policies(result: StoredResult) -> LogPolicies:
     """Return the policies that the log was read with when the result was made."""
-    return LogPolicies(**tomllib.loads(result.provenance.config).get("policies", {}))
+    try:
+        return LogPolicies(**tomllib.loads(result.provenance.config).get("policies", {}))
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise DataError(f"{result.path}: damaged configuration in it ({error}); {REMEDY}") from None

@@ -40,6 +40,9 @@ ENGINE_COLUMNS = ("time_s", "speed_norm_pct", "torque_norm_pct", "motoring")
 LONGEST = 1e5
 """[s], more than a day of driving: beyond that the time column is not in seconds."""
 
+LARGEST = 2**26
+"""[bytes] of a table, ten times what a day at one row per second takes."""
+
 
 @dataclass(frozen=True)
 class SpeedCycle:
@@ -160,6 +163,8 @@ def _without_motoring(torque: list[str], motoring: list[str]) -> list[str]:
 
 def _columns(path: Path) -> dict[str, list[str]]:
     """Return the columns of a CSV file with a header, as text."""
+    if path.exists() and not (path.is_file() and path.stat().st_size <= LARGEST):
+        raise UsageError(f"{path}: is no file of at most {LARGEST} bytes; name a cycle or a CSV table")
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             header, *rows = [row for row in csv.reader(stream) if row]

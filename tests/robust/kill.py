@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -25,6 +26,7 @@ PROFILE = """
 schema = 1
 [time]
 source = "time"
+unit = "s"
 [channels.n_e]
 source = "speed"
 unit = "rpm"
@@ -36,24 +38,28 @@ LIMIT = 120.0
 
 @dataclass(frozen=True)
 class Verb:
-    """A command line with the file that it writes; `source` is what stands there before where the verb changes it in place."""
+    """A command line with the file that it writes; `source` is what stands there before where the verb changes it in place.
+
+    `share` says how many of the kills it gets; those that take seconds get fewer.
+    """
 
     name: str
     arguments: tuple[str, ...]
     target: str
     source: str | None = None
+    share: int = 10
 
 
 CONFIGURED = ("--config", "diesel.toml")
 VERBS = (
-    Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet"),
+    Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet", share=4),
     Verb("ingest", ("ingest", SOURCE, "--profile", "profile.toml", "--out", "o.parquet"), "o.parquet"),
-    Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5", share=5),
     Verb("estimate", ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
-    Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5"),
-    Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5"),
-    Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
-    Verb("report", ("report", "result.h5", "log.parquet", "--html", "o.html"), "o.html"),
+    Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5", share=15),
+    Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5", share=5),
+    Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5", share=5),
+    Verb("report", ("report", "result.h5", "log.parquet", "--html", "o.html"), "o.html", share=5),
     Verb("export", ("export", "filled.h5", "--format", "dcm", "--out", "o.dcm"), "o.dcm"),
     Verb("export netcdf", ("export", "filled.h5", "--format", "netcdf", "--out", "o.nc"), "o.nc"),
 )  # fmt: skip
@@ -198,8 +204,12 @@ def run(number: int, seed: int, names: list[str] | None = None, say: Callable[[s
         folder = Path(name)
         prepare(folder)
         warm()
-        share = [number // len(chosen) + (place < number % len(chosen)) for place in range(len(chosen))]
-        return sum(trials(verb, folder, many, rng, say) for verb, many in zip(chosen, share, strict=True))
+        ends = [
+            round(number * total / sum(verb.share for verb in chosen))
+            for total in accumulate(verb.share for verb in chosen)
+        ]
+        many = [stop - start for start, stop in pairwise([0, *ends])]
+        return sum(trials(verb, folder, part, rng, say) for verb, part in zip(chosen, many, strict=True))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,54 @@
+"""`lpvobs selftest`."""
+
+import typer
+
+from lpvobs.cli.common import JsonOption, guarded, print_json, progress, say, table
+
+VERDICTS = {True: "pass", False: "FAIL"}
+
+
+@guarded
+def selftest(as_json: JsonOption = False) -> None:
+    """Try the installed package on cases whose answers are known, for those who must qualify their tools.
+
+    Exit code 1 if an answer is wrong. Needs no files and leaves none.
+
+    Example: lpvobs selftest
+    """
+    from lpvobs.errors import NotProven
+    from lpvobs.io.provenance import versions
+    from lpvobs.selftest.cases import CASES
+    from lpvobs.selftest.rows import rows_of
+
+    rows = []
+    with progress("testing") as report:
+        for done, (name, case) in enumerate(CASES.items()):
+            rows += list(rows_of(name, case))
+            report((done + 1) / len(CASES))
+    failed = [row for row in rows if not row.passed]
+    if as_json:
+        content = [
+            {
+                "case": row.case, "basis": row.basis, "expected": row.expected, "found": row.found,
+                "tolerance": row.tolerance, "unit": row.unit, "passed": row.passed, "note": row.note,
+            }
+            for row in rows
+        ]  # fmt: skip
+        print_json("selftest", {"passed": not failed, "cases": content, "versions": versions()})
+    else:
+        lines = [
+            [
+                row.case,
+                *(f"{number:.6g}" for number in (row.expected, row.found, row.tolerance)),
+                row.unit,
+                VERDICTS[row.passed],
+            ]
+            for row in rows
+        ]
+        print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
+        say(", ".join(f"{name} {number}" for name, number in versions().items()))
+        for row in failed:
+            say(f"{row.case}: {row.note or 'a wrong answer'}")
+        say(f"{len(rows) - len(failed)} of {len(rows)} passed")
+    if failed:
+        raise typer.Exit(NotProven.exit_code)

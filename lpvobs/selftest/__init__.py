@@ -1,0 +1,1 @@
+"""The installed package against cases whose answers are known beforehand."""

@@ -1,0 +1,204 @@
+"""The cases of the self-test. Answers are the paper's numbers, formulas written down anew, or exact by construction."""
+
+import json
+import tempfile
+from collections.abc import Iterator
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvobs.airpath.diesel import Diesel
+from lpvobs.errors import DataError
+from lpvobs.io.config import Config, load_config
+from lpvobs.io.gains import StoredGain, read_gain, write_gain
+from lpvobs.io.logs import write_log
+from lpvobs.io.provenance import Provenance
+from lpvobs.io.results import StoredResult, read_result
+from lpvobs.io.units import convert
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import PAPER, evaluate, fit
+from lpvobs.selftest.drive import drive, known_map
+from lpvobs.selftest.rows import Case, Row
+from lpvobs.steps.estimate import estimate_logs
+from lpvobs.steps.extrapolate import extrapolate_result
+from lpvobs.synthesis.certificate import Certificate, check
+from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.published import EPSILON, TABLE_1, published_gain
+from lpvobs.synthesis.region import Region
+
+UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
+    name: channel.unit for name, channel in Diesel.channels.items()
+}
+METHODS = {"observer": 5e-5, "batch": 1e-9}
+"""Tolerance of a node, [kg/s], of a map that reaches 3e-3: smoothing costs a fifth of it; without, rounding is left."""
+
+
+def shipped_config() -> tuple[Config, str]:
+    """Return configs/diesel.toml as it was shipped: inside the package where it is installed, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "configs"
+    return load_config((inside if inside.is_dir() else package.parent / "configs") / "diesel.toml")
+
+
+def units() -> Iterator[Row]:
+    """Yield conversions that everyone knows."""
+    for value, unit, wanted, expected in (
+        (101.325, "kPa", "Pa", 101_325.0),
+        (25.0, "degC", "K", 298.15),
+        (36.0, "kg/h", "kg/s", 0.01),
+        (7.5, "mg/stroke", "mg/cycle", 7.5),
+        (600.0, "rpm", "rad/s", 62.83185307179586),
+    ):
+        found = convert(np.array([value]), unit, wanted)
+        yield Row(f"{value:g} {unit}", "definition", expected, float(found[0]), 1e-12 * expected, wanted)
+
+
+def interpolation() -> Iterator[Row]:
+    """Yield the weights of Eq. (10) to (13) at places where they are told by looking."""
+    grid = Grid(np.array([0.0, 4.0, 8.0]), np.array([0.0, 250.0, 500.0]))
+    theta = np.arange(9.0)
+    for where, u, n, expected in (
+        ("a node", 4.0, 250.0, 4.0),
+        ("the middle of a cell", 2.0, 125.0, 2.0),
+        ("an edge", 6.0, 500.0, 7.5),
+        ("outside, where the map is held", 20.0, 9000.0, 8.0),
+    ):
+        found = grid.interpolate(theta, np.array([u]), np.array([n]))
+        yield Row(f"bilinear map at {where}", "by hand", expected, float(found[0]), 1e-12)
+
+
+def quadratic() -> Iterator[Row]:
+    """Yield Eq. (39) and (40): found again from the nodes that a drive informs, and their contradiction outside."""
+    grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+    u, n = np.meshgrid(grid.u_delta, grid.n_e)
+    supported = (u <= 32.0) & (n >= 750.0) & (n <= 2500.0)
+    places = {"ETC part 1, Eq. (39)": -0.007, "FTP75 cold transient, Eq. (40)": 0.0118}
+    for name, coefficients in PAPER.items():
+        known = evaluate(np.array(coefficients), u, n)
+        fitted = fit(grid, np.where(supported, known, np.nan), 1e-10 * np.eye(grid.size), supported)
+        worst = float(np.max(np.abs(fitted.coefficients / np.array(coefficients) - 1.0)))
+        yield Row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
+        at = int(np.searchsorted(grid.n_e, 2000.0)), int(np.searchsorted(grid.u_delta, 56.0))
+        yield Row(
+            f"56 mg/cycle, 2000 rpm, {name}",
+            "the paper, by hand",
+            places[name],
+            float(fitted.delta_W_c[at]),
+            5e-5,
+            "kg/s",
+        )
+
+
+def published() -> Iterator[Row]:
+    """Yield the proof of the paper's own L of Eq. (38) on Table 1, and that the proof can fail."""
+    config, _ = shipped_config()
+    path, known = config.engine_path(), _known()["published"]
+    still = path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})
+    for column, rho in TABLE_1.items():
+        lower, upper = zip(*rho, *still.values(), strict=True)
+        region = Region(path.parameter_names, tuple(map(float, lower)), tuple(map(float, upper)))
+        for what, L, expected in (
+            ("proven", published_gain(), 1.0),
+            ("refused with one sign changed", published_gain() * np.array([[-1.0, 1, 1], [1, 1, 1], [1, 1, 1]]), 0.0),
+        ):
+            proof = _proof(("p_im", "omega_t"), region, L, known[column], EPSILON)
+            yield Row(
+                f"L of Eq. (38) on Table 1, {column}: {what}", "exact arithmetic", expected, float(proof.proven), 0.0
+            )
+
+
+def default_gain() -> Iterator[Row]:
+    """Yield the proof of a shipped gain with p_em as an output on the hull of Table 1, temperatures moving."""
+    gain = _shipped_gain()
+    again = _proof(("p_im", "p_em", "omega_t"), gain.region, gain.L, _known()["default"], (gain.eps_1, gain.eps_2))
+    yield Row("shipped gain: Theorem 1", "exact arithmetic", 1.0, float(again.proven), 0.0)
+    yield Row("shipped gain: vertices", "two to the seventh", 128.0, float(again.vertices), 0.0)
+
+
+def chain() -> Iterator[Row]:
+    """Yield the map of a drive by formula, through files and back: log, gain, estimate, extrapolation, result."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config, text = shipped_config()
+        stored, log = _files(folder, config, text)
+        for method, tolerance in METHODS.items():
+            result = _estimated(folder, config, text, stored, log, method)
+            error = (result.theta - known_map(result.grid))[result.supported]
+            yield Row(f"known map, method {method}: nodes", "by construction", 1.0, float(error.size >= 100), 0.0)
+            worst = float(np.max(np.abs(error)))
+            yield Row(f"known map, method {method}: worst node", "by construction", 0.0, worst, tolerance, "kg/s")
+            (summary,) = result.logs
+            rmse = summary.metrics.rmse if summary.metrics else float("nan")
+            yield Row(
+                f"known map, method {method}: rmse along the drive", "by construction", 0.0, rmse, tolerance, "kg/s"
+            )
+        yield from _damage(folder)
+
+
+def _damage(folder: Path) -> Iterator[Row]:
+    """Yield that one changed byte in a gain is noticed."""
+    path = folder / "gain.h5"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    try:
+        read_gain(path)
+        noticed = 0.0
+    except DataError:
+        noticed = 1.0
+    yield Row("a gain file with one bit changed is refused", "checksum", 1.0, noticed, 0.0)
+
+
+CASES: dict[str, Case] = {
+    "units": units,
+    "interpolation": interpolation,
+    "quadratic": quadratic,
+    "published gain": published,
+    "default gain": default_gain,
+    "chain": chain,
+}
+
+
+def _known() -> dict[str, Any]:
+    return dict(json.loads((files("lpvobs.selftest") / "known.json").read_text(encoding="utf-8")))
+
+
+def _proof(
+    outputs: tuple[str, ...], region: Region, L: Any, known: dict[str, Any], epsilon: tuple[float, float]
+) -> Certificate:
+    problem = Problem(partial(Diesel.system, outputs=outputs), region, len(outputs))
+    return check(problem, L, np.array(known["P"]), np.array(known["Q"]), *epsilon)
+
+
+def _shipped_gain() -> Gain:
+    known = _known()["default"]
+    region = Region(tuple(known["names"]), tuple(known["lower"]), tuple(known["upper"]))
+    L, P, Q = (np.array(known[name]) for name in ("L", "P", "Q"))
+    outputs = tuple(known["outputs"])
+    problem = Problem(partial(Diesel.system, outputs=outputs), region, len(outputs))
+    proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"], falling_gain=True)
+    return Gain(L, P, Q, known["eps_1"], known["eps_2"], region, proof)
+
+
+def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
+    """Write the log and the gain; return the gain as it is read back, and the log's path."""
+    path = config.engine_path()
+    channels = drive(config.engine, config.grid())
+    write_log(folder / "known.parquet", channels, UNITS)
+    outputs = tuple(_known()["default"]["outputs"])
+    made = StoredGain(
+        "shipped", path.name, dict(path.engine_constants()), path.state_names, outputs, _shipped_gain(), {}
+    )
+    write_gain(folder / "gain.h5", made, Provenance({}, text))
+    return read_gain(folder / "gain.h5"), folder / "known.parquet"
+
+
+def _estimated(folder: Path, config: Config, text: str, stored: StoredGain, log: Path, method: str) -> StoredResult:
+    out = folder / f"{method}.h5"
+    estimate_logs(config, text, stored, [log], out, method, lambda done: None)
+    extrapolate_result(out)
+    return read_result(out)

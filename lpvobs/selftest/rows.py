@@ -1,0 +1,49 @@
+"""A check with its answer: what was expected, what came out, how far apart they may lie."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes
+    ----------
+    case : str
+        What is examined.
+    basis : str
+        Where the answer comes from.
+    expected, found : float
+        In `unit`; yes and no are one and zero.
+    tolerance : float
+        Largest difference that passes.
+    unit : str
+    note : str
+        What went wrong, where no number came out at all.
+    """
+
+    case: str
+    basis: str
+    expected: float
+    found: float
+    tolerance: float
+    unit: str = "1"
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the answer is right; what is not a number never is."""
+        return abs(self.found - self.expected) <= self.tolerance
+
+
+Case = Callable[[], Iterable[Row]]
+
+
+def rows_of(name: str, case: Case) -> Iterator[Row]:
+    """Yield the rows of a case; one that fails where it stands if the case ends in an exception."""
+    try:
+        yield from case()
+    except Exception as error:  # whatever is broken in the installation belongs into the table
+        note = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        yield Row(name, "runs at all", 1.0, 0.0, 0.0, note=note)
