@@ -64,7 +64,7 @@ def estimate_refined(
     NotProven
         If an effect adds a state and the larger observer cannot be proven.
     """
-    engine = scaled(config.engine, constants)
+    engine = scaled(config.diesel, constants)
     air_path, grid = replace(config, engine=engine).engine_path(), config.grid()
     settings = config.estimate.limited_to(air_path.balance_constants)
     refined = Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, settings.smoothing, effects)

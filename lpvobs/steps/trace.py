@@ -210,7 +210,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     )
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
-    prior, tolerance, plant = _prior(config, stored, frozen), config.estimate.tolerance, diesel_plant(config.engine)
+    prior, tolerance, plant = _prior(config, stored, frozen), config.estimate.tolerance, diesel_plant(config.diesel)
     if refined is not None and not any(effect.took_part(logs) for effect in refined.effects):
         plant, prior, tolerance = _moved(plant, prior, tolerance, refined)
     had = () if refined is None else refined.effects

@@ -1,0 +1,197 @@
+"""The constants and curves of a throttled engine from a healthy log: one robust linear least-squares problem.
+
+Over every block, with s = dp / (R T) the mean storage per volume,
+
+    sum_j area_j <h_j p_ic Psi / sqrt(R T)>     + V_ic s_ic               = <W_maf>      (throttle)
+    sum_j eta_j  <h_j p_im n V_d / (120 R T)>   + V_ic s_ic + V_im s_im   = <W_maf>      (filling)
+    sum_j fuel_j <h_j m_f n n_cyl / 120>        + V_ic s_ic + V_im s_im   = <W_maf>      (fuel)
+
+with h_j the interpolation weights of the nodes. The sensor is taken for right, so a constant error of the sensor on that very log
+goes into the curves. Unknowns are relative to a first guess; second differences from node to node are small beforehand.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.airpath import throttled_relations as relation
+from lpvobs.airpath.curves import roughness, slopes, surface_roughness
+from lpvobs.airpath.throttled_blocks import Blocks, blocks_of
+from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Log
+
+LEAST_FLOW = 5e-4
+"""[kg/s]; below it a relative error says nothing."""
+LEAST_BLOCKS = 60
+ROBUST = 4.0
+"""Degrees of freedom of the error's distribution: transients leave long tails."""
+PASSES = 8
+LOOSE = 0.5
+"""Standard deviation of the relative first difference between neighbouring nodes, and of the level."""
+FIRST_ERROR = 0.05
+"""Relative error of a balance before anything is known of it."""
+SHARED = 3.0
+"""Blocks that share an error: neighbours are not independent."""
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """One balance over B blocks: sum of curve columns and volumes, both over the flow."""
+
+    columns: Array
+    volumes: Array
+    guess: Array
+    prior: Array
+
+
+def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
+    """Return what healthy logs tell of an engine.
+
+    Parameters
+    ----------
+    engine : ThrottledEngine
+    logs : sequence of Log
+        With every channel of the air path.
+    use : sequence of ndarray of bool, optional
+        For each log, which of the blocks of `blocks_of` may be used; all by default.
+
+    Raises
+    ------
+    DataError
+        If there are too few blocks with flow.
+    """
+    parts = [_columns(engine, log, blocks_of(log), None if use is None else use[i]) for i, log in enumerate(logs)]
+    if sum(part[0][1].shape[0] for part in parts) < LEAST_BLOCKS:
+        names = ", ".join(log.name for log in logs)
+        raise DataError(
+            f"{names}: under {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s with flow; an engine needs minutes of "
+            f"driving to be learned, give a longer healthy log"
+        )
+    joined = [np.concatenate([part[b][0] for part in parts]) for b in range(3)]
+    volumes = [np.concatenate([part[b][1] for part in parts]) for b in range(3)]
+    balances = [
+        _Balance(columns * guess, volume, guess, prior)
+        for columns, volume, (guess, prior) in zip(joined, volumes, _guesses(engine, joined), strict=True)
+    ]
+    deviation, covariance = _solve(engine, balances)
+    return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs))
+
+
+def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks, use: Array | None) -> list[tuple[Array, Array]]:
+    """Return for each balance its curve columns and its two volume columns, over the flow, for the blocks with flow."""
+    x, nodes = log.channels, engine.curves
+    flow = blocks.mean(x["W_maf"])
+    good = flow > LEAST_FLOW
+    if use is not None:
+        good &= np.asarray(use, dtype=bool)
+    RT = engine.air.R_a * blocks.mean(x["T_ic"])
+    ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
+    curves = (
+        blocks.sums(relation.throttle_nodes(engine, x), len(nodes.alpha_th), relation.throttle_per_area(engine, x)),
+        blocks.sums(relation.filling_nodes(engine, x), len(nodes.n_e) * len(nodes.p_im), relation.swept(engine, x)),
+        blocks.sums(
+            relation.fuel_nodes(engine, x), len(nodes.m_f) * len(nodes.fuel_n_e), relation.fuel_strokes(engine, x)
+        ),
+    )
+    flow = np.maximum(flow, LEAST_FLOW)
+    both = np.stack([ic, im], axis=1) / flow[:, None]
+    volumes = (both * np.array([1.0, 0.0]), both, both)
+    return [((c / flow[:, None])[good], v[good]) for c, v in zip(curves, volumes, strict=True)]
+
+
+def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """Return for each balance a first guess of its curve, and the rows of what is believed of deviations from it."""
+    nodes, bend = engine.curves, engine.curves.bend
+    area = _by_node(joined[0])
+    eta_vol, fuel = (np.full(c.shape[1], _by_level(c)) for c in joined[1:])
+    shapes = (
+        (roughness(area.size), slopes(1, area.size)),
+        (surface_roughness(len(nodes.n_e), len(nodes.p_im)), slopes(len(nodes.n_e), len(nodes.p_im))),
+        (surface_roughness(len(nodes.m_f), len(nodes.fuel_n_e)), slopes(len(nodes.m_f), len(nodes.fuel_n_e))),
+    )
+    return [
+        (guess, np.vstack([rough / bend, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
+        for guess, (rough, slope) in zip((area, eta_vol, fuel), shapes, strict=True)
+    ]
+
+
+def _by_level(columns: Array) -> float:
+    """Return the constant value of a curve that fits best in the median."""
+    return float(1.0 / np.median(columns.sum(1)))
+
+
+def _by_node(columns: Array) -> Array:
+    """Return a value for each node from the blocks it dominates; nodes without such blocks lie on a line between others."""
+    total = columns.sum(1)
+    share = columns / total[:, None]
+    number = np.arange(columns.shape[1])
+    seen = [share[:, j] > 0.5 for j in number]
+    known = np.array([int(np.count_nonzero(each)) >= 3 for each in seen])
+    if not known.any():
+        return np.full(number.size, float(1.0 / np.median(total)))
+    value = np.array(
+        [np.log(1.0 / np.median(total[each])) if ok else 0.0 for each, ok in zip(seen, known, strict=True)]
+    )
+    return np.asarray(np.exp(np.interp(number, number[known], value[known])))
+
+
+def _solve(engine: ThrottledEngine, balances: Sequence[_Balance]) -> tuple[Array, Array]:
+    """Return relative deviations from the guesses and their covariance: least squares with weights for long tails."""
+    g = engine.geometry
+    size = sum(b.guess.size for b in balances) + 2
+    volume = np.array([g.V_ic, g.V_im])
+    prior, offset, blocks = [], 0, []
+    for b in balances:
+        rows = np.zeros((b.prior.shape[0], size))
+        rows[:, offset : offset + b.guess.size] = b.prior
+        prior.append(rows)
+        X = np.zeros((b.columns.shape[0], size))
+        X[:, offset : offset + b.guess.size] = b.columns
+        X[:, -2:] = b.volumes * volume
+        blocks.append((X, 1.0 - b.columns.sum(1) - b.volumes @ volume))
+        offset += b.guess.size
+    prior.append(np.eye(size)[-2:] / g.volume_tolerance)
+    believed = np.vstack(prior)
+    normal_prior = believed.T @ believed
+    weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in blocks]
+    for _ in range(PASSES):
+        normal = normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(blocks, weights, strict=True)) / SHARED
+        right = sum((X * w[:, None]).T @ y for (X, y), w in zip(blocks, weights, strict=True)) / SHARED
+        deviation = np.linalg.solve(normal, right)
+        weights = [_robust(y - X @ deviation) for X, y in blocks]
+    return np.asarray(deviation), np.asarray(np.linalg.inv(normal), dtype=float)
+
+
+def _robust(residual: Array) -> Array:
+    """Return weights 1/variance, smaller for what lies far out."""
+    scale = max(1.48 * float(np.median(np.abs(residual))), 1e-4)
+    return np.asarray((ROBUST + 1.0) / (ROBUST + (residual / scale) ** 2) / scale**2)
+
+
+def _learned(
+    engine: ThrottledEngine,
+    balances: Sequence[_Balance],
+    deviation: Array,
+    covariance: Array,
+    sources: tuple[str, ...],
+) -> Learned:
+    nodes, g = engine.curves, engine.geometry
+    curves, offset = [], 0
+    for b in balances:
+        curves.append(b.guess * np.maximum(1.0 + deviation[offset : offset + b.guess.size], 0.05))
+        offset += b.guess.size
+    V_ic, V_im = (float(V * max(1.0 + d, 0.05)) for V, d in zip((g.V_ic, g.V_im), deviation[-2:], strict=True))
+    now = np.concatenate(
+        [np.concatenate(curves) / np.concatenate([b.guess for b in balances]), [V_ic / g.V_ic, V_im / g.V_im]]
+    )
+    return Learned(
+        area=curves[0],
+        eta_vol=curves[1].reshape(len(nodes.n_e), len(nodes.p_im)),
+        fuel=curves[2].reshape(len(nodes.m_f), len(nodes.fuel_n_e)),
+        V_ic=V_ic,
+        V_im=V_im,
+        covariance=covariance / np.outer(now, now),
+        sources=sources,
+    )
