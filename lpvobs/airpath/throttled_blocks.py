@@ -12,6 +12,8 @@ LENGTH = 2.0
 """[s] of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
 EDGE = 0.1
 """[s], half width of the mean that stands for a reading at the edge of a block."""
+HURRY = (0.3, 0.6, 0.85)
+"""Quantiles that part the classes of haste: fast changes blur every balance."""
 LEAST_FILLED = 0.7
 """Share of a block's typical number of samples that it must hold."""
 
@@ -31,7 +33,8 @@ class Blocks:
     block : ndarray of int, shape (n,)
         the block of each.
     edges : ndarray, shape (2, B)
-        [s], on the log's own clock.
+        [s], on the log's own clock: the times that the differences of a rate belong to, half a sample before the first and
+        after the last sample of the block.
     clock : ndarray, shape (N,)
         [s], the log's own clock.
     """
@@ -94,4 +97,12 @@ def blocks_of(log: Log, most: int = 1000) -> Blocks:
     place = np.cumsum(full) - 1
     stay = full[number]
     edges = np.stack([begin[full], begin[full] + length])
-    return Blocks(edges.mean(0) - log.time[0], length, sample[stay], place[number[stay]], edges, log.time)
+    half = 0.5 * float(np.median(np.diff(log.time)))
+    return Blocks(edges.mean(0) - log.time[0], length, sample[stay], place[number[stay]], edges - half, log.time)
+
+
+def haste_of(blocks: Blocks, log: Log) -> Array:
+    """Return how much pressure, speed and flow change within each block, relative to their means, shape (blocks,)."""
+    shown = [name for name in ("p_im", "n_e", "W_maf") if name in log.channels]
+    spreads = [blocks.spread(log[name]) / np.maximum(np.abs(blocks.mean(log[name])), 1e-12) for name in shown]
+    return np.asarray(np.max(np.stack(spreads), axis=0)) if spreads else np.zeros(blocks.count)

@@ -66,7 +66,10 @@ class CurveNodes:
     m_f, fuel_n_e : tuple of float
         [1], [rpm], of the air per unit of the fuel reading.
     bend : float
-        Standard deviation of the relative second difference from node to node.
+        Standard deviation of the relative second difference of throttle and filling from node to node.
+    fuel_bend : float
+        The same of the fuel, about the straight line of an injector with a dead time. Mixtures that are not stoichiometric
+        depend on more than fuel and speed: a loose surface would take them for the engine.
     """
 
     alpha_th: tuple[float, ...]
@@ -75,14 +78,15 @@ class CurveNodes:
     m_f: tuple[float, ...]
     fuel_n_e: tuple[float, ...]
     bend: float
+    fuel_bend: float
 
     def __post_init__(self) -> None:
         for name in ("alpha_th", "n_e", "p_im", "m_f", "fuel_n_e"):
             nodes = np.array(getattr(self, name))
             if nodes.size < 3 or not np.all(np.diff(nodes) > 0):
                 raise ValueError(f"{name} needs at least three nodes, rising")
-        if not self.bend > 0:
-            raise ValueError("bend must be positive")
+        if not min(self.bend, self.fuel_bend) > 0:
+            raise ValueError("bend and fuel_bend must be positive")
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lpvobs.airpath import throttled_relations as relation
 from lpvobs.airpath.curves import roughness, slopes, surface_roughness
-from lpvobs.airpath.throttled_blocks import Blocks, blocks_of
+from lpvobs.airpath.throttled_blocks import HURRY, Blocks, blocks_of, haste_of
 from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
@@ -62,8 +63,15 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
     DataError
         If there are too few blocks with flow.
     """
-    parts = [_columns(engine, log, blocks_of(log), None if use is None else use[i]) for i, log in enumerate(logs)]
-    if sum(part[0][1].shape[0] for part in parts) < LEAST_BLOCKS:
+    parts, hastes = [], []
+    for i, log in enumerate(logs):
+        blocks = blocks_of(log)
+        good = blocks.mean(log["W_maf"]) > LEAST_FLOW
+        if use is not None:
+            good &= use[i].astype(bool)
+        parts.append([(c[good], v[good]) for c, v in _columns(engine, log, blocks)])
+        hastes.append(haste_of(blocks, log)[good])
+    if sum(each.size for each in hastes) < LEAST_BLOCKS:
         names = ", ".join(log.name for log in logs)
         raise DataError(
             f"{names}: under {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s with flow; an engine needs minutes of "
@@ -75,17 +83,15 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
         _Balance(columns * guess, volume, guess, prior)
         for columns, volume, (guess, prior) in zip(joined, volumes, _guesses(engine, joined), strict=True)
     ]
-    deviation, covariance = _solve(engine, balances)
+    haste = np.concatenate(hastes)
+    deviation, covariance = _solve(engine, balances, np.searchsorted(np.quantile(haste, HURRY), haste))
     return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs))
 
 
-def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks, use: Array | None) -> list[tuple[Array, Array]]:
-    """Return for each balance its curve columns and its two volume columns, over the flow, for the blocks with flow."""
+def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Array, Array]]:
+    """Return for each balance its curve columns and its two volume columns over the flow, for every block."""
     x, nodes = log.channels, engine.curves
-    flow = blocks.mean(x["W_maf"])
-    good = flow > LEAST_FLOW
-    if use is not None:
-        good &= np.asarray(use, dtype=bool)
+    flow = np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
     RT = engine.air.R_a * blocks.mean(x["T_ic"])
     ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
     curves = (
@@ -95,17 +101,18 @@ def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks, use: Array | Non
             relation.fuel_nodes(engine, x), len(nodes.m_f) * len(nodes.fuel_n_e), relation.fuel_strokes(engine, x)
         ),
     )
-    flow = np.maximum(flow, LEAST_FLOW)
     both = np.stack([ic, im], axis=1) / flow[:, None]
     volumes = (both * np.array([1.0, 0.0]), both, both)
-    return [((c / flow[:, None])[good], v[good]) for c, v in zip(curves, volumes, strict=True)]
+    return [(c / flow[:, None], v) for c, v in zip(curves, volumes, strict=True)]
 
 
 def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Array, Array]]:
     """Return for each balance a first guess of its curve, and the rows of what is believed of deviations from it."""
-    nodes, bend = engine.curves, engine.curves.bend
+    nodes = engine.curves
     area = _by_node(joined[0])
-    eta_vol, fuel = (np.full(c.shape[1], _by_level(c)) for c in joined[1:])
+    eta_vol = np.full(joined[1].shape[1], _by_level(joined[1]))
+    fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
+    bends = (nodes.bend, nodes.bend, nodes.fuel_bend)
     shapes = (
         (roughness(area.size), slopes(1, area.size)),
         (surface_roughness(len(nodes.n_e), len(nodes.p_im)), slopes(len(nodes.n_e), len(nodes.p_im))),
@@ -113,13 +120,27 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
     )
     return [
         (guess, np.vstack([rough / bend, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
-        for guess, (rough, slope) in zip((area, eta_vol, fuel), shapes, strict=True)
+        for guess, bend, (rough, slope) in zip((area, eta_vol, fuel), bends, shapes, strict=True)
     ]
 
 
 def _by_level(columns: Array) -> float:
     """Return the constant value of a curve that fits best in the median."""
     return float(1.0 / np.median(columns.sum(1)))
+
+
+def _injector(m_f: Array, columns: Array) -> Array:
+    """Return the air per unit of the fuel reading of an injector with a dead time: air = k (m_f - m_0) at a constant mixture.
+
+    Robust in k and k m_0, which enter the balance linearly; shape (nodes,).
+    """
+    X = np.stack([columns.sum(1), -(columns / m_f).sum(1)], axis=1)
+    weight = np.ones(X.shape[0])
+    for _ in range(PASSES):
+        k, offset = np.linalg.lstsq(X * weight[:, None], weight, rcond=None)[0]
+        left = np.abs(1.0 - X @ np.array([k, offset]))
+        weight = 1.0 / np.sqrt(np.maximum(left, 0.1 * FIRST_ERROR))  # least absolute errors
+    return np.asarray(k * np.maximum(1.0 - offset / k / m_f, 0.3))
 
 
 def _by_node(columns: Array) -> Array:
@@ -137,8 +158,11 @@ def _by_node(columns: Array) -> Array:
     return np.asarray(np.exp(np.interp(number, number[known], value[known])))
 
 
-def _solve(engine: ThrottledEngine, balances: Sequence[_Balance]) -> tuple[Array, Array]:
-    """Return relative deviations from the guesses and their covariance: least squares with weights for long tails."""
+def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return relative deviations from the guesses and their covariance.
+
+    Least squares with weights for long tails, and a scale of its own for each class of haste, shape (blocks,).
+    """
     g = engine.geometry
     size = sum(b.guess.size for b in balances) + 2
     volume = np.array([g.V_ic, g.V_im])
@@ -160,13 +184,16 @@ def _solve(engine: ThrottledEngine, balances: Sequence[_Balance]) -> tuple[Array
         normal = normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(blocks, weights, strict=True)) / SHARED
         right = sum((X * w[:, None]).T @ y for (X, y), w in zip(blocks, weights, strict=True)) / SHARED
         deviation = np.linalg.solve(normal, right)
-        weights = [_robust(y - X @ deviation) for X, y in blocks]
+        weights = [_robust(y - X @ deviation, level) for X, y in blocks]
     return np.asarray(deviation), np.asarray(np.linalg.inv(normal), dtype=float)
 
 
-def _robust(residual: Array) -> Array:
-    """Return weights 1/variance, smaller for what lies far out."""
-    scale = max(1.48 * float(np.median(np.abs(residual))), 1e-4)
+def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
+    """Return weights 1/variance, smaller for what lies far out of its class."""
+    medians = np.array(
+        [np.median(np.abs(residual[level == c])) if np.any(level == c) else 0.0 for c in range(len(HURRY) + 1)]
+    )
+    scale = np.maximum(1.48 * medians, 1e-4)[level]
     return np.asarray((ROBUST + 1.0) / (ROBUST + (residual / scale) ** 2) / scale**2)
 
 

@@ -173,7 +173,11 @@ def _check_names(path: Path, config: Config) -> None:
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
     sums = [name for pair in config.gain.nonnegative_sums for name in pair]
     for table, found, known in (
-        ("estimate.tolerance", config.estimate.tolerance, tuple(air_path.engine_constants())),
+        (
+            "estimate.tolerance",
+            config.estimate.tolerance,
+            tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.balance_constants))),
+        ),
         ("gain.outputs", config.gain.outputs, states),
         ("gain.bounds", config.gain.bounds, rho),
         ("gain.nonnegative_sums", sums, air_path.parameter_names),
