@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvobs.airpath.throttled_blocks import HURRY, Blocks, blocks_of, haste_of
+from lpvobs.airpath.throttled_blocks import HURRY, blocks_of, haste_of
 from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
 from lpvobs.airpath.throttled_learning import learn
 from lpvobs.discovery.throttled_balances import BALANCES, CALM, imbalances, scene_of
