@@ -45,6 +45,8 @@ class Case:
         What an engine learned without the block says beyond `learned`; zero where the log taught nothing.
     own : bool
         Whether the log itself taught the engine: then what acts all the time belongs to it.
+    had : tuple of Term
+        Effects that are part of the model already.
     today : mapping of str to float
         Sizes of some of `DAILY` that are taken out of the signals.
     lift : ndarray, shape (blocks, 4)
@@ -59,6 +61,7 @@ class Case:
     blocks: Blocks
     shift: Array
     own: bool
+    had: tuple[Term, ...] = ()
     today: Mapping[str, float] = field(default_factory=dict)
     lift: Array | None = None
 
@@ -90,7 +93,8 @@ class Case:
         return tuple(e for e in CATALOGUE if all(channel in self.log.channels for channel in e.needs))
 
     def imbalances(self, terms: Sequence[Term]) -> Array:
-        """Return what is left of each balance with effects undone where they act, shape (blocks, 4)."""
+        """Return what is left of each balance with effects undone where they act, those of the model first, (blocks, 4)."""
+        terms = (*self.had, *terms)
         acting = np.zeros((len(terms), self.blocks.count), dtype=bool)
         for row, term in zip(acting, terms, strict=True):
             row[:] = self.acts(term.begin, term.end)

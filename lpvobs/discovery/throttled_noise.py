@@ -86,7 +86,7 @@ class HealthyErrors:
     calm_flow: float
 
 
-def held_out_imbalances(engine: ThrottledEngine, log: Log, others: Sequence[Log] = ()) -> list[tuple[Learned, Array]]:
+def held_out_engines(engine: ThrottledEngine, log: Log, others: Sequence[Log] = ()) -> list[tuple[Learned, Array]]:
     """Return, for each part of a log in turn, the engine learned without it, and which blocks are in it."""
     blocks = blocks_of(log)
     part = (blocks.time // CHUNK).astype(int) % FOLDS
@@ -104,7 +104,7 @@ def healthy_errors(engine: ThrottledEngine, logs: Sequence[Log]) -> HealthyError
     for i, log in enumerate(logs):
         blocks, scene = blocks_of(log), scene_of(log)
         own = np.zeros((blocks.count, len(BALANCES)))
-        for learned, out in held_out_imbalances(engine, log, [*logs[:i], *logs[i + 1 :]]):
+        for learned, out in held_out_engines(engine, log, [*logs[:i], *logs[i + 1 :]]):
             own[out] = imbalances(engine, learned, blocks, scene)[out]
         found.append(own)
         haste.append(haste_of(blocks, log))

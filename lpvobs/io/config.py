@@ -15,6 +15,7 @@ from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.diesel_engine import DieselEngine
 from lpvobs.airpath.throttled import Throttled
 from lpvobs.airpath.throttled_engine import ThrottledEngine
+from lpvobs.discovery.throttled_noise import DayToDay
 from lpvobs.errors import UsageError
 from lpvobs.io.logs import LogPolicies
 from lpvobs.io.strict import convert
@@ -99,6 +100,7 @@ class ThrottledConfig(Config):
     """That of a throttled engine."""
 
     engine: ThrottledEngine
+    trace: DayToDay = field(default_factory=DayToDay)
 
 
 KINDS: dict[str, type[Config]] = {Diesel.name: DieselConfig, Throttled.name: ThrottledConfig}

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from lpvobs.airpath.base import AirPath
@@ -25,6 +25,7 @@ from lpvobs.records import Log
 from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
 from lpvobs.steps.jobs import processors
 from lpvobs.steps.learning import learned_path
+from lpvobs.steps.throttled import engine_writer
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
@@ -89,7 +90,14 @@ def estimate_logs(
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
     provenance = Provenance(inputs, config_text)
-    further = partial(write_agreement, scatter=done.scatter, logs=done.agreement) if done.agreement else None
+    write_engine = engine_writer(config, air_path, paths)
+
+    def further(file: h5py.File) -> None:
+        if done.agreement:
+            write_agreement(file, scatter=done.scatter, logs=done.agreement)
+        if write_engine is not None:
+            write_engine(file)
+
     names = air_path.parameter_names
     write_result(out, air_path.name, axes, names, done.estimate, done.summaries, stored, provenance, further)
     remove_parts(out)

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.heldout import Comparison
@@ -36,6 +37,7 @@ from lpvobs.io.refinements import (
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
 from lpvobs.steps.refined import estimate_refined
+from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 LEAST_LEFT = 1.0 / 3.0
@@ -75,6 +77,9 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[T
     UsageError
         If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
+    stored = read_result(sources.result)
+    if stored.air_path == Throttled.name:
+        return trace_throttled(stored, sources.logs, sources.freeze_map, progress)
     closed = _close(sources, progress)
 
     def change(file: h5py.File) -> None:
@@ -93,6 +98,9 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
     Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
     """
+    stored = read_result(sources.result)
+    if stored.air_path == Throttled.name:
+        return refine_throttled(stored, sources.logs, sources.hold_out, sources.freeze_map, out, progress)
     closed = _close(sources, lambda share: progress(0.95 * share), anew=True)
     found = closed.refinement
     if not found.trace.findings:
