@@ -156,5 +156,15 @@ class AirPath(Protocol):
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
         """Return A and C as nested lists for parameters of any number type (floats or exact fractions)."""
 
+    @property
+    def learns(self) -> bool:
+        """Whether parts of the engine are known only after a healthy log has shown them."""
+
+    def learned_from(self, logs: Sequence[Log]) -> "AirPath":
+        """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
+
+    def states(self, log: Log) -> Array:
+        """Return the states along a log as measured, shape (N, 3), computed where no sensor shows them."""
+
     def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
         """Return the redundant flows along a log, given the time derivative of each smoothed channel."""

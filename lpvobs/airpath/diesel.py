@@ -49,6 +49,7 @@ class Diesel:
     engine: DieselEngine
 
     name: ClassVar[str] = "diesel"
+    learns: ClassVar[bool] = False
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
@@ -133,6 +134,14 @@ class Diesel:
         A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
         return A, [*C, [zero, zero, r1]]
+
+    def learned_from(self, logs: Sequence[Log]) -> "Diesel":
+        """Return this very air path: its constants are configured."""
+        return self
+
+    def states(self, log: Log) -> Array:
+        """Return the measured states, shape (N, 3)."""
+        return np.stack([log[state] for state in STATES], axis=1)
 
     def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
         """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.

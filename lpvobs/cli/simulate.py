@@ -46,7 +46,7 @@ def simulate(
     wanted = load_effects(effects)[0] if effects else Effects()
     with progress(f"simulating {cycle}") as report:
         log = drive(
-            configuration.engine,
+            configuration.diesel,
             configuration.simulation,
             cycle,
             rate,

@@ -65,6 +65,9 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
             _show_likes(effects)
     if refined or len(found.logs) > 1:
         print(f"\n{table(*_errors(found, refined))}")
+    for part in found.logs:
+        for note in part.notes():
+            print(textwrap.fill(f"{part.log}: {note}", WIDTH, subsequent_indent="  "))
     ranked = [item for item in found.ranking if item.gain > 0.0][:MOST_SHOWN]
     if ranked:
         rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in ranked]

@@ -103,6 +103,10 @@ class LogPart:
     comparison: Comparison
     own: Whiteness | None
 
+    def notes(self) -> list[str]:
+        """Return what a person should know beside verdict and effects, a sentence each."""
+        return []
+
     def as_json(self, refined: bool) -> dict[str, Any]:
         """Return the contract's object for this log."""
         shown = {

@@ -13,6 +13,9 @@ import numpy as np
 from lpvobs.airpath.base import AirPath
 from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.airpath.throttled import Throttled
+from lpvobs.airpath.throttled_engine import ThrottledEngine
+from lpvobs.discovery.throttled_noise import DayToDay
 from lpvobs.errors import UsageError
 from lpvobs.io.logs import LogPolicies
 from lpvobs.io.strict import convert
@@ -56,12 +59,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class Config:
-    """A complete configuration; see `configs/diesel.toml` for what every key means."""
+    """A complete configuration; see `configs/diesel.toml` and `configs/liu-ice.toml` for what every key means."""
 
     schema: int
     air_path: str
     map: Mapping[str, Axis]
-    engine: DieselEngine
+    engine: DieselEngine | ThrottledEngine
     gain: GainSettings
     estimate: EstimateSettings
     published: PublishedSettings
@@ -71,12 +74,38 @@ class Config:
 
     def engine_path(self) -> AirPath:
         """Return the air path of the configured engine."""
-        return Diesel(self.engine)
+        return Throttled(self.engine) if isinstance(self.engine, ThrottledEngine) else Diesel(self.engine)
+
+    @property
+    def diesel(self) -> DieselEngine:
+        """The engine, for what only a diesel can do; raises UsageError for another one."""
+        if not isinstance(self.engine, DieselEngine):
+            raise UsageError(f"air_path = '{self.air_path}': only a diesel can do this, see configs/diesel.toml")
+        return self.engine
 
     def grid(self) -> Grid:
         """Return the grid of the map, fuel axis first."""
         fuel, speed = (self.map[axis.channel].nodes() for axis in self.engine_path().axes)
         return Grid(fuel, speed)
+
+
+@dataclass(frozen=True)
+class DieselConfig(Config):
+    """That of a diesel."""
+
+    engine: DieselEngine
+
+
+@dataclass(frozen=True)
+class ThrottledConfig(Config):
+    """That of a throttled engine."""
+
+    engine: ThrottledEngine
+    trace: DayToDay = field(default_factory=DayToDay)
+
+
+KINDS: dict[str, type[Config]] = {Diesel.name: DieselConfig, Throttled.name: ThrottledConfig}
+"""The configuration of every air path."""
 
 
 def load_config(path: Path) -> tuple[Config, str]:
@@ -93,13 +122,15 @@ def load_config(path: Path) -> tuple[Config, str]:
 
 def config_of(text: str, path: Path) -> Config:
     """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
-    config = _convert(path, _parse(text, path), Config)
+    document = _parse(text, path)
+    kind = document.get("air_path", Diesel.name)
+    if kind not in KINDS:
+        raise UsageError(f"{path}: air_path = {kind!r}, expected one of {', '.join(map(repr, KINDS))}")
+    config = _convert(path, document, KINDS[kind])
     if config.schema != SCHEMA:
         raise UsageError(
             f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
         )
-    if config.air_path != Diesel.name:
-        raise UsageError(f"{path}: air_path = '{config.air_path}', expected '{Diesel.name}'")
     wanted = {axis.channel for axis in config.engine_path().axes}
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
@@ -157,7 +188,11 @@ def _check_names(path: Path, config: Config) -> None:
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
     sums = [name for pair in config.gain.nonnegative_sums for name in pair]
     for table, found, known in (
-        ("estimate.tolerance", config.estimate.tolerance, tuple(air_path.engine_constants())),
+        (
+            "estimate.tolerance",
+            config.estimate.tolerance,
+            tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.balance_constants))),
+        ),
         ("gain.outputs", config.gain.outputs, states),
         ("gain.bounds", config.gain.bounds, rho),
         ("gain.nonnegative_sums", sums, air_path.parameter_names),

@@ -192,7 +192,7 @@ class _Walk:
 
     def _states(self, stretch: Stretch, calm: Log, trajectory: Trajectory) -> dict[str, Array]:
         names = self.air_path.state_names
-        first = np.array([calm[name][0] for name in names]) if stretch.begins else self.x
+        first = self.air_path.states(calm)[0] if stretch.begins else self.x
         run = observe(
             trajectory,
             stretch.time,

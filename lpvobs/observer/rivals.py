@@ -37,7 +37,7 @@ def estimate_ekf(
     excited, runs = [], []
     for log in logs:
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
-        first = np.array([[log[name][begin] for name in air_path.state_names] for begin, _ in log.segments])
+        first = air_path.states(log)[[begin for begin, _ in log.segments]]
         state = adapt(
             state, trajectory, log.time, log.segments, point, grid, measurement, process, kalman.map_drift, first
         )
@@ -57,8 +57,7 @@ def estimate_batch(
     excited, runs = [], []
     for log in logs:
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
-        measured = np.stack([log[name] for name in air_path.state_names], axis=1)
-        z = trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], measured)
+        z = trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], air_path.states(log))
         used = (steps_of(log) > 0).astype(float)
         total += assemble(grid.size, grid.regressors(*point), used, z, np.empty((0, z.size)))
         squares += float(used @ z**2)

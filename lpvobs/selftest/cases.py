@@ -187,7 +187,7 @@ def _shipped_gain() -> Gain:
 def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
     """Write the log and the gain; return the gain as it is read back, and the log's path."""
     path = config.engine_path()
-    channels = drive(config.engine, config.grid())
+    channels = drive(config.diesel, config.grid())
     write_log(folder / "known.parquet", channels, UNITS)
     outputs = tuple(_known()["default"]["outputs"])
     made = StoredGain(

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from lpvobs.airpath.base import AirPath
@@ -24,6 +24,8 @@ from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
 from lpvobs.steps.jobs import processors
+from lpvobs.steps.learning import learned_path
+from lpvobs.steps.throttled import engine_writer
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
@@ -79,16 +81,23 @@ def estimate_logs(
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     _refuse_doubles(paths)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+    air_path = learned_path(config, paths)
     if method == "observer":
-        done = _by_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress)
+        done = _by_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress, air_path)
     else:
-        done = _one_after_another(config, gain, paths, method, progress)
-    air_path = config.engine_path()
+        done = _one_after_another(config, gain, paths, method, progress, air_path)
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
     provenance = Provenance(inputs, config_text)
-    further = partial(write_agreement, scatter=done.scatter, logs=done.agreement) if done.agreement else None
+    write_engine = engine_writer(config, air_path, paths)
+
+    def further(file: h5py.File) -> None:
+        if done.agreement:
+            write_agreement(file, scatter=done.scatter, logs=done.agreement)
+        if write_engine is not None:
+            write_engine(file)
+
     names = air_path.parameter_names
     write_result(out, air_path.name, axes, names, done.estimate, done.summaries, stored, provenance, further)
     remove_parts(out)
@@ -104,8 +113,9 @@ def _by_fleet(
     out: Path,
     workplace: Workplace,
     progress: Callable[[float], None],
+    air_path: AirPath,
 ) -> Estimated:
-    fleet = estimate_fleet(config, config_text, gain, paths, out, workplace, progress, refuse_empty)
+    fleet = estimate_fleet(config, config_text, gain, paths, out, workplace, progress, refuse_empty, air_path)
     digests = {path: sha256 for sha256, path in fleet.paths.items()}
     runs = runs_by_digest(fleet.estimate)
     agreement = {item.name: item for item in fleet.agreement}
@@ -120,11 +130,16 @@ def _by_fleet(
 
 
 def _one_after_another(
-    config: Config, gain: StateGain, paths: Sequence[Path], method: str, progress: Callable[[float], None]
+    config: Config,
+    gain: StateGain,
+    paths: Sequence[Path],
+    method: str,
+    progress: Callable[[float], None],
+    air_path: AirPath,
 ) -> Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
-    air_path, grid = config.engine_path(), config.grid()
+    grid = config.grid()
     logs: dict[Path, Log] = {}
     refused: list[str] = []
     for done, path in enumerate(paths):

@@ -4,6 +4,8 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.parts`.
 """
 
+import hashlib
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -112,6 +114,7 @@ def estimate_fleet(
     workplace: Workplace,
     progress: Callable[[float], None],
     check: Callable[[MapEstimate], None],
+    air_path: AirPath,
 ) -> Fleet:
     """Return the map of all logs that can be used.
 
@@ -129,6 +132,8 @@ def estimate_fleet(
         Takes the fraction done.
     check : callable
         Raises if a map is of no use, before anything is compared with it.
+    air_path : AirPath
+        The engine, with what it has learned from the logs.
 
     Raises
     ------
@@ -138,9 +143,10 @@ def estimate_fleet(
         If no log can be used.
     """
     refuse_copies(paths)
-    air_path, grid = config.engine_path(), config.grid()
+    grid = config.grid()
+    learned = hashlib.sha256(pickle.dumps(air_path)).hexdigest() if air_path.learns else ""
     settings = config.estimate.limited_to(air_path.balance_constants)
-    key = run_key(config_text, gain)
+    key = run_key(config_text + learned, gain)
     store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
     with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
         alone = workplace == Workplace()

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.engines import AIR_PATHS
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.config import Config
@@ -15,6 +16,7 @@ from lpvobs.io.stream import LogFile
 from lpvobs.observer.parts import RangeSeen, calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
+from lpvobs.steps.learning import learned_path
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem
@@ -44,7 +46,7 @@ def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> t
     """
     from lpvobs.synthesis.solve import synthesise
 
-    air_path, settings = config.engine_path(), config.gain
+    air_path, settings = learned_path(config, paths), config.gain
     bounds, digests = log_bounds(config, air_path, paths, lenient)
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)
@@ -74,7 +76,7 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
     """Return the paper's own L of Eq. (38), with a proof on one column of Table 1 at fixed temperatures."""
     from lpvobs.synthesis.solve import certify_fixed_gain
 
-    air_path = config.engine_path()
+    air_path = Diesel(config.diesel)
     if column not in TABLE_1:
         raise UsageError(f"--published {column}: unknown; expected one of {', '.join(TABLE_1)}")
     rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))

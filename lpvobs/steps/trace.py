@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.heldout import Comparison
@@ -36,6 +37,7 @@ from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, w
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
 from lpvobs.steps.refined import estimate_refined, refined_model, sensor_state
+from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
@@ -72,6 +74,9 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[T
     UsageError
         If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
+    stored = read_result(sources.result)
+    if stored.air_path == Throttled.name:
+        return trace_throttled(stored, sources.logs, sources.freeze_map, progress)
     closed = _close(sources, progress)
 
     def change(file: h5py.File) -> None:
@@ -90,6 +95,9 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
     Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
     """
+    stored = read_result(sources.result)
+    if stored.air_path == Throttled.name:
+        return refine_throttled(stored, sources.logs, sources.hold_out, sources.freeze_map, out, progress)
     closed = _close(sources, lambda share: progress(0.95 * share), anew=True)
     found = closed.refinement
     if not found.trace.findings:
@@ -222,7 +230,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     )
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
-    prior, plant = _prior(config, stored, frozen), diesel_plant(config.engine)
+    prior, plant = _prior(config, stored, frozen), diesel_plant(config.diesel)
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
     found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)

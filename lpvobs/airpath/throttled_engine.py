@@ -1,0 +1,133 @@
+"""What is known of a throttled engine beforehand, and what a healthy log tells of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class Air:
+    """The gas in the intake.
+
+    Attributes
+    ----------
+    R_a : float
+        [J/(kg K)]
+    gamma_a : float
+    """
+
+    R_a: float
+    gamma_a: float
+
+    def __post_init__(self) -> None:
+        if not (self.R_a > 0 and self.gamma_a > 1):
+            raise ValueError("R_a must be positive and gamma_a above one")
+
+
+@dataclass(frozen=True)
+class IntakeGeometry:
+    """Sizes; the volumes are a first guess that a healthy log corrects.
+
+    Attributes
+    ----------
+    V_d : float
+        [m^3], displacement. Where it is not known, any value of the right size: only eta_vol V_d enters.
+    n_cyl : int
+    V_ic, V_im : float
+        [m^3], between compressor and throttle, and behind the throttle.
+    volume_tolerance : float
+        Standard deviation of the guess, as a fraction of it.
+    """
+
+    V_d: float
+    n_cyl: int
+    V_ic: float
+    V_im: float
+    volume_tolerance: float
+
+    def __post_init__(self) -> None:
+        if not (min(self.V_d, self.V_ic, self.V_im, self.volume_tolerance) > 0 and self.n_cyl > 0):
+            raise ValueError("volumes, their tolerance and the number of cylinders must be positive")
+
+
+@dataclass(frozen=True)
+class CurveNodes:
+    """Where the curves of the engine have their nodes, and how smooth they are believed to be.
+
+    Attributes
+    ----------
+    alpha_th : tuple of float
+        [%], of the throttle's effective area.
+    n_e, p_im : tuple of float
+        [rpm], [Pa], of the volumetric efficiency.
+    m_f, fuel_n_e : tuple of float
+        [1], [rpm], of the air per unit of the fuel reading.
+    bend : float
+        Standard deviation of the relative second difference of throttle and filling from node to node.
+    fuel_bend : float
+        The same of the fuel, about the straight line of an injector with a dead time. Mixtures that are not stoichiometric
+        depend on more than fuel and speed: a loose surface would take them for the engine.
+    """
+
+    alpha_th: tuple[float, ...]
+    n_e: tuple[float, ...]
+    p_im: tuple[float, ...]
+    m_f: tuple[float, ...]
+    fuel_n_e: tuple[float, ...]
+    bend: float
+    fuel_bend: float
+
+    def __post_init__(self) -> None:
+        for name in ("alpha_th", "n_e", "p_im", "m_f", "fuel_n_e"):
+            nodes = np.array(getattr(self, name))
+            if nodes.size < 3 or not np.all(np.diff(nodes) > 0):
+                raise ValueError(f"{name} needs at least three nodes, rising")
+        if not min(self.bend, self.fuel_bend) > 0:
+            raise ValueError("bend and fuel_bend must be positive")
+
+
+@dataclass(frozen=True)
+class ThrottledEngine:
+    """The configuration's `[engine]` of a throttled engine."""
+
+    air: Air
+    geometry: IntakeGeometry
+    curves: CurveNodes
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A throttled engine as a healthy log shows it.
+
+    Attributes
+    ----------
+    area : ndarray, shape (J,)
+        [m^2], effective area of the throttle at the nodes of alpha_th.
+    eta_vol : ndarray, shape (I, K)
+        Volumetric efficiency at the nodes of n_e and p_im.
+    fuel : ndarray, shape (M, L)
+        [kg], air in a cylinder per unit of the fuel reading, at the nodes of m_f and n_e.
+    V_ic, V_im : float
+        [m^3]
+    covariance : ndarray, shape (m, m)
+        Of the relative deviations of area, eta_vol, fuel, V_ic and V_im, in this order, curves row by row.
+    sources : tuple of str
+        Names of the logs.
+    """
+
+    area: Array
+    eta_vol: Array
+    fuel: Array
+    V_ic: float
+    V_im: float
+    covariance: Array
+    sources: tuple[str, ...]
+
+    def deviations(self) -> Mapping[str, slice]:
+        """Return where each curve stands in the covariance."""
+        sizes = {"throttle": self.area.size, "filling": self.eta_vol.size, "fuel": self.fuel.size, "volumes": 2}
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}

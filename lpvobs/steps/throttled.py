@@ -1,0 +1,123 @@
+"""`trace` and `refine` for a throttled engine: files in, the closed loop of `discovery.throttled_closing`, files out."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import h5py
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.throttled import Throttled
+from lpvobs.discovery.throttled_closing import Closed, Nominal, close
+from lpvobs.discovery.throttled_noise import healthy_errors
+from lpvobs.discovery.throttled_outcome import ThrottledTrace
+from lpvobs.errors import DataError
+from lpvobs.io.atomic import replacing
+from lpvobs.io.config import Config, ThrottledConfig, config_of
+from lpvobs.io.hdf import changing, reading
+from lpvobs.io.learned import read_learned, write_learned
+from lpvobs.io.logs import channel_units, read_log
+from lpvobs.io.portraits import write_ranking
+from lpvobs.io.refinements import (
+    StoredRefinement,
+    read_refinement,
+    write_comparison,
+    write_refinement,
+    write_structure,
+)
+from lpvobs.io.results import KIND, REMEDY, StoredResult, update
+from lpvobs.records import Log
+from lpvobs.steps.learning import usable_logs
+
+Progress = Callable[[float], None]
+
+
+def trace_throttled(
+    stored: StoredResult, logs: Sequence[Path], frozen: bool | None, progress: Progress
+) -> tuple[ThrottledTrace, bool]:
+    """Judge logs one by one, write `/trace` into the result; return what was found, and whether the engine stood."""
+    closed, stands = _closed(stored, logs, (), frozen, progress)
+
+    def change(file: h5py.File) -> None:
+        if "trace" in file:
+            del file["trace"]
+        group = file.create_group("trace")
+        group.attrs["json"] = _content(closed, stands, refined=False)
+        write_comparison(group, closed.comparisons)
+        write_structure(group, {"before": closed.before, "after": closed.after}, closed.balances)
+        write_ranking(group, closed.trace.ranking)
+
+    update(stored.path, change)
+    return closed.trace, stands
+
+
+def refine_throttled(
+    stored: StoredResult,
+    logs: Sequence[Path],
+    hold_out: Sequence[Path],
+    frozen: bool | None,
+    out: Path,
+    progress: Progress,
+) -> tuple[ThrottledTrace, bool]:
+    """Add the effects that logs prove to the model; map and curves stay, they are those of the healthy engine."""
+    closed, stands = _closed(stored, logs, hold_out, frozen, progress)
+    if not closed.trace.findings:
+        with replacing(out) as temporary:
+            shutil.copyfile(stored.path, temporary)
+        return closed.trace, stands
+    found = StoredRefinement(closed.standing, {}, {}, {}, stands, _content(closed, stands, refined=True))
+    with changing(stored.path, out) as file:
+        for name in ("trace", "refinement"):
+            if name in file:
+                del file[name]
+        structure = {"before": closed.before, "after": closed.after}
+        write_refinement(file, found, closed.comparisons, structure, closed.balances)
+        write_ranking(file["refinement"], closed.trace.ranking)
+    return closed.trace, stands
+
+
+def _content(closed: Closed, stands: bool, refined: bool) -> str:
+    """Return the contract's object as JSON text."""
+    names = [part.log for part in closed.trace.logs if part.own is not None]
+    return json.dumps({"logs_used": names, "map_frozen": stands} | closed.trace.as_json(refined=refined))
+
+
+def _closed(
+    stored: StoredResult, paths: Sequence[Path], hold_out: Sequence[Path], frozen: bool | None, progress: Progress
+) -> tuple[Closed, bool]:
+    config = config_of(stored.provenance.config, stored.path)
+    if not isinstance(config, ThrottledConfig):
+        raise DataError(f"{stored.path}: its configuration is not that of a throttled engine; {REMEDY} again")
+    with reading(stored.path, KIND, REMEDY) as file:
+        learned, healthy = read_learned(file)
+        refined = read_refinement(file)
+    digests = tuple(log.sha256 for log in stored.logs)
+    had = () if refined is None else refined.effects
+    nominal = Nominal(config.engine, learned, healthy, config.trace, digests, had)
+    logs, unseen = ([read_what_is_there(path, config) for path in each] for each in (paths, hold_out))
+    closed = close(nominal, logs, unseen, frozen, progress)
+    return closed, bool(frozen) or not any(log.sha256 in digests for log in logs)
+
+
+def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:
+    """Return a log that may lack channels; the balances without them are left out later.
+
+    Raises
+    ------
+    DataError
+        As `lpvobs.io.logs.read_log`, and where the sensor under test is missing.
+    """
+    there = channel_units(path)
+    known = Throttled(config.engine).channels
+    kept = {name: channel for name, channel in known.items() if name in there or name == Throttled.sensor}
+    return read_log(path, kept, config.policies, auxiliary=True)
+
+
+def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
+    """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
+    if not isinstance(air_path, Throttled) or air_path.learned is None:
+        return None
+    engine, learned = air_path.engine, air_path.learned
+    healthy = healthy_errors(engine, usable_logs(config, paths))
+    return lambda file: write_learned(file, engine, learned, healthy)
