@@ -58,8 +58,9 @@ def _verdicts(cases: list[Case], folder: Path, jobs: int, with_effects: bool) ->
         for done, _ in enumerate(pool.map(_record, [(case, folder, with_effects) for case in missing]), 1):
             _tell(f"recorded {done} of {len(missing)}")
     if missing:
+        what = "refine" if with_effects else "residual"
         judges = [
-            subprocess.Popen([sys.executable, str(HERE / "judge.py"), str(folder), str(k), str(jobs)])
+            subprocess.Popen([sys.executable, str(HERE / "judge.py"), str(folder), str(k), str(jobs), what])
             for k in range(jobs)
         ]
         codes = [judge.wait() for judge in judges]

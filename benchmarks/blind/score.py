@@ -19,7 +19,7 @@ MOST_ALIKE = 3
 
 @dataclass(frozen=True)
 class Judged:
-    """A case, the verdict on its log, and the verdict on the same log without the effect (the same one where there is none)."""
+    """A case, the verdict on its log, and the residual of the same log without the effect, or of the log itself if it has none."""
 
     case: Case
     verdict: dict[str, Any]
@@ -122,7 +122,6 @@ class Rate:
 def rates(judged: Sequence[Judged]) -> list[Rate]:
     """Return what the bank is for."""
     shown = [j for j in judged if j.case.kind == "clean" or j.before >= SHOWS]
-    twins = [j.twin["verdict"] == "none" for j in judged if j.case.kind != "clean"]
     clear = [j for j in shown if j.case.kind not in ("clean", "unlogged") and j.named and j.before >= CLEAR]
     right = {kind: [j.right for j in shown if j.case.kind == kind] for kind in KINDS}
     held = [inside for inside, _, _ in _intervals(shown)]
@@ -134,7 +133,6 @@ def rates(judged: Sequence[Judged]) -> list[Rate]:
         _rate("driven by a logged channel: named", right["channel"], 0.90),
         _rate("driven by nothing logged: `unexplained`, no name", right["unlogged"], 0.95),
         _rate("clean: `none`", right["clean"], 0.98),
-        _rate("logs of the others without their effects: `none`", twins, 0.98),
         _rate("truth inside its 90 % interval", held, 0.85, 0.95),
         _rate(f"(B - A)/(B - N) at least 0.7 where B >= {CLEAR} N", recovered, 0.90),
         _rate("A/B at most 1.02, all logs", unharmed, 0.98),

@@ -232,7 +232,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
-    prior, plant = _prior(config, stored, frozen), diesel_plant(config.diesel)
+    prior, plant = prior_of(config, stored, frozen), diesel_plant(config.diesel)
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
     found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)
@@ -269,7 +269,8 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
     return True
 
 
-def _prior(config: Config, stored: StoredResult, frozen: bool) -> MapPrior:
+def prior_of(config: Config, stored: StoredResult, frozen: bool) -> MapPrior:
+    """Return what is known of the map before logs are looked at: the stored one where it stands, nothing otherwise."""
     tolerance = config.estimate.tolerance
     if not frozen:
         return free_map(config.grid(), len(tolerance), config.estimate.prior_map)
