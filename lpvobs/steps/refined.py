@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.observed import Refined, observed, observed_path
 from lpvobs.discovery.standing import Standing
+from lpvobs.errors import DataError
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
 from lpvobs.io.results import LogSummary
@@ -76,6 +77,15 @@ def estimate_refined(
         for (file, log), run in zip(logs, estimate.runs, strict=True)
     )
     return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
+
+
+def expect_cascade(path: Path, gain: StoredGain) -> None:
+    """Raise DataError for a result whose gain lets the sensor correct the state: its map cannot be estimated beside effects."""
+    if gain.gain.L[:, -1].any():
+        raise DataError(
+            f"{path}: made with the gain '{gain.origin}', in which the sensor corrects the state, expected a cascade to estimate "
+            f"map and effects together; estimate with the default method first, or say --freeze-map"
+        )
 
 
 def refined_model(

@@ -36,7 +36,7 @@ from lpvobs.io.refinements import (
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
-from lpvobs.steps.refined import estimate_refined, refined_model, sensor_state
+from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
@@ -230,6 +230,8 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     )
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
+    if anew and not frozen:
+        expect_cascade(path, stored.gain)
     prior, plant = prior_of(config, stored, frozen), diesel_plant(config.diesel)
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects

@@ -1,0 +1,28 @@
+"""The refined model as the observer has it: constants where the joint fit has them, gains that it can use."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lpvobs.errors import DataError
+from lpvobs.io.config import load_config
+from lpvobs.steps.refined import expect_cascade, scaled
+
+
+def test_constants_are_scaled_wherever_they_stand():
+    engine = load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0].engine
+    moved = scaled(engine, {"V_d": 0.01, "J_t": -0.02})
+    assert moved.geometry.V_d == pytest.approx(1.01 * engine.geometry.V_d)
+    assert moved.turbine.J_t == pytest.approx(0.98 * engine.turbine.J_t)
+    assert moved.compressor == engine.compressor
+    assert scaled(engine, {}) == engine
+
+
+def test_a_gain_through_which_the_sensor_bends_the_state_is_refused_in_one_line():
+    L = np.zeros((3, 3))
+    expect_cascade(Path("r.h5"), SimpleNamespace(origin="made", gain=SimpleNamespace(L=L)))
+    L = L + np.array([0.0, 0.0, 1.0])
+    with pytest.raises(DataError, match=r"^r.h5: made with the gain 'Eq. \(38\)', .*--freeze-map$"):
+        expect_cascade(Path("r.h5"), SimpleNamespace(origin="Eq. (38)", gain=SimpleNamespace(L=L)))
