@@ -64,9 +64,9 @@ def inject(config, cycle):
 
 @pytest.fixture(scope="session")
 def minutes(tmp_path_factory):
-    """Return a drive of four minutes, the short one over and over: long enough for what comes and goes."""
+    """Return a drive of three minutes, the short one over and over: long enough for what comes and goes."""
     rows = SHORT.splitlines()
-    repeated = [row.split(",", 1)[1] for row in rows[1:]] * 12
+    repeated = [row.split(",", 1)[1] for row in rows[1:]] * 9
     path = tmp_path_factory.mktemp("minutes") / "minutes.csv"
     path.write_text("\n".join([rows[0], *(f"{second},{row}" for second, row in enumerate(repeated))]))
     return str(path)

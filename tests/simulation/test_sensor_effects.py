@@ -1,4 +1,4 @@
-"""Effects on what sensors show, against relations written here on their own; the truth has no noise, so only rounding is allowed."""
+"""Effects on what sensors show, against relations written here on their own; the truth has no noise: only rounding is allowed."""
 
 from dataclasses import replace
 from itertools import pairwise
