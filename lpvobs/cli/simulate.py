@@ -35,7 +35,7 @@ def simulate(
 
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
 
-    With a leak: lpvobs simulate --config configs/diesel.toml --cycle nedc --effects configs/effects/leak_intake.toml --out leaky.parquet
+    With a leak: add --effects configs/effects/leak_intake.toml
     """
     from lpvobs.errors import UsageError
     from lpvobs.io.config import Effects, load_config, load_effects
