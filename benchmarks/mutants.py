@@ -269,8 +269,8 @@ def written(number: int, seed: int, judged: Sequence[tuple[Mutant, bool]], left_
     lines = [
         "# Deliberate faults, and whether the tests notice",
         "",
-        f"`benchmarks/mutants.py --number {number} --seed {seed}`, {date.today().isoformat()}, compiler off: {len(judged)} judged. Of "
-        f"the tests of each room those count that take less than {LONGEST:g} s of computing without the compiler.",
+        f"`benchmarks/mutants.py --number {number} --seed {seed}`, {date.today().isoformat()}, compiler off: {len(judged)} judged. "
+        f"Of the tests of each room those count that take less than {LONGEST:g} s of computing without the compiler.",
         "",
         "| room | mutants | noticed | score | tests used | left out |",
         "|---|---:|---:|---:|---:|---:|",
