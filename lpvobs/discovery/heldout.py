@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, normal_of
 from lpvobs.discovery.linear import Linear, whiten
-from lpvobs.discovery.problem import EVERY, GUARD, STRETCH, Problem
+from lpvobs.discovery.problem import BLOCK, EVERY, GUARD, STRETCH, Problem
 from lpvobs.records import Array
 
 FOLDS = 5
@@ -25,7 +25,8 @@ NOTHING = 0.02
 DRAWS = 1000
 MEASURE = "rmse of the held-out residual"
 HOW = (
-    f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out; all balances, "
+    f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out, "
+    f"and those in which an effect begins or ends; all balances, "
     f"each weighted by its own noise"
 )
 
@@ -112,14 +113,27 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def compare(before: Linear, after: Linear) -> Losses:
     """Return the losses of two models of the same logs on the stretches that neither saw, weighted as the second one is.
 
-    Where these read the map at no node that the rest informs, the blocks are left out in turn instead.
+    Left out are stretches in which an effect begins or ends: a model that has not seen when cannot be judged there. Where nothing
+    else reads the map at nodes that the rest informs, the blocks are left out in turn instead.
     """
     problem = after.problem
-    use = problem.judged & informed(after, problem.used)
+    use = problem.judged & informed(after, problem.used) & ~undated(after)
     if not use.any():
         return cross_validated(before, after)
     lost, left = ((whiten(after.whitener, use, linear.raw)[0] ** 2).sum(0) for linear in (before, after))
     return Losses(lost, left, use, _coarse(problem), _scale(after))
+
+
+def undated(linear: Linear) -> NDArray[np.bool_]:
+    """Return the kept stretches that an onset or end falls into, or beside, as seen from the rest, shape (K,)."""
+    problem = linear.problem
+    clock = problem.scene.clock[: problem.K]
+    number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
+    out = np.zeros(problem.K, dtype=bool)
+    for edge in (edge for term in linear.terms for edge in (term.begin, term.end) if np.isfinite(edge)):
+        beside = ~problem.used & (np.abs(clock - edge) <= BLOCK)
+        out |= ~problem.used & np.isin(number, number[beside])
+    return out
 
 
 def cross_validated(before: Linear, after: Linear) -> Losses:
