@@ -16,13 +16,14 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench docs kill fuzz mutants matrix clean
+.PHONY: help setup run test lint bench blind docs kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests'
 	@echo 'make lint    ruff and mypy'
+	@echo 'make blind   the blind bank: effects drawn at random, judged by a process that cannot know them; about an hour'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
@@ -95,6 +96,10 @@ lint: $(VENV)/.ready
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
+
+blind: export OPENBLAS_NUM_THREADS = 1
+blind: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/blind
 
 bench: export OPENBLAS_NUM_THREADS = 1
 bench: $(VENV)/.ready

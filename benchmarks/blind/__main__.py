@@ -1,4 +1,4 @@
-"""The blind bank: `python benchmarks/blind [--first 0] [--last 660] [--bank 1] [--jobs 2] [--folder build/blind] [--out NAME]`.
+"""The blind bank: `python benchmarks/blind [--first 0] [--last 690] [--bank 1] [--jobs 2] [--folder build/blind] [--out NAME]`.
 
 Draws what is in each log, records the logs, has another process judge them, and scores the verdicts. A bank that was interrupted
 goes on where it was.
@@ -25,7 +25,7 @@ def main() -> None:
     """Run the bank."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--last", type=int, default=660)
+    parser.add_argument("--last", type=int, default=690)
     parser.add_argument("--only", type=int, nargs="*", help="these numbers alone")
     parser.add_argument("--bank", type=int, default=1, help="seed of the whole bank")
     parser.add_argument("--jobs", type=int, default=2)

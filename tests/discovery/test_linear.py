@@ -1,11 +1,13 @@
 """Products across views, block by block and whole; intervals and left-out blocks against direct solutions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lpvobs.discovery.candidates import gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, refit
-from lpvobs.discovery.heldout import FOLDS, compare, held_out_losses
+from lpvobs.discovery.heldout import FOLDS, compare, held_out_losses, undated
 from lpvobs.discovery.linear import Term, dot, views
 
 
@@ -85,3 +87,17 @@ def _like(linear, one):
     from lpvobs.discovery.candidates import Candidate
 
     return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False)
+
+
+def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
+    problem = linear.problem
+    clock = problem.scene.clock[: problem.K]
+    kept = np.flatnonzero(~problem.used)
+    inside = kept[kept.size // 2]
+    one = problem.plant.catalogue[0]
+    begun = replace(linear, terms=(Term(one, one.null, begin=float(clock[inside])),))
+    out = undated(begun)
+    assert out[inside]
+    assert not out[problem.used].any()
+    assert 0 < out.sum() < kept.size  # other stretches are judged as before
+    assert not undated(linear).any()
