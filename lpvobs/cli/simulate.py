@@ -23,16 +23,19 @@ def simulate(
         Path | None,
         typer.Option(
             metavar="TOML",
-            help="What is wrong with engine or sensors: see configs/effects; another error surface: configs/surfaces.",
+            help="What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
+            "another error surface: configs/surfaces.",
         ),
     ] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")] = 100.0,
-    seed: Annotated[int, typer.Option(help="Of the sensor noise; same seed, same bytes.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of sensor noise and road; same seed, same bytes.")] = 1,
     as_json: JsonOption = False,
 ) -> None:
     """Drive the nonlinear engine over a cycle and record a log with its true error.
 
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
+
+    With a leak: add --effects configs/effects/leak_intake.toml
     """
     from lpvobs.errors import UsageError
     from lpvobs.io.config import Effects, load_config, load_effects

@@ -14,6 +14,8 @@ from lpvobs.records import Array
 PASSES = 6
 STRONG = 5.0
 """Standard deviations of its own noise by which the information about a size must exceed zero."""
+START = 0.1
+"""Of the logs: an effect that begins before is not told from one that was there from the first sample."""
 LEAST_LENGTH = 10
 """Blocks that an interval must have, and must leave, to be told from an outlier."""
 
@@ -35,6 +37,8 @@ class Candidate:
         Half the sum of squares that is left, by block.
     elsewhere : float
         Unevenness without the block that has the largest share in it: one alone, such as a cold start, is no structure in time.
+    from_start : bool
+        Whether it acts from the first tenth of the logs on, and ends.
     """
 
     term: Term
@@ -43,6 +47,7 @@ class Candidate:
     unevenness: float
     loss: Array
     elsewhere: float
+    from_start: bool
 
     @property
     def id(self) -> str:
@@ -141,7 +146,10 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
-    return Candidate(term, gain, information, unevenness, 0.5 * linear.by_block(left, left), elsewhere)
+    loss = 0.5 * linear.by_block(left, left)
+    clock = problem.scene.clock
+    from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
+    return Candidate(term, gain, information, unevenness, loss, elsewhere, from_start)
 
 
 def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
@@ -208,19 +216,18 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
     return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
 
 
-def penalty(changes: int, blocks: int, gain: float, only_end: bool = False) -> float:
+def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
     """Return what an interval must gain over the whole log.
 
-    That is the search over its ends, a hundredth for each, and a tenth where it has an end and no onset: effects begin, and what
-    ends at some time can often be written as its opposite that begins then.
+    That is the search over its ends, a hundredth for each, and a tenth where it ends and has no onset, or one just after
+    the start: effects begin, and what ends at some time can often be written as its opposite that begins then.
     """
-    return changes * (3.0 * float(np.log(blocks)) + 0.01 * gain) + (0.1 * gain if only_end else 0.0)
+    return changes * (3.0 * float(np.log(blocks)) + 0.01 * gain) + (0.1 * gain if from_start else 0.0)
 
 
 def score(candidate: Candidate) -> float:
     """Return the gain less what its interval costs."""
-    only_end = bool(np.isfinite(candidate.term.end)) and not np.isfinite(candidate.term.begin)
-    return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, only_end)
+    return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
 
 
 def p_value(candidate: Candidate, tried: int) -> float:

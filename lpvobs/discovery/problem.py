@@ -30,8 +30,9 @@ MOST_LEVELS = 3
 """A channel with at most so many values is a switch."""
 PAUSE = 60.0
 """[s] between two logs on the common clock."""
-WIDE = 0.25
-"""[s], half width of the windows for rates of slow signals."""
+WIDE = 0.5
+"""[s], half width of the windows for rates of slow signals: of a temperature behind a sensor that takes seconds, narrower ones see
+mostly noise."""
 BLOCK = 2.0
 """[s], resolution of the search for onsets."""
 MOST_BLOCKS = 400
@@ -247,7 +248,10 @@ def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
 
     @lru_cache(maxsize=8)
     def slow(channel: str) -> Array:
-        rates = [at(log, log[channel][None], view.time, WIDE)[1] for log, view in zip(logs, views, strict=True)]
+        rates = [
+            at(log, log[channel][None], view.time, max(WIDE, 2.0 * view.half_width))[1]
+            for log, view in zip(logs, views, strict=True)
+        ]
         return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
 
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])

@@ -71,7 +71,7 @@ def claim(target: Path) -> None:
         ) from None
     prefix = f".{target.name}."
     for left in target.parent.iterdir():
-        if left.name.startswith(prefix) and left.name.endswith(".part"):
+        if left.name.startswith(prefix) and left.name.endswith(".part") and left.is_file():
             left.unlink(missing_ok=True)
 
 

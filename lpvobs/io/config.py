@@ -162,7 +162,7 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
     effects = tuple(_effect(path, place, table) for place, table in enumerate(listed))
-    tables = _convert(path, document, _Surroundings)
+    tables = convert(path, document, _Surroundings, "configs/effects/road.toml")
     return Effects(tables.surface, tables.auxiliary, effects), text
 
 

@@ -55,6 +55,8 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
         return msgspec.convert(document, record)
     except msgspec.ValidationError as error:
         raise UsageError(f"{path}: {error}; mend that key") from None
+    except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
+        raise UsageError(f"{path}: a value is out of all proportion ({error}); mend it") from None
 
 
 def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str, example: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.effects import (
+    CATALOGUE,
     Effect,
     check_span,
     effect_of,
@@ -25,6 +26,7 @@ PREFIX = "channel:"
 CHANNEL_FORMS = ("additive", "gain", "rate", "switch")
 UNLOGGED_FORMS = ("additive", "gain")
 SHAPES = ("abrupt", "smooth")
+SHORTEST = 0.1  # s, mean time of a telegraph: below it the reading is noisy, not disturbed
 FLANK = 0.25  # of an episode, in which a smooth one rises, and in which it falls
 
 
@@ -59,6 +61,8 @@ class ChannelEffect:
             raise UsageError(f"{self.id}: no such auxiliary channel; expected one of {', '.join(AUXILIARY)}")
         _check_form(self.id, self.form, CHANNEL_FORMS)
         _check_amplitude(self.id, self.amplitude)
+        if self.form == "switch":
+            _check_strength(self.id, self.form, self.amplitude)
         if self.reference is not None and self.form not in ("additive", "gain"):
             raise UsageError(f"{self.id}: form '{self.form}' has no reference; leave it out")
         if self.threshold is not None and self.form != "switch":
@@ -71,12 +75,33 @@ class ChannelEffect:
         return PREFIX + self.channel
 
     def settled(self, course: Array) -> "ChannelEffect":
-        """Return the effect with reference or threshold taken from the channel's course over the drive, shape (N,)."""
+        """Return the effect with reference or threshold taken from the channel's course over the drive, shape (N,).
+
+        Raises
+        ------
+        UsageError
+            Where the channel stands still, so that nothing can follow it, or the reading would move further than any sensor's does.
+        """
+        if float(np.ptp(course)) == 0.0:
+            raise UsageError(
+                f"{self.id}: {self.channel} does not change on this drive, nothing can follow it; "
+                f"take a longer cycle or another seed"
+            )
+        found = self._filled_in(course)
+        found._check_size(course)
+        return found
+
+    def _filled_in(self, course: Array) -> "ChannelEffect":
         if self.form in ("additive", "gain") and self.reference is None:
             return replace(self, reference=float(course.mean()))
         if self.form == "switch" and self.threshold is None:
             return replace(self, threshold=float(0.5 * (course.min() + course.max())))
         return self
+
+    def _check_size(self, course: Array) -> None:
+        if self.form in ("additive", "gain"):
+            most = self.amplitude * float(np.abs(course - (self.reference or 0.0)).max())
+            _check_strength(self.id, self.form, most)
 
     def on(self, W: Array, time: Array, course: Array) -> Array:
         """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true course at the same times."""
@@ -86,7 +111,7 @@ class ChannelEffect:
         elif self.form == "gain":
             changed = W * (1.0 + self.amplitude * distance)
         elif self.form == "rate":
-            changed = W + self.amplitude * np.gradient(course, time)
+            changed = W + self.amplitude * (np.gradient(course, time) if time.size > 1 else 0.0)
         else:
             changed = W + self.amplitude * (course > (self.threshold or 0.0))
         return np.where(span_at_work(self.onset, self.end, time), changed, W)
@@ -101,9 +126,9 @@ class Telegraph:
     off: float
 
     def __post_init__(self) -> None:
-        if not (self.seed >= 0 and 0 < self.on < float("inf") and 0 < self.off < float("inf")):
+        if not (self.seed >= 0 and SHORTEST <= self.on < float("inf") and SHORTEST <= self.off < float("inf")):
             raise UsageError(
-                "unlogged: telegraph needs a seed that is not negative and positive mean times on and off [s]"
+                f"unlogged: telegraph needs a seed that is not negative and mean times on and off of at least {SHORTEST:g} s"
             )
 
     def episodes(self, duration: float) -> tuple[tuple[float, float], ...]:
@@ -140,7 +165,7 @@ class UnloggedEffect:
 
     def __post_init__(self) -> None:
         _check_form(self.id, self.form, UNLOGGED_FORMS)
-        _check_amplitude(self.id, self.amplitude)
+        _check_strength(self.id, self.form, self.amplitude)
         if self.shape not in SHAPES:
             raise UsageError(f"{self.id}: shape = '{self.shape}', expected {' or '.join(SHAPES)}")
         if not isinstance(self.episodes, Telegraph):
@@ -194,6 +219,18 @@ def _check_amplitude(name: str, amplitude: float) -> None:
         raise UsageError(f"{name}: amplitude = {amplitude:g}, expected a finite number")
 
 
+def _check_strength(name: str, form: str, strength: float) -> None:
+    """Refuse what moves the reading further than the catalogue's own gain and offset may."""
+    _check_amplitude(name, strength)
+    kind = CATALOGUE["maf.gain" if form == "gain" else "maf.offset"]
+    size = abs(strength)
+    if size > (1.0 - kind.low if form == "gain" else kind.high):
+        raise UsageError(
+            f"{name}: would move the reading by {size:g} {'of itself' if form == 'gain' else kind.unit}, "
+            f"expected at most {1.0 - kind.low if form == 'gain' else kind.high:g}; check amplitude and its unit"
+        )
+
+
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
         raise UsageError(
@@ -240,7 +277,7 @@ def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
 
 
 def _telegraph(table: Any) -> Telegraph:
-    if not isinstance(table, Mapping) or not isinstance(table.get("seed"), int):
+    if not isinstance(table, Mapping) or type(table.get("seed")) is not int:  # a bool is an int to isinstance
         raise UsageError("unlogged: telegraph is no table with a whole seed; write { seed = 1, on = 40.0, off = 60.0 }")
     refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
     on, off = (number("unlogged: telegraph", table, key) for key in ("on", "off"))

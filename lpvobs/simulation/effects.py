@@ -66,6 +66,9 @@ CATALOGUE = {
 OTHER_ENGINE = ("p_ic.gain", "p_ic.offset", "alpha_th.offset")
 """Identifiers of the contract that need the throttled engine's sensors."""
 
+OUTSIDE = ("channel:NAME", "unlogged")
+"""How effects files call what stands in `disturbances.py`."""
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -127,8 +130,9 @@ def kind_of(identifier: str) -> Kind:
     if identifier in OTHER_ENGINE:
         sensor = identifier.partition(".")[0]
         raise UsageError(f"{identifier}: the diesel has no {sensor}, only the throttled engine has; leave it out")
-    near = difflib.get_close_matches(identifier, CATALOGUE, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(CATALOGUE)}, channel:NAME, unlogged"
+    known = (*CATALOGUE, *OUTSIDE)
+    near = difflib.get_close_matches(identifier, known, n=1, cutoff=0.4)
+    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
     raise UsageError(f"{identifier}: no such effect; {hint}")
 
 

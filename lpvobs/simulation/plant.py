@@ -7,7 +7,7 @@ an intake temperature that is a state. SI units; openings in %, engine speed in 
 The relations are written here anew and not shared with the observer's model, so that a test can hold one against the other.
 """
 
-from math import exp, pi, sqrt
+from math import exp, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -249,17 +249,37 @@ def pipe_temperature(plant: Plant, T_e: float, W_eo: float, T_amb: float) -> flo
 
 @njit(cache=True)
 def turbine_flow(plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: float) -> tuple[float, float]:
-    """Return W_t [kg/s] of Eq. (2) and the quotient of outlet over inlet pressure, by three fixed-point passes."""
+    """Return W_t [kg/s] of Eq. (2) and the quotient of outlet over inlet pressure, by three fixed-point passes.
+
+    They come within 0.2 % of the solution as long as the back pressure is that of a clean exhaust, and swing around it when it is
+    several times that; with a restriction, Newton's method solves the two equations instead.
+    """
     c = plant.engine
     inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
     f_vgt = max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
     scale = c.A_vgt_max * f_vgt * p_em / sqrt(T_em * c.R_e)
-    k_exhaust = plant.condition.exhaust_restriction * c.k_exhaust
+    if plant.condition.exhaust_restriction != 1.0:
+        return restricted_flow(scale, p_em, p_amb, plant.condition.exhaust_restriction * c.k_exhaust, c.K_t)
     W_t, Pi_t = 0.0, 0.9999
     for _ in range(3):
-        Pi_t = min((p_amb + k_exhaust * W_t**2) / p_em, 0.9999)
+        Pi_t = min((p_amb + c.k_exhaust * W_t**2) / p_em, 0.9999)
         W_t = scale * sqrt(1.0 - Pi_t**c.K_t)
     return W_t, Pi_t
+
+
+@njit(cache=True)
+def restricted_flow(scale: float, p_em: float, p_amb: float, k_exhaust: float, K_t: float) -> tuple[float, float]:
+    """Return W_t [kg/s] and Pi_t of W_t = scale sqrt(1 - Pi_t^K_t), Pi_t = (p_amb + k_exhaust W_t^2) / p_em.
+
+    In the logarithm of Pi_t the one equation that is left is concave, and between its bends nearly straight: six steps of Newton
+    from nearly equal pressures come down to the solution from one side.
+    """
+    strength, logarithm = k_exhaust / p_em * scale**2, log(0.9999)
+    for _ in range(6):
+        Pi_t, power = exp(logarithm), exp(K_t * logarithm)
+        excess = p_amb / p_em + strength * (1.0 - power) - Pi_t
+        logarithm = min(logarithm + excess / (strength * K_t * power + Pi_t), log(0.9999))
+    return scale * sqrt(1.0 - exp(K_t * logarithm)), exp(logarithm)
 
 
 @njit(cache=True)

@@ -33,7 +33,7 @@ AUXILIARY = {
     "T_coolant": ("K", Quality(0.2, 1.0)),
     "T_charge": ("K", Quality(0.3, 0.5)),
     "humidity": ("%", Quality(0.3, 0.5)),
-    "v_veh": ("km/h", Quality(0.05, 0.1)),
+    "v_veh": ("km/h", Quality(0.0, 0.1)),  # counted at the wheels, and nothing to count at rest
     "ac_switch": ("1", Quality(0.0, 1.0)),
     "p_baro": ("Pa", Quality(30.0, 100.0)),
 }

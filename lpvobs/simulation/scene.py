@@ -75,7 +75,7 @@ def scene_of(
         return Scene(Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still), period, {}, ())
     heat = parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
     around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
-    loaded = with_load(work, u_delta, around.torque)
+    loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
     return Scene(
         Course(n_e, loaded, around.p_amb, around.T_amb), period, around.channels, _logged(auxiliary, measured, cycle)
     )
@@ -87,9 +87,13 @@ def likely_speed(full_load: FullLoad, n_e: Array) -> Array:
     return np.where(n_e > idle + IDLING, FASTEST * (n_e - idle) / (full_load.n_e[-1] - idle), 0.0)
 
 
-def with_load(work: Work, u_delta: Array, load: Array) -> Array:
-    """Return the fuel [mg/cycle], shape (M,), that carries another load [Nm] at the crankshaft; none in overrun."""
-    return np.where(u_delta > 0.0, u_delta + 4.0 * pi * load / work.per_fuel, u_delta)
+def with_load(work: Work, full_load: FullLoad, n_e: Array, u_delta: Array, load: Array) -> Array:
+    """Return the fuel [mg/cycle], shape (M,), that carries another load [Nm] at the crankshaft; none in overrun.
+
+    Full load gives no more: there the load takes from what drives the car.
+    """
+    most = np.maximum(np.interp(n_e, full_load.n_e, full_load.u_delta), u_delta)
+    return np.where(u_delta > 0.0, np.minimum(u_delta + 4.0 * pi * load / work.per_fuel, most), u_delta)
 
 
 def _logged(auxiliary: Auxiliary, measured: bool, cycle: str) -> tuple[str, ...]:

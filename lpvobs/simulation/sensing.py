@@ -10,7 +10,7 @@ from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import Effect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import Surface
-from lpvobs.simulation.readings import lagged, maf_reading, reading, with_memory
+from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, with_memory
 from lpvobs.simulation.road import CHARGE_LAG, charge_temperature
 from lpvobs.simulation.scene import Scene
 from lpvobs.simulation.surface import surface_error
@@ -65,10 +65,10 @@ def sense(
     shown = {
         name: reading(name, values, time, instruments.effects) for name, values in truth.items() if name != "W_maf"
     }
+    shown["W_maf"] = truth["W_maf"]
     if trail.shape[0] > 0:
-        late = _with_trail(instruments, scene, samples, trail, (time, truth), disturbances)
-        truth["W_maf"], shown["T_im"] = late["W_maf"], late["T_im"]
-    return truth, shown | {"W_maf": truth["W_maf"]}
+        shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown), disturbances)
+    return truth | {"W_maf": shown["W_maf"]}, shown
 
 
 def settled(
@@ -95,11 +95,14 @@ def _with_trail(
     scene: Scene,
     samples: Samples,
     trail: Array,
-    sampled: tuple[Array, Mapping[str, Array]],
+    sampled: tuple[Array, Mapping[str, Array], Mapping[str, Array]],
     disturbances: Sequence[ChannelEffect | UnloggedEffect],
 ) -> dict[str, Array]:
-    """Return what the sensors with a memory show at the samples, from the trail at every step of the integrator."""
-    step, (times, truth) = instruments.step, sampled
+    """Return what sensors with a memory show at the samples, from the trail at every step of the integrator.
+
+    Before the memory's onset and after its end they show what they would without one, to the last bit.
+    """
+    step, (times, truth, direct) = instruments.step, sampled
     time = np.linspace(0.0, (trail.shape[0] - 1) * step, trail.shape[0])
     drivers = {found.channel for found in disturbances if isinstance(found, ChannelEffect)}
     point = {
@@ -107,10 +110,12 @@ def _with_trail(
         **{name: np.interp(time, times, truth[name]) for name in drivers},
         **scene.at(time, ("p_amb", "T_amb")),
     }
-    shown = {"W_maf": _maf(instruments, point, time, disturbances), "T_im": point["T_im"]}
-    own = {"W_maf": "maf.", "T_im": "T_im."}
-    late = {
-        name: with_memory(values, step, [effect for effect in instruments.effects if effect.id.startswith(own[name])])
-        for name, values in shown.items()
-    }
-    return {name: at_samples(values, samples, step) for name, values in late.items()}
+    late = {}
+    for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
+        slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
+        if slow:
+            values = _maf(instruments, point, time, disturbances) if channel == "W_maf" else point[channel]
+            remembered = at_samples(with_memory(values, step, slow), samples, step)
+            at_work = np.any([found.at(times) for found in slow], axis=0)
+            late[channel] = np.where(at_work, remembered, direct[channel])
+    return late

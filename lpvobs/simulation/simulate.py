@@ -11,7 +11,7 @@ from lpvobs.records import Array
 from lpvobs.simulation.condition import stages_of
 from lpvobs.simulation.control import targets_of
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
-from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.effects import CATALOGUE, Effect
 from lpvobs.simulation.integrate import drive, sample_times
 from lpvobs.simulation.parameters import SimulationParameters, Surface
 from lpvobs.simulation.plant import plant_of, resting_state
@@ -128,6 +128,8 @@ def _check_that_it_shows(effect: Injected, scene: Scene) -> None:
         raise UsageError(
             f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {scene.duration:g} s"
         )
+    if isinstance(effect, Effect) and effect.id == "maf.drift":
+        _check_drift(effect, scene)
     if (
         isinstance(effect, Effect)
         and effect.id == "maf.temperature"
@@ -136,6 +138,16 @@ def _check_that_it_shows(effect: Injected, scene: Scene) -> None:
     ):
         raise UsageError(
             f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add an [auxiliary] table"
+        )
+
+
+def _check_drift(effect: Effect, scene: Scene) -> None:
+    until, gain = min(effect.end or scene.duration, scene.duration), CATALOGUE["maf.gain"]
+    factor = 1.0 + effect.value * until
+    if not gain.low <= factor <= gain.high:
+        raise UsageError(
+            f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
+            f"expected {gain.low:g} to {gain.high:g}; take a smaller rate"
         )
 
 

@@ -7,6 +7,7 @@ tasks per worker are under way at a time, so memory does not grow with their num
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -72,7 +73,7 @@ class Workers:
         if self._pool is None:
             # Processes that start afresh: a copy of this one could inherit a lock that a thread of a library holds.
             afresh = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self.jobs, afresh, _leave_interrupts_to_the_parent)
+            self._pool = ProcessPoolExecutor(self.jobs, afresh, _belong_to_the_parent)
         return _in_processes(function, tasks, self._pool, AHEAD * self.jobs)
 
 
@@ -100,9 +101,18 @@ def _in_processes(
         ) from None
 
 
-def _leave_interrupts_to_the_parent() -> None:
+def _belong_to_the_parent() -> None:
+    """Leave interrupts to the parent, and end with it, even if it is killed and cannot say so."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _on_cluster(

@@ -161,7 +161,8 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     assert contents(out) == contents(together[0])
 
 
-def test_an_interrupt_ends_all_processes_and_keeps_what_is_done(config, chain, fleet, tmp_path):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
     out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]
     process = subprocess.Popen(
@@ -172,13 +173,16 @@ def test_an_interrupt_ends_all_processes_and_keeps_what_is_done(config, chain, f
     )
     while not list(parts.glob("*.part")) and process.poll() is None:
         time.sleep(0.002)
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the parent and its workers
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
-    assert len(err.strip().splitlines()) == 1, err
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)  # as a terminal does: to the parent and its workers
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 130, err
+        assert len(err.strip().splitlines()) == 1, err
+    else:
+        process.send_signal(sent)  # to the parent alone, which cannot tell them
+        process.communicate(timeout=60)
     assert not out.exists()
-    for _ in range(200):  # the library's own helper process ends when it notices that the others have
+    for _ in range(400):  # the library's own helper process ends when it notices that the others have
         try:
             os.killpg(process.pid, 0)
         except ProcessLookupError:

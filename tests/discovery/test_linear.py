@@ -84,4 +84,4 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
 def _like(linear, one):
     from lpvobs.discovery.candidates import Candidate
 
-    return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0)
+    return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False)

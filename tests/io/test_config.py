@@ -261,3 +261,84 @@ def test_a_surface_is_read_as_strictly(tmp_path):
     ):
         path.write_text(text)
         refusal(path, word, load=load_effects)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "holds neither [surface], [[effect]] nor [auxiliary]"),
+        ("[[effect]]\ntau = 0.1", "key 'id' is missing"),
+        ("[[effect]]\nid = 'maf.lagg'\ntau = 0.1", "did you mean 'maf.lag'?"),
+        ("[[effect]]\nid = 'unloged'", "did you mean 'unlogged'?"),
+        ("[[effect]]\nid = 'chanel:humidity'", "did you mean 'channel:NAME'?"),
+        ("[[effect]]\nid = '??'", "no such effect; known: maf.gain"),
+        ("[[effect]]\nid = 'p_ic.gain'\nfactor = 1.1", "only the throttled engine has"),
+        ("[[effect]]\nid = 'alpha_th.offset'\noffset = 1", "the diesel has no alpha_th"),
+        ("[[effect]]\nid = 'maf.lag'", "parameter 'tau' is missing"),
+        ("[[effect]]\nid = 'maf.lag'\ntau = 0.1\nfactor = 2", "unknown key 'factor'; it has id, tau, onset, end"),
+        ("[[effect]]\nid = 'maf.lag'\ntau = '80 ms'", "tau = '80 ms', expected a number"),
+        ("[[effect]]\nid = 'maf.lag'\ntau = true", "expected a number"),
+        ("[[effect]]\nid = 'maf.lag'\ntau = nan", "expected a number"),
+        ("[[effect]]\nid = 'maf.lag'\ntau = 80", "tau = 80 s, expected 0 to 5; check its unit"),
+        ("[[effect]]\nid = 'leak.intake'\narea = 20", "check its unit"),
+        ("[[effect]]\nid = 'leak.intake'\narea = -1e-5", "expected 0 to"),
+        ("[[effect]]\nid = 'maf.gain'\nfactor = inf", "expected 0.3 to 3"),
+        ("[[effect]]\nid = 'maf.gain'\nfactor = 1.1\nonset = 9\nend = 9", "does not lie after onset = 9"),
+        ("[[effect]]\nid = 'maf.gain'\nfactor = 1.1\nend = 0", "does not lie after onset = 0"),
+        ("[[effect]]\nid = 'maf.gain'\nfactor = 1.1\nonset = -1", "expected seconds since the start"),
+        ("[[effect]]\nid = 'maf.gain'\nfactor = 1.1\nonset = inf", "expected seconds since the start"),
+        ("[effect]\nid = 'maf.gain'\nfactor = 1.1", "under its own [[effect]]"),
+        ("effect = [1]", "under its own [[effect]]"),
+        ("[[efect]]\nid = 'maf.gain'\nfactor = 1.1", "'efect'"),
+        ("[auxilary]", "did you mean 'auxiliary'?"),
+        ("[auxiliary]\nchannel = []", "did you mean 'channels'?"),
+        ("[auxiliary]\nchannels = ['T_oil']", "'T_oil' is no channel"),
+        ("[[effect]]\nid = 'channel:T_oil'\nform = 'gain'\namplitude = 1", "no such auxiliary channel"),
+        ("[[effect]]\nid = 'channel:humidity'\namplitude = 1", "key 'form' is missing"),
+        ("[[effect]]\nid = 'channel:humidity'\nform = 'gain'", "parameter 'amplitude' is missing"),
+        ("[[effect]]\nid = 'channel:humidity'\nform = 'gain'\namplitude = 1\nrate = 2", "unknown key 'rate'"),
+        ("[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1", "either episodes"),
+        (
+            "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\nepisodes = [[1, 2], [3, 4]]\n"
+            "telegraph = { seed = 1, on = 9.0, off = 9.0 }",
+            "either episodes",
+        ),
+        ("[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\nepisodes = [[1, 2, 3]]", "no list of pairs"),
+        ("[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\nepisodes = 5", "no list of pairs"),
+        (
+            "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\ntelegraph = { seed = true, on = 9, off = 9 }",
+            "whole seed",
+        ),
+        (
+            "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\ntelegraph = { seed = 1, on = 9, of = 9 }",
+            "unknown key 'of'",
+        ),
+        (
+            "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\nonset = 3\nepisodes = []",
+            "unknown key 'onset'",
+        ),
+    ],
+)
+def test_an_effect_that_cannot_be_meant_is_refused_with_its_place(tmp_path, text, words):
+    path = tmp_path / "effects.toml"
+    path.write_text(text)
+    refusal(path, words, load=load_effects)
+
+
+def test_the_second_of_two_effects_is_named_by_its_place(tmp_path):
+    path = tmp_path / "effects.toml"
+    path.write_text("[[effect]]\nid = 'maf.gain'\nfactor = 1.1\n[[effect]]\nid = 'maf.lag'\ntau = -1")
+    refusal(path, "effect[1]: maf.lag: tau = -1", load=load_effects)
+
+
+def test_effects_keep_parameters_and_times(tmp_path):
+    path = tmp_path / "effects.toml"
+    path.write_text(
+        "[[effect]]\nid = 'maf.delay'\ndelay = 1\nonset = 3\nend = 4.5\n[auxiliary]\nchannels = ['humidity']"
+    )
+    effects, text = load_effects(path)
+    assert text == path.read_text()
+    (delay,) = effects.injected
+    assert (delay.id, delay.value, delay.onset, delay.end) == ("maf.delay", 1.0, 3.0, 4.5)
+    assert effects.auxiliary.channels == ("humidity",)
+    assert effects.surface is None

@@ -1,5 +1,7 @@
 """Two small drives through Eq. (1) with a known error surface, shared by the tests of the estimators."""
 
+import os
+
 import numpy as np
 import pytest
 from reference.drives import integrated
@@ -10,6 +12,8 @@ from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import EstimateSettings
 
 EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])
+LEGS = 3 if os.environ.get("NUMBA_DISABLE_JIT") == "1" else 100
+"""Of the drive. Without the compiler a short one: what compares two ways holds on it as well, what is about accuracy does not."""
 TOLERANCE = dict.fromkeys(
     ("R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg", "V_d", "c_vol1", "c_vol3", "V_im", "A_egr_max", "k_reverse"),
     0.01,
@@ -24,12 +28,12 @@ def surface(u_delta, n_e):
 @pytest.fixture(scope="session")
 def drive(engine):
     """Return a drive of 200 s in 100 legs, and its true flow, with Eq. (40) as the sensor's error."""
-    return integrated(engine, 1, legs=100, seconds=2.0, surface=surface, substeps=5)
+    return integrated(engine, 1, legs=LEGS, seconds=2.0, surface=surface, substeps=5)
 
 
 @pytest.fixture(scope="session")
 def other_drive(engine):
-    return integrated(engine, 2, legs=60, seconds=2.0, surface=surface, substeps=5)
+    return integrated(engine, 2, legs=min(LEGS, 60), seconds=2.0, surface=surface, substeps=5)
 
 
 @pytest.fixture(scope="session")

@@ -50,3 +50,23 @@ def clean(config, cycle):
 @pytest.fixture(scope="session")
 def truth(clean):
     return clean.truth
+
+
+@pytest.fixture(scope="session")
+def inject(config, cycle):
+    """Return a function that repeats the short drive with effects in it."""
+
+    def run(*effects, **options):
+        return simulate(config.engine, config.simulation, options.pop("cycle", cycle), effects=effects, **options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def minutes(tmp_path_factory):
+    """Return a drive of three minutes, the short one over and over: long enough for what comes and goes."""
+    rows = SHORT.splitlines()
+    repeated = [row.split(",", 1)[1] for row in rows[1:]] * 9
+    path = tmp_path_factory.mktemp("minutes") / "minutes.csv"
+    path.write_text("\n".join([rows[0], *(f"{second},{row}" for second, row in enumerate(repeated))]))
+    return str(path)

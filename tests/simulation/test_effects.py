@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from lpvobs.simulation.effects import CATALOGUE, Effect
-from lpvobs.simulation.parameters import Surface
-from lpvobs.simulation.simulate import simulate
 
 SIZES = {
     "maf.gain": 1.06, "maf.offset": 1e-3, "maf.lag": 0.08, "maf.delay": 0.04, "maf.drift": 1e-3, "maf.temperature": 5e-3,
@@ -27,17 +25,6 @@ QUANTA = {
     "T_em": 0.1,
     "W_maf": 1e-5,
 }
-PERFECT = Surface("zero")
-
-
-@pytest.fixture(scope="module")
-def inject(config, cycle):
-    """Return a function that repeats the short drive with effects in it."""
-
-    def run(*effects, **options):
-        return simulate(config.engine, config.simulation, cycle, effects=effects, **options)
-
-    return run
 
 
 def same(first, second, where=slice(None)):
@@ -72,6 +59,17 @@ def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
     plant = plant_of(config.engine, config.simulation)
     nothing = [Effect(name, CATALOGUE[name].neutral) for name in PLANT]
     assert stages_of(plant, nothing, 0.01, 100) == ((0, plant),)
+
+
+@pytest.mark.parametrize("identifier", ["maf.lag", "maf.delay", "T_im.lag"])
+def test_off_the_integrators_beat_a_memory_leaves_the_rest_alone(inject, identifier):
+    """30 Hz does not divide 2000: what has no memory must not be taken from between two steps because something else has one."""
+    plain, log = inject(rate=30), inject(Effect(identifier, SIZES[identifier], onset=4.0, end=13.0), rate=30)
+    time, own = log.channels["time"], "T_im" if identifier == "T_im.lag" else "W_maf"
+    outside = (time < 4.0 - 1e-9) | (time >= 13.0 - 1e-9)
+    for name, values in log.channels.items():
+        where = outside if name == own else slice(None)
+        assert np.array_equal(values[where], plain.channels[name][where]), name
 
 
 @pytest.mark.parametrize("identifier", [name for name in CATALOGUE if name != "maf.temperature"])

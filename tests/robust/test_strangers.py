@@ -1,0 +1,102 @@
+"""Strings from files end in the page as text, never as markup; no reader runs what a file says."""
+
+import ast
+import html.parser
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+from robust.defects import Bench
+from robust.samples import CONFIG
+
+from lpvobs.errors import UsageError
+from lpvobs.io.config import load_config
+from lpvobs.io.gains import read_gain
+from lpvobs.io.hdf import changing
+from lpvobs.report.content import gather
+from lpvobs.report.load import load
+from lpvobs.report.page import page
+from lpvobs.steps.estimate import estimate_logs
+from lpvobs.steps.extrapolate import extrapolate_result
+
+EVIL = "<img src=x onerror=alert(1)>\"'&<script>alert(2)<\u0338script>]]>"
+
+
+@pytest.fixture(scope="module")
+def hostile(samples, tmp_path_factory):
+    """Return a result and its log whose names and texts are markup, wherever a stranger can put a string."""
+    folder = tmp_path_factory.mktemp("hostile")
+    bench = Bench(folder)
+    bench.log[EVIL] = bench.log["n_e"]
+    bench.units[EVIL] = EVIL
+    bench.write()
+    log, result = folder / f"{EVIL[:28]}.parquet", folder / "<b onmouseover=alert(3)>.h5"
+    shutil.move(bench.path, log)
+    config, text = load_config(CONFIG)
+    estimate_logs(config, text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None)
+    extrapolate_result(result)
+    with changing(result, result) as file:
+        file["provenance"].attrs["command_line"] = EVIL
+        file["provenance"].attrs["versions"] = '{"<u>numpy</u>": "<script>alert(4)</script>"}'
+        file["gain"].attrs["origin"] = EVIL
+        file.attrs["method"] = EVIL
+    return result, log
+
+
+class Reader(html.parser.HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.handlers = set(), set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.handlers |= {name for name, _ in attrs if name.startswith("on")}
+
+
+@pytest.mark.parametrize("with_log", [False, True])
+def test_no_string_of_a_file_becomes_markup(hostile, with_log):
+    result, log = hostile
+    text = page(gather(load([result, log] if with_log else [result])))
+    assert "alert(1)" in text  # as text: otherwise nothing was tried
+    reader = Reader()
+    reader.feed(text)
+    assert reader.handlers == set()
+    assert not reader.tags & {"script", "img", "b", "u", "iframe", "object", "embed", "link"}
+
+
+def test_nothing_in_the_package_unpickles_evaluates_or_runs_a_shell():
+    root = Path(__file__).parents[2] / "lpvobs"
+    bad = {"pickle", "cPickle", "dill", "shelve", "marshal", "cloudpickle", "joblib"}
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = set()
+            if isinstance(node, ast.Import):
+                names = {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names = {str(node.module).split(".")[0]}
+            assert not names & bad, path
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                assert called not in ("eval", "exec", "os.system", "os.popen", "yaml.load"), path
+                keywords = {item.arg: ast.unparse(item.value) for item in node.keywords}
+                assert keywords.get("shell", "False") == "False", path
+                assert keywords.get("allow_pickle", "False") == "False", path
+
+
+def test_a_period_that_no_step_counts_is_a_usage_error(tmp_path):
+    """Found by the fuzzer: 1e308 over the step of the integrator is infinite."""
+    odd = tmp_path / "odd.toml"
+    text = CONFIG.read_text()
+    odd.write_text(text.replace("period = 0.01 ", "period = 1e308 "))
+    assert odd.read_text() != text
+    with pytest.raises(UsageError, match="proportion"):
+        load_config(odd)
+
+
+def test_objects_in_hdf5_that_h5py_would_unpickle_do_not_exist(samples):
+    """h5py reads opaque and object types as bytes and strings; a result holds numbers and texts only."""
+    kinds = set()
+    with h5py.File(samples.result) as file:
+        file.visititems(lambda name, item: kinds.add(item.dtype.kind) if isinstance(item, h5py.Dataset) else None)
+    assert kinds <= {"f", "i", "u", "O"}  # O: variable-length UTF-8
