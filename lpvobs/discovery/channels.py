@@ -30,7 +30,8 @@ class Curve:
     carrier : str
         Effect whose size follows it.
     knots, values : ndarray, shape (k,)
-        Of the channel (or its rate), and of the deviation of the carrier's size.
+        Of the channel (or its rate), and of the deviation of the carrier's size: nothing on the average of the logs, or, for a
+        switch against a map that stands, nothing where it is off.
     """
 
     channel: str
@@ -70,11 +71,16 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
     best: dict[str, tuple[float, Curve, Effect]] = {}
     for name, of, values in shapes(linear):
         knots, hats = basis(values)
+        off = (
+            not problem.prior.free and knots.size <= MOST_LEVELS
+        )  # what a switch does on the average is no part of such a map
+        middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
         for effect in carriers:
-            columns = np.stack([slopes[effect.id] * hat for hat in hats[1:] - hats[1:].mean(1, keepdims=True)])
+            columns = np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]])
             gain, coefficients = _joint(linear, columns)
             if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
-                curve = Curve(name, of, effect.id, knots, np.concatenate([[0.0], coefficients]))
+                sizes = np.concatenate([[0.0], coefficients])
+                curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
                 best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, values))
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
     found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
@@ -83,9 +89,7 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
 
 def driven(curve: Curve, carrier: Effect, values: Array) -> Effect:
     """Return the effect whose size follows the curve; its parameter is the multiple of the curve."""
-    along = np.interp(values, curve.knots, curve.values)
-    along = along - along.mean()
-    shape = np.tile(along, 2)
+    shape = np.tile(np.interp(values, curve.knots, curve.values), 2)
 
     def apply(scene: Scene, amplitude: float) -> Scene:
         return carrier.apply(scene, carrier.null + amplitude * shape)

@@ -137,11 +137,8 @@ def own_time(problem: Problem, logs: Sequence[Log]) -> tuple[Array, NDArray[np.i
 
 
 def stored_curve(curve: Curve, problem: Problem) -> Curve:
-    """Return a fitted curve as it is kept: its mean along the logs taken out, its rates per second."""
-    values = problem.auxiliary[curve.channel]
-    along = np.interp(rate_of(values) if curve.of == "rate" else values, curve.knots, curve.values)
-    knots = curve.knots / _spacing(problem) if curve.of == "rate" else curve.knots
-    return replace(curve, knots=knots, values=curve.values - along.mean())
+    """Return a fitted curve as it is kept: its rates per second."""
+    return replace(curve, knots=curve.knots / _spacing(problem)) if curve.of == "rate" else curve
 
 
 def from_off(standing: Standing) -> Standing:

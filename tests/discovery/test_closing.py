@@ -88,16 +88,32 @@ def test_a_logged_channel_is_named(closed, clean, misread):
     assert found.trace.findings[0].curve["channel"] == "heat"
 
 
-def test_against_a_nominal_map_a_constant_gain_is_an_effect(closed, clean, misread, plant, config):
+@pytest.fixture(scope="module")
+def nominal(closed, clean, config):
+    """Return the map of the healthy log as what is known before others."""
     healthy = closed(clean)
     spread = np.array(list(config.estimate.tolerance.values())) / np.sqrt(3.0)
     seen = np.where(np.sqrt(np.diag(healthy.covariance)) < 2e-3, 1.0, np.nan).reshape(healthy.theta.shape)
     none = np.zeros((spread.size, *healthy.theta.shape))
-    prior = nominal_map(healthy.theta * seen, healthy.covariance, none, spread, 0.1)
-    found = refine(plant, config.grid(), config.estimate.tolerance, prior, [misread(clean, 1.08 * clean["W_maf"])])
+    return nominal_map(healthy.theta * seen, healthy.covariance, none, spread, 0.1)
+
+
+def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):
+    found = refine(plant, config.grid(), config.estimate.tolerance, nominal, [misread(clean, 1.08 * clean["W_maf"])])
     (finding,) = found.trace.findings
     assert "maf.gain" in (finding.id, *finding.indistinguishable)
     assert found.terms[0].size == pytest.approx(1.08, abs=0.02)
+
+
+def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, clean, misread, plant, config):
+    on = (np.sin(0.11 * clean.time) + np.sin(0.043 * clean.time) > 0.3).astype(float)
+    log = misread(clean, clean["W_maf"] + 0.002 * on, {"compressor": on})
+    found = refine(plant, config.grid(), config.estimate.tolerance, nominal, [log])
+    (effect,) = found.standing
+    assert effect.id == "channel:compressor"
+    assert effect.curve.values[0] == 0.0
+    if effect.curve.carrier == "maf.offset":
+        assert effect.value * effect.curve.values[-1] == pytest.approx(0.002, rel=0.1)  # kg/s
 
 
 def test_a_short_log_is_refused_in_one_line(plant, config, clean):
