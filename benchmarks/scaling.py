@@ -157,8 +157,8 @@ def main(most: int, logs: int) -> None:
         ]
         text += markdown(header, fleet(config, gain, folder, logs))
     text += (
-        "\n\nFrom shell to shell, comparison with the references included; memory is the most that was seen, of all processes. On a machine "
-        "that others use, the clock shows them, too: then only the processor's seconds stand."
+        "\n\nFrom shell to shell, comparison with the references included; memory is the most that was seen, of all processes. "
+        "On a machine that others use, the clock shows them, too: then only the processor's seconds stand."
     )
     draw(RESULTS / "scaling.svg", counts, found)
     publish("scaling", "Cost against samples and logs", text)
