@@ -51,8 +51,8 @@ class Nominal:
     learned : Learned
     healthy : HealthyErrors
     day_to_day : DayToDay
-    digests : tuple of str
-        Of the logs that taught the engine.
+    taught : mapping of str to str
+        Name of each log that taught the engine, by digest.
     had : tuple of Standing
         Effects that are part of it.
     """
@@ -61,7 +61,7 @@ class Nominal:
     learned: Learned
     healthy: HealthyErrors
     day_to_day: DayToDay
-    digests: tuple[str, ...]
+    taught: Mapping[str, str]
     had: tuple[Standing, ...] = ()
 
 
@@ -151,10 +151,10 @@ def case_of(nominal: Nominal, log: Log, logs: Sequence[Log], frozen: bool | None
             f"{log.name}: {blocks.count} blocks of {blocks.length:g} s without a gap, expected at least {LEAST_BLOCKS}; "
             "record a minute or more"
         )
-    own = log.sha256 in nominal.digests and not frozen
+    own = log.sha256 in nominal.taught and not frozen
     shift = np.zeros((blocks.count, len(BALANCES)))
     if own:
-        others = [each for each in logs if each.sha256 in nominal.digests and each.sha256 != log.sha256]
+        others = [each for each in logs if each.sha256 in nominal.taught and each.sha256 != log.sha256]
         scene = scene_of(log)
         stands = imbalances(nominal.engine, nominal.learned, blocks, scene)
         for learned, out in held_out_engines(nominal.engine, log, others):
@@ -231,9 +231,8 @@ def _standing(nominal: Nominal, done: Sequence[tuple[Case, Selection, Judged]]) 
             end = term.end + clock if np.isfinite(term.end) else np.inf
             spans = [Span(case.log.name, case.log.sha256, begin, end)]
             spans += [Span(each.log.name, each.log.sha256, np.inf, np.inf) for each, _, _ in done if each is not case]
-            spans += [
-                Span(digest[:12], digest, np.inf, np.inf) for digest in nominal.digests if digest != case.log.sha256
-            ]
+            healthy = {digest: name for digest, name in nominal.taught.items() if digest != case.log.sha256}
+            spans += [Span(name, digest, np.inf, np.inf) for digest, name in healthy.items()]
             effect = term.effect
             found.append(
                 Standing(
@@ -259,8 +258,7 @@ def _unseen(nominal: Nominal, standing: Sequence[Standing], log: Log) -> tuple[t
     ]
     before, after = case.imbalances(()), case.imbalances(new)
     w = weighed(case, np.ones_like(before))
-    _, day = w.day(after)
-    residuals = Judged(before - day, after - day)
+    residuals = Judged(before - w.day(before)[1], after - w.day(after)[1])
     part = ThrottledPart(
         log=log.name,
         verdict="none",

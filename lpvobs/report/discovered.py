@@ -196,3 +196,48 @@ def whiteness_rows(found: Discovered) -> Table | None:
         row += [f"{each.periodogram_distance[b]:.3f}" for each in (before, after)]
         rows.append([*row, f"{after.periodogram_band:.3f}"])
     return header, rows
+
+
+def balance_rows(found: Discovered) -> Table | None:
+    """Return the error of every balance before and after by log, None where the engine's logs are not judged that way."""
+    header = [
+        "log",
+        "balance",
+        "before B",
+        "after A",
+        "healthy N",
+        "(B - A) / (B - N)",
+        "median before",
+        "median after",
+    ]
+    rows = []
+    for part in found.content["logs"]:
+        for item in part.get("balances", []):
+            recovered = "-" if item["recovered"] is None else f"{item['recovered']:.2f}"
+            errors = [percent(item[key], 1) for key in ("before", "after", "healthy")]
+            usual = [percent(item[key], 1) for key in ("usual_before", "usual_after")]
+            rows.append([part["log"], item["balance"], *errors, recovered, *usual])
+    return (header, rows) if rows else None
+
+
+def day_rows(found: Discovered) -> Table | None:
+    """Return what differs from the healthy day and is no fault, None where that is not told."""
+    header = ["log", "level of the day", "value", "usual between days", "unit"]
+    rows = [
+        [part["log"], item["name"], f"{item['value']:+.3g}", f"{item['usual']:.3g}", item["unit"]]
+        for part in found.content["logs"]
+        for item in part.get("day_to_day", [])
+    ]
+    return (header, rows) if rows else None
+
+
+def lost_rows(found: Discovered) -> Table | None:
+    """Return what missing channels take away, None where none is missing."""
+    header = ["log", "missing channels", "balances lost", "effects that their place no longer tells apart"]
+    rows = []
+    for part in found.content["logs"]:
+        if "missing" in part:
+            lost = part["missing"]
+            groups = "; ".join(", ".join(group) for group in lost["same_place"])
+            rows.append([part["log"], ", ".join(lost["channels"]), ", ".join(lost["balances"]) or "-", groups or "-"])
+    return (header, rows) if rows else None

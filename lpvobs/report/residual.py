@@ -9,7 +9,17 @@ from markupsafe import Markup
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.report import residual_figures as figures
 from lpvobs.report.content import ResultView
-from lpvobs.report.discovered import Discovered, effect_rows, error_rows, ranking_rows, sentence, whiteness_rows
+from lpvobs.report.discovered import (
+    Discovered,
+    balance_rows,
+    day_rows,
+    effect_rows,
+    error_rows,
+    lost_rows,
+    ranking_rows,
+    sentence,
+    whiteness_rows,
+)
 from lpvobs.report.tables import Table
 
 MOST_LOGS = 6
@@ -53,6 +63,13 @@ def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
     if effects is not None:
         yield effects, "Effects, with 90 % intervals"
     yield error_rows(found), "Residual on data held out"
+    for rows, title in (
+        (balance_rows(found), "Balances where the effects act: rms of the relative residual"),
+        (day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),
+        (lost_rows(found), "What missing channels take away"),
+    ):
+        if rows is not None:
+            yield rows, title
     ranking = ranking_rows(found)
     if ranking is not None:
         yield ranking, "Every candidate alone against the model as it was"

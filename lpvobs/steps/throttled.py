@@ -92,12 +92,12 @@ def _closed(
     with reading(stored.path, KIND, REMEDY) as file:
         learned, healthy = read_learned(file)
         refined = read_refinement(file)
-    digests = tuple(log.sha256 for log in stored.logs)
+    taught = {log.sha256: log.name for log in stored.logs}
     had = () if refined is None else refined.effects
-    nominal = Nominal(config.engine, learned, healthy, config.trace, digests, had)
+    nominal = Nominal(config.engine, learned, healthy, config.trace, taught, had)
     logs, unseen = ([read_what_is_there(path, config) for path in each] for each in (paths, hold_out))
     closed = close(nominal, logs, unseen, frozen, progress)
-    return closed, bool(frozen) or not any(log.sha256 in digests for log in logs)
+    return closed, bool(frozen) or not any(log.sha256 in taught for log in logs)
 
 
 def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:
