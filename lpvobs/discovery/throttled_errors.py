@@ -22,6 +22,9 @@ SLOW = 100.0
 """[s], over which their slow part is forgotten."""
 MOST_DAILY = 3.0
 """Standard deviations up to which a level of the day is taken out of the signals; what is larger is no matter of the day."""
+MOST_STRETCHED = 3.0
+"""Factor on the scale of an outlier: a second fault must not pass for one."""
+MOST_STRANGE = 5.0
 UNEQUAL = 0.01
 """Scatter of the pressure ratio within a block; where it is near one the throttle's flow hangs on it."""
 
@@ -88,7 +91,22 @@ def stretched(w: Weighed, r: Array) -> Array:
     """Return the factors on the scales that Student's distribution gives to what is left, shape (blocks, 4)."""
     _, day = w.day(r)
     z = (r - day) / _scale(w.case)
-    return np.asarray(np.sqrt(np.maximum(1.0, (TAIL + z**2) / (TAIL + 1.0))))
+    return np.asarray(np.clip(np.sqrt((TAIL + z**2) / (TAIL + 1.0)), 1.0, MOST_STRETCHED))
+
+
+def strangeness_of(w: Weighed, r: Array) -> float:
+    """Return how far a residual strays over what it strays on a healthy log, in the worst of the flow balances.
+
+    The mean of squares that count up to `MOST_STRANGE` scales: a level, not a few outliers.
+    """
+    _, day = w.day(r)
+    z = np.minimum(((r - day) / _scale(w.case)) ** 2, MOST_STRANGE**2)[:, :3]
+    means = [
+        float(z[use, b].mean() / w.case.healthy.together[b, b])
+        for b, use in enumerate(w.case.counted[:, :3].T)
+        if use.any()
+    ]
+    return max(means, default=0.0)
 
 
 def on_its_day(w: Weighed, r: Array) -> Case:

@@ -102,6 +102,47 @@ def gains_by_end(weights: Weighing, pulled: Array, z: Array) -> Array:
     return np.asarray(-total[weights.first])
 
 
+def best_interval(
+    weights: Weighing, pulled: Array, direction: Array, every: int, least: int
+) -> tuple[float, int, int, float]:
+    """Return the largest gain of a direction on an interval that begins and ends inside, its ends, and how far it goes.
+
+    Parameters
+    ----------
+    pulled, direction : ndarray, shape (n,)
+        P r, and the change of the entries per unit of size.
+    every : int
+        Onsets between two ends that are tried.
+    least : int
+        Such steps that the interval must last, and must leave before and after it.
+
+    Returns
+    -------
+    gain : float
+        Zero where there is no such interval.
+    begin, end : int
+        Numbers of onsets.
+    size : float
+    """
+    edges = np.arange(0, weights.onsets.size, every)
+    first = weights.first[edges]
+    rows = np.add.reduceat(weights.P * direction, first, axis=1) * direction[:, None]
+    power = np.zeros((edges.size + 1, edges.size + 1))
+    power[1:, 1:] = np.cumsum(np.cumsum(np.add.reduceat(rows, first, axis=0), axis=0), axis=1)
+    slope = np.concatenate([[0.0], np.cumsum(np.add.reduceat(pulled * direction, first))])
+    own = np.diag(power)
+    inside = own[None] + own[:, None] - power - power.T
+    i, j = np.triu_indices(edges.size + 1, least)
+    fits = (i >= least) & (j <= edges.size - least) & (inside[i, j] > 1e-9 * max(float(own[-1]), 1e-300))
+    if not fits.any():
+        return 0.0, 0, 0, 0.0
+    i, j = i[fits], j[fits]
+    score = slope[j] - slope[i]
+    gains = 0.5 * score**2 / inside[i, j]
+    k = int(np.argmax(gains))
+    return float(gains[k]), int(edges[i[k]]), int(edges[j[k]]), float(-score[k] / inside[i[k], j[k]])
+
+
 def parabola(x: Array, g: Array) -> tuple[float, float, float]:
     """Return where a parabola through three points is highest, its value there, and its curvature, positive for a maximum.
 

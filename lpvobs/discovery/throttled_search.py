@@ -10,13 +10,24 @@ from lpvobs.discovery.throttled_balances import BALANCES
 from lpvobs.discovery.throttled_case import ALWAYS, FOREVER, Term
 from lpvobs.discovery.throttled_catalogue import Effect
 from lpvobs.discovery.throttled_errors import Weighed
-from lpvobs.discovery.throttled_evidence import Fit, best_size, gains_by_end, gains_by_onset, refined_size
+from lpvobs.discovery.throttled_evidence import (
+    Fit,
+    best_interval,
+    best_size,
+    gains_by_end,
+    gains_by_onset,
+    refined_size,
+)
 from lpvobs.records import Array
 
 PROMISING = 0.25
 """Share of the best coarse gain that earns a candidate a closer look."""
 IDLE = 8.0
 """Gain below which no look closer would make an effect of it."""
+BUSY = 24.0
+"""Gain from which on it is worth to ask whether an effect also ends."""
+EVERY = 5
+"""Blocks between two ends that are tried first."""
 LEAST_LENGTH = 10
 """Blocks that an effect must last, and must leave before its onset, to be told from an outlier."""
 ENDS = 2.0
@@ -27,10 +38,17 @@ def search(w: Weighed, terms: Sequence[Term], allow_whole: bool, among: Sequence
     """Return every candidate beside the terms at its best size and interval, best score first; only promising ones refined."""
     r = w.case.imbalances(terms)
     look = _Look(w, tuple(terms), r, w.weights.P @ w.flat(r), allow_whole)
-    coarse = [_coarse(look, effect) for effect in (w.case.candidates if among is None else among)]
+    effects = w.case.candidates if among is None else among
+    lasting = {effect: _coarse(look, effect) for effect in effects}
+    coarse = list(lasting.values())
     top = max((fit.gain for fit in coarse), default=0.0)
-    refined = [_refined(look, fit) if fit.gain > max(PROMISING * top, IDLE) else fit for fit in coarse]
-    return sorted(refined, key=lambda fit: fit.score, reverse=True)
+    if top > BUSY:
+        worth = [effect for effect, fit in lasting.items() if fit.gain > PROMISING * top]
+        coarse += [fit for effect in worth for fit in _between(look, effect) if fit.score > lasting[effect].score]
+    top = max((fit.gain for fit in coarse), default=0.0)
+    looked = [_refined(look, fit) if fit.gain > max(PROMISING * top, IDLE) else fit for fit in coarse]
+    best = {effect.id: max((f for f in looked if f.id == effect.id), key=lambda f: f.score) for effect in effects}
+    return sorted(best.values(), key=lambda fit: fit.score, reverse=True)
 
 
 @dataclass(frozen=True)
@@ -79,14 +97,31 @@ def _coarse(look: _Look, effect: Effect) -> Fit:
     return Fit(effect.id, size, look.begin(k), FOREVER, value + cost, cost, np.zeros_like(look.r), np.inf)
 
 
+def _between(look: _Look, effect: Effect) -> list[Fit]:
+    """Return an effect on the best interval that begins and ends inside, if it is worth anything: sizes up and down, linear."""
+    w = look.w
+    found = []
+    for sizes in ([x for x in effect.sizes if x > effect.null], [x for x in effect.sizes[::-1] if x < effect.null]):
+        if sizes:
+            probe = sizes[len(sizes) // 4]
+            direction = w.flat(look.change(effect, probe)) / (probe - effect.null)
+            gain, begin, end, far = best_interval(w.weights, look.pulled, direction, EVERY, LEAST_LENGTH // EVERY)
+            size = float(np.clip(effect.null + far, effect.sizes[0], effect.sizes[-1]))
+            if gain > IDLE:
+                ends = float(w.weights.onsets[begin]), float(w.weights.onsets[end])
+                found.append(Fit(effect.id, size, *ends, gain, 2.0 * look.cost, np.zeros_like(look.r), np.inf))
+    return sorted(found, key=lambda fit: fit.gain)[-1:]
+
+
 def _refined(look: _Look, fit: Fit) -> Fit:
     case = look.w.case
     effect = next(e for e in case.candidates if e.id == fit.id)
-    size, begin = fit.size, fit.begin
+    size, begin, end = fit.size, fit.begin, fit.end
     for _ in range(2):
-        size, _ = _sized(look, effect, size, case.acts(begin, FOREVER))
-        begin = look.begin(int(np.argmax(look.onset_gains([look.change(effect, size)])[:, 0])))
-    end = _end(look, look.change(effect, size) * case.acts(begin, FOREVER)[:, None], begin)
+        size, _ = _sized(look, effect, size, case.acts(begin, end))
+        change = look.change(effect, size)
+        begin = look.begin(int(np.argmax(look.onset_gains([change * case.acts(ALWAYS, end)[:, None]])[:, 0])))
+        end = _end(look, change * case.acts(begin, FOREVER)[:, None], begin)
     on = case.acts(begin, end)
     size, spread = _sized(look, effect, size, on)
     change = look.change(effect, size) * on[:, None]

@@ -8,7 +8,15 @@ import scipy.stats
 
 from lpvobs.discovery.throttled_case import Case, Term
 from lpvobs.discovery.throttled_catalogue import Effect
-from lpvobs.discovery.throttled_errors import MOST_DAILY, Weighed, daily_sizes, on_its_day, stretched, weighed
+from lpvobs.discovery.throttled_errors import (
+    MOST_DAILY,
+    Weighed,
+    daily_sizes,
+    on_its_day,
+    strangeness_of,
+    stretched,
+    weighed,
+)
 from lpvobs.discovery.throttled_evidence import Fit
 from lpvobs.discovery.throttled_search import best_shift, refit, search
 from lpvobs.records import Array
@@ -17,7 +25,7 @@ PROVEN = 15.0
 """Score from which an effect with an onset is named: e^-15, and a margin for errors that are not quite as they are assumed."""
 PROVEN_ALWAYS = 30.0
 """The same where it acts all the time: how days differ is known from experience alone, not from the healthy log."""
-NEXT = 0.15
+NEXT = 0.1
 """Share of the first effect's gain that a further one must have: a large effect is never undone without a rest."""
 MOST = 3
 DAY_PASSES = 2
@@ -28,8 +36,8 @@ TIE = 1.0
 """Difference of gains that is none: the simpler one of two is listed first in the catalogue."""
 LEVELS = 1.3
 """Times the best effect's gain at which a mere shift of single balances explains more than any effect: then no name is given."""
-STRANGE = 1.0
-"""Mean square of what is left over what is expected, from which a log is not that of an engine in order."""
+STRANGE = 8.0
+"""Strangeness of what is left from which a log is not that of an engine in order, whatever is undone: one is a healthy log."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class Selection:
     before, after : ndarray, shape (blocks, 4)
         The balances without and with the effects undone.
     strangeness : float
-        Mean square of what is left over what is expected.
+        How far what is left strays over what strays on a healthy log.
     """
 
     verdict: str
@@ -105,11 +113,19 @@ def select(case: Case) -> Selection:
         Accepted(term, fit, _alike(w, terms, i, ranking), _p_value(w, fit))
         for i, (term, fit) in enumerate(zip(terms, fits, strict=True))
     )
-    strangeness = 2.0 * w.loss(after) / w.errors.order.size
-    verdict = "effect" if terms else ("unexplained" if _something(w, ranking, strangeness) else "none")
-    if terms and _levels_explain_more(w, before, fits):
+    strangeness = strangeness_of(w, after)
+    verdict = "effect" if terms else "none"
+    if _a_name_is_no_answer(w, before, after, strangeness, bool(terms)):
         verdict, accepted, after = "unexplained", (), before
     return Selection(verdict, accepted, tuple(ranking), w, before, after, strangeness)
+
+
+def _a_name_is_no_answer(w: Weighed, before: Array, after: Array, strangeness: float, named: bool) -> bool:
+    """Return whether something is there that the named effects, or none, do not explain."""
+    lost, shift = w.loss(before), best_shift(w, before)
+    if strangeness > STRANGE:
+        return True
+    return shift > (LEVELS * (lost - w.loss(after)) if named else PROVEN_ALWAYS)
 
 
 def _forward(w: Weighed, ranking: Sequence[Fit]) -> tuple[list[Term], list[Fit]]:
@@ -123,8 +139,7 @@ def _forward(w: Weighed, ranking: Sequence[Fit]) -> tuple[list[Term], list[Fit]]
             break
         terms.append(term_of(w.case, best))
         fits.append(best)
-        if len(terms) > 1:
-            terms, fits = _settled(w, terms)
+        terms, fits = _settled(w, terms)
         found = search(w, terms, not w.case.own)
         candidates = [fit for fit in found if fit.id not in {term.effect.id for term in terms}]
     return terms, fits
@@ -153,14 +168,15 @@ def _first_of_ties(w: Weighed, fits: Sequence[Fit]) -> Fit:
 
 
 def _settled(w: Weighed, terms: list[Term]) -> tuple[list[Term], list[Fit]]:
-    """Return every effect at its best size beside the others."""
+    """Return every effect at its best size beside the others, without those that the others have made superfluous."""
     fits: list[Fit] = []
     for i in range(len(terms)):
         others = [term for k, term in enumerate(terms) if k != i]
         fit = refit(w, others, terms[i].effect, terms[i].size, terms[i].begin, terms[i].end)
         terms = [replace(term, size=fit.size) if k == i else term for k, term in enumerate(terms)]
         fits.append(fit)
-    return terms, fits
+    kept = [k for k, fit in enumerate(fits) if fit.score >= _needed(fit)]
+    return [terms[k] for k in kept], [fits[k] for k in kept]
 
 
 def term_of(case: Case, fit: Fit) -> Term:
@@ -191,11 +207,3 @@ def _p_value(w: Weighed, fit: Fit) -> float:
     ends = int(np.isfinite(fit.begin)) + int(np.isfinite(fit.end))
     tried = len(w.case.candidates) * float(w.case.blocks.count) ** ends
     return float(min(1.0, tried * scipy.stats.chi2.sf(2.0 * max(fit.gain, 0.0), 1)))
-
-
-def _something(w: Weighed, ranking: Sequence[Fit], strangeness: float) -> bool:
-    return strangeness > STRANGE or best_shift(w, w.case.imbalances(())) > PROVEN
-
-
-def _levels_explain_more(w: Weighed, before: Array, fits: Sequence[Fit]) -> bool:
-    return best_shift(w, before) > LEVELS * fits[0].gain
