@@ -20,8 +20,8 @@ from lpvobs.errors import DataError
 
 HEAD = b"\nlpvobs sha256 "
 LENGTH = len(HEAD) + 64 + 1
-SECONDS, BYTES = 10, 2 * 2**30
-"""What reading a file without a seal may take, before it counts as damaged."""
+SECONDS, BYTES, PATIENCE = 10, 2 * 2**30, 90
+"""What reading a file without a seal may take before it counts as damaged: computing, memory, and time on a busy machine [s]."""
 BLOCK = 1 << 20
 
 
@@ -74,7 +74,7 @@ def _probe(path: str) -> str:
     call = [sys.executable, "-m", "lpvobs.io.probe", path, str(SECONDS), str(BYTES)]
     try:
         done = subprocess.run(
-            call, env=environment, capture_output=True, timeout=SECONDS + 5, stdin=subprocess.DEVNULL, check=False
+            call, env=environment, capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False
         )
     except subprocess.TimeoutExpired:
         return "HDF5 does not come to an end with it"

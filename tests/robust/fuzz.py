@@ -150,6 +150,24 @@ def worker(folder: Path, samples: Samples, kind: str, numbers: range, pipe: Conn
     pipe.send((-1, ""))
 
 
+def answers(receiver: Connection, process: int) -> bool:
+    """Return whether a worker says something before it has computed for ten seconds, or stood still for two minutes."""
+    began, before = time.monotonic(), computed(process)
+    while not receiver.poll(0.5):
+        if computed(process) - before > SECONDS or time.monotonic() - began > 12.0 * SECONDS:
+            return False
+    return True
+
+
+def computed(process: int) -> float:
+    """Return the time that a process has computed, [s]."""
+    try:
+        words = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    except OSError:
+        return 0.0
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def fuzz_kind(samples: Samples, kind: str, numbers: range, say: Callable[[str], None]) -> list[Finding]:
     """Return what was found among the inputs of one kind."""
     context = multiprocessing.get_context("fork")
@@ -162,7 +180,7 @@ def fuzz_kind(samples: Samples, kind: str, numbers: range, say: Callable[[str], 
             process.start()
             sender.close()
             try:
-                while receiver.poll(SECONDS + 5.0 * (kind == "hdf5 bare")):
+                while answers(receiver, process.pid or 0):
                     number, what = receiver.recv()
                     if number < 0:
                         at = numbers.stop
@@ -171,7 +189,7 @@ def fuzz_kind(samples: Samples, kind: str, numbers: range, say: Callable[[str], 
                     if what:
                         findings.append(Finding(kind, number, what))
                 else:
-                    findings.append(Finding(kind, at, f"nothing for {SECONDS:.0f} s"))
+                    findings.append(Finding(kind, at, f"nothing for {SECONDS:.0f} s of computing"))
                     at += 1
             except EOFError:
                 process.join()

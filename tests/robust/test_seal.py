@@ -14,7 +14,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.gains import read_gain
 from lpvobs.io.hdf import changing, creating
 from lpvobs.io.results import read_result
-from lpvobs.io.seal import LENGTH
+from lpvobs.io.seal import LENGTH, PATIENCE
 
 READERS = {"gain": read_gain, "result": read_result}
 
@@ -41,14 +41,14 @@ def test_a_flipped_bit_anywhere_is_noticed_before_hdf5_sees_it(copy, kind):
     path = copy(kind)
     whole = path.read_bytes()
     rng = np.random.default_rng(1)
-    began = time.monotonic()
+    began = time.process_time()
     for place in rng.integers(0, len(whole) - LENGTH, 300):
         spoiled = bytearray(whole)
         spoiled[place] ^= 1 << int(rng.integers(8))
         path.write_bytes(spoiled)
         text = refusal(kind, path)
         assert "checksum" in text or "HDF5" in text  # the first bytes say that it is HDF5 at all
-    assert time.monotonic() - began < 60.0  # a hang of the library would be one of ten seconds and more
+    assert time.process_time() - began < 10.0  # a hang of the library would be one of ten seconds and more
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -63,7 +63,7 @@ def test_damage_to_a_file_without_a_seal_is_refused_or_harmless_and_never_hangs(
         began = time.monotonic()
         with suppress(DataError):
             READERS[kind](path)
-        assert time.monotonic() - began < 20.0
+        assert time.monotonic() - began < 2.0 * PATIENCE
 
 
 @pytest.mark.parametrize("kind", READERS)
@@ -150,4 +150,4 @@ def test_a_group_that_holds_itself_is_no_endless_loop(copy):
         file["logs/drive/again"] = file["logs"]
     began = time.monotonic()
     READERS["result"](path)
-    assert time.monotonic() - began < 20.0
+    assert time.monotonic() - began < 2.0 * PATIENCE

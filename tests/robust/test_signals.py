@@ -18,16 +18,16 @@ SCRIPT = """
     class Noisy:
         def __del__(self):
             print("ready", flush=True)
-            time.sleep(30)
+            time.sleep(200)
 
     def wait():
         print("ready", flush=True)
-        time.sleep(30)
+        time.sleep(200)
 
     def in_a_finaliser():
         thing = Noisy()
         del thing  # an exception in here is swallowed by the interpreter
-        time.sleep(30)
+        time.sleep(200)
 
     def behind_a_broad_except():
         try:
@@ -60,7 +60,7 @@ def test_a_signal_ends_a_verb_with_its_code_and_leaves_the_old_file_alone(tmp_pa
     assert process.stdout.readline() == "ready\n"
     assert len(list(tmp_path.iterdir())) == 3  # the old file, the lock, the half
     os.kill(process.pid, sent)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=100)
     assert process.returncode == code, err
     assert out == ""
     assert err.startswith(f"lpvobs: {word}")
