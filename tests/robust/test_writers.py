@@ -36,7 +36,7 @@ def other_process(target, *, then="", **options):
             sys.exit(error.exit_code)
     """
     call = [sys.executable, "-c", textwrap.dedent(script)]
-    return subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60, **options)
+    return subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300, **options)
 
 
 def test_a_second_writer_is_refused_and_the_first_goes_on(tmp_path):
@@ -143,7 +143,7 @@ def test_a_disk_that_is_full_half_way_costs_nothing(samples, tmp_path, verb):
     }
     done = subprocess.run(
         [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, verbs[verb])],
-        capture_output=True, text=True, check=False, timeout=120, preexec_fn=limited,
+        capture_output=True, text=True, check=False, timeout=600, preexec_fn=limited,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 3, done.stderr

@@ -63,7 +63,7 @@ def test_the_drive_has_the_known_map_in_its_sensor(engine, grid):
 def run(*arguments, before=""):
     script = f"{before}\nfrom lpvobs.cli.main import run; run()"
     call = [sys.executable, "-c", script, "selftest", *arguments]
-    return subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(call, capture_output=True, text=True, check=False, timeout=600)
 
 
 def test_the_verb_prints_a_table_and_versions():
