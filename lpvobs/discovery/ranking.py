@@ -28,8 +28,7 @@ SIGNIFICANT = 1e-3
 """Probability of naming anything by chance on a log without effects; all candidates and intervals together."""
 LEAST_SHARE = 0.008
 """Of the noise's sum of squares. What smoothing and a bilinear map leave gained at most 0.15 % on clean logs of all cycles, with
-constants anywhere in their tolerance (seeds 1000 to 1009, and nominal maps); this is five times that, and an effect that raises the
-residual's rms by a tenth gains ten times as much."""
+constants anywhere in their tolerance (seeds 1000 to 1009, and nominal maps); this is five times that."""
 
 
 def uneven_share(candidate: Candidate, problem: Problem) -> float:
