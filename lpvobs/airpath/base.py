@@ -160,6 +160,9 @@ class AirPath(Protocol):
     def learns(self) -> bool:
         """Whether parts of the engine are known only after a healthy log has shown them."""
 
+    def fingerprint(self) -> str:
+        """Return a text that changes with what was learned; empty where nothing is."""
+
     def learned_from(self, logs: Sequence[Log]) -> "AirPath":
         """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
 

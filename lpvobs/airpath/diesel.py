@@ -135,6 +135,10 @@ class Diesel:
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
         return A, [*C, [zero, zero, r1]]
 
+    def fingerprint(self) -> str:
+        """Return nothing: all constants are configured."""
+        return ""
+
     def learned_from(self, logs: Sequence[Log]) -> "Diesel":
         """Return this very air path: its constants are configured."""
         return self

@@ -7,6 +7,7 @@ sensor is a state that only the observer's injection moves, so the sensor's map 
 Departure from the paper: another engine; the curves are not configured but learned from a healthy log.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -57,6 +58,14 @@ class Throttled:
         "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
         "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
     }
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of the learned curves and volumes; empty before any are."""
+        if self.learned is None:
+            return ""
+        known = self.learned
+        curves = (known.area, known.eta_vol, known.fuel, known.covariance, np.array([known.V_ic, known.V_im]))
+        return hashlib.sha256(b"".join(curve.tobytes() for curve in curves)).hexdigest()
 
     def learned_from(self, logs: Sequence[Log]) -> "Throttled":
         """Return the air path with the curves and volumes that healthy logs show."""

@@ -4,8 +4,6 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.parts`.
 """
 
-import hashlib
-import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -144,7 +142,7 @@ def estimate_fleet(
     """
     refuse_copies(paths)
     grid = config.grid()
-    learned = hashlib.sha256(pickle.dumps(air_path)).hexdigest() if air_path.learns else ""
+    learned = air_path.fingerprint()
     settings = config.estimate.limited_to(air_path.balance_constants)
     key = run_key(config_text + learned, gain)
     store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
