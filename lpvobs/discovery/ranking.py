@@ -75,10 +75,14 @@ def tried(problem: Problem) -> int:
     return len(problem.plant.catalogue) + 2 * len(problem.plant.carriers) * len(problem.auxiliary)
 
 
+def matters(candidate: Candidate, linear: Linear) -> bool:
+    """Return whether a candidate explains more than smoothing and a bilinear map leave."""
+    return candidate.gain >= LEAST_SHARE * 0.5 * linear.problem.data
+
+
 def worth(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate is neither chance nor too small to matter."""
-    noise = 0.5 * linear.problem.data
-    return candidate.gain >= LEAST_SHARE * noise and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
+    return matters(candidate, linear) and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
 
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:

@@ -21,7 +21,7 @@ from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import Losses, compare, cross_validated
 from lpvobs.discovery.linear import Linear, Term, residual_with
 from lpvobs.discovery.problem import STRETCH, Problem
-from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, rank, tried, uneven_share, worth
+from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, matters, rank, tried, uneven_share, worth
 from lpvobs.discovery.uncertainty import standard_errors
 
 MOST_EFFECTS = 4
@@ -122,11 +122,11 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         progress(0.05 + 0.85 * step / MOST_EFFECTS)
         found, curve = best_of(linear)
         ranking = ranking or found
-        best = found[0]
+        best = next((c for c in found if worth(c, linear)), found[0])
+        if any(_comes_and_goes(c, accepted) for c in (found[0], best) if matters(c, linear)):
+            return "unexplained", [], before, ranking
         if not worth(best, linear):
             break
-        if _comes_and_goes(best, accepted):
-            return "unexplained", [], before, ranking
         if any(c.id == best.id for c, _ in accepted):
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
@@ -201,14 +201,25 @@ def wald(candidate: Candidate) -> float:
 def _comes_and_goes(candidate: Candidate, accepted: Sequence[Named]) -> bool:
     """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that.
 
-    The second time it is the same effect, or one that starts and stops beside one with an onset.
+    The second time it is the same effect, or one that starts and stops beside one with an onset. It need not be worth a name: two
+    episodes and the pause between them have no one size.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     return any(
-        (c.id == candidate.id or (c.term.effect.place == candidate.term.effect.place and c.changes > 0 and stops))
-        and candidate.gain > AGAIN * c.gain
+        (c.id == candidate.id and candidate.gain > AGAIN * c.gain)
+        or (
+            c.term.effect.place == candidate.term.effect.place
+            and c.changes > 0
+            and stops
+            and (candidate.gain > AGAIN * c.gain or _apart(c.term, candidate.term))
+        )
         for c, _ in accepted
     )
+
+
+def _apart(one: Term, other: Term) -> bool:
+    """Return whether one term ends well before the other begins: farther than an edge that is badly placed reaches."""
+    return bool(one.end + STRETCH < other.begin or other.end + STRETCH < one.begin)
 
 
 def _without(linear: Linear, index: int) -> Linear:
