@@ -78,6 +78,13 @@ def test_a_disturbance_that_comes_and_goes_is_not_named(closed, clean, misread):
     assert found.trace.verdict == "unexplained"
 
 
+def test_a_short_episode_far_from_a_long_one_counts(closed, clean, misread):
+    t = clean.time
+    on = ((t > 62) & (t < 84)) | ((t > 165) & (t < 280))
+    found = closed(misread(clean, clean["W_maf"] * np.where(on, 0.9, 1.0)))
+    assert found.trace.verdict == "unexplained"
+
+
 def test_a_logged_channel_is_named(closed, clean, misread):
     rng = np.random.default_rng(6)
     knots = np.arange(-20.0, 330.0, 15.0)
