@@ -125,9 +125,10 @@ class PartsFolder:
             raise DataError(f"{self._file(sha256)}: {error}; delete the folder and run again") from None
 
     def remove(self) -> None:
-        """Delete the parts and the folder, unless there is something else in it."""
-        for file in self.path.glob(f"*{ENDING}"):
-            file.unlink()
+        """Delete the parts, what a killed writer left of them, and the folder, unless there is something else in it."""
+        for pattern in (f"*{ENDING}", f".*{ENDING}.lock"):
+            for file in self.path.glob(pattern):
+                file.unlink()
         with suppress(OSError):
             self.path.rmdir()
 
