@@ -66,6 +66,8 @@ PIECES = (
     ("wltc", 1022.0, 1600.0),
 )
 """Table, begin and end [s] of what is driven."""
+LEAST_EPISODE = 5.0
+"""[s] that what nothing logged drives stays on, and off between: a blip beside one long episode is no coming and going."""
 KINDS = ("clean",) * 10 + ("single",) * 13 + ("pair",) * 3 + ("channel",) * 2 + ("unlogged",) * 2
 """Of every thirty logs."""
 
@@ -165,7 +167,10 @@ def _channel(rng: np.random.Generator, table: str) -> dict[str, Any]:
 
 
 def _unlogged(rng: np.random.Generator, length: float) -> dict[str, Any]:
-    times = np.sort(rng.uniform(0.05, 0.95, 2 * int(rng.integers(2, 5)))) * length
+    episodes = int(rng.integers(2, 5))
+    times = np.zeros(2)
+    while np.diff(times).min() < LEAST_EPISODE:
+        times = np.sort(rng.uniform(0.05, 0.95, 2 * episodes)) * length
     form = str(rng.choice(["additive", "gain"]))
     size = rng.uniform(6e-4, 2e-3) if form == "additive" else rng.uniform(0.05, 0.12)
     return {

@@ -17,9 +17,10 @@ from lpvobs.discovery.candidates import (
     with_best_interval,
 )
 from lpvobs.discovery.channels import Curve
+from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import Losses, compare, cross_validated
-from lpvobs.discovery.linear import Linear, Term, residual_with
+from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.problem import STRETCH, Problem
 from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, matters, rank, tried, uneven_share, worth
 from lpvobs.discovery.uncertainty import standard_errors
@@ -123,7 +124,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         found, curve = best_of(linear)
         ranking = ranking or found
         best = next((c for c in found if worth(c, linear)), found[0])
-        if any(_comes_and_goes(c, accepted) for c in (found[0], best) if matters(c, linear)):
+        if any(_twice_to_blame(c, accepted) for c in (found[0], best) if matters(c, linear)):
             return "unexplained", [], before, ranking
         if not worth(best, linear):
             break
@@ -133,11 +134,10 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
         if not _holds_out(linear, trial):
             break
-        if uneven_share(named[0], problem) > MOST_UNEVEN:
-            return "unexplained", [], before, ranking
-        linear, accepted = trial, [*accepted, named]
+        linear, accepted = _exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
-    if _left_over(before, linear):
+    uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
+    if uneven or _left_over(before, linear) or any(comes_and_goes(linear, i) for i in range(len(accepted))):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
@@ -176,7 +176,7 @@ def _left_over(before: Linear, after: Linear) -> bool:
 
 def _holds_out(before: Linear, after: Linear) -> bool:
     """Return whether blocks that an effect was not fitted to are predicted better with it."""
-    return cross_validated(refit(after, before.terms), after).comparison().ratio_ci90[1] < 1.0
+    return cross_validated(refit(after, before.terms), after).comparison().ratio < 1.0
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
@@ -198,7 +198,7 @@ def wald(candidate: Candidate) -> float:
     return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
 
 
-def _comes_and_goes(candidate: Candidate, accepted: Sequence[Named]) -> bool:
+def _twice_to_blame(candidate: Candidate, accepted: Sequence[Named]) -> bool:
     """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that.
 
     The second time it is the same effect, or one that starts and stops beside one with an onset. It need not be worth a name: two
@@ -235,7 +235,9 @@ def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple
     if curve is None:
         absorbed = problem.prior.free and again.term.effect.in_map
         rivals = [again, with_best_interval(bare, again, not absorbed)]
-        for rival in rank(bare, problem.plant.catalogue, intervals=False)[:SHORTLIST]:
+        taken = {term.effect.id for term in bare.terms}
+        others = [effect for effect in problem.plant.catalogue if effect.id not in taken]
+        for rival in rank(bare, others, intervals=False)[:SHORTLIST]:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
         again = _joint_best(linear, bare.terms, sorted(rivals, key=score, reverse=True))
         if again.term != linear.terms[newest]:
@@ -243,6 +245,17 @@ def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return (in_place(linear, newest, again), curve), linear
+
+
+def _exchanged(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:
+    """Return the model with all but the newest effect judged again beside it: it may be part of what they stood for."""
+    for number in range(len(accepted) if len(accepted) > 1 else 0):
+        linear = refit(linear, [*linear.terms[1:], linear.terms[0]])
+        first = accepted[0]
+        if number < len(accepted) - 1:
+            first, linear = _settled(linear, *first)
+        accepted = [*accepted[1:], first]
+    return linear, accepted
 
 
 def _joint_best(linear: Linear, others: tuple[Term, ...], ranked: Sequence[Candidate]) -> Candidate:
@@ -255,27 +268,6 @@ def _joint_best(linear: Linear, others: tuple[Term, ...], ranked: Sequence[Candi
         return ranked[0]
     lost = {name: float(loss_of(refit(linear, [*others, c.term])).sum()) for name, c in close.items()}
     return close[min(lost, key=lambda name: lost[name])]
-
-
-def sharpened(linear: Linear, index: int) -> Term:
-    """Return a term with its onset and end moved to where, instant by instant, it begins and ceases to explain."""
-    term = linear.terms[index]
-    others = [t for i, t in enumerate(linear.terms) if i != index]
-    off = residual_with(linear, others)
-    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
-    better = np.cumsum(0.5 * ((off[0] ** 2).sum(0) - (on[0] ** 2).sum(0)))  # of acting up to an instant
-    clock = linear.problem.scene.clock[: linear.problem.K]
-    reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
-    if linear.problem.used.all():  # an onset in a stretch that was kept back is not known better than that
-        reach += STRETCH
-
-    def near(at: float, sign: float) -> float:
-        window = np.flatnonzero(np.abs(clock - at) <= reach)
-        return float(clock[window[np.argmax(sign * better[window])]]) if window.size else at
-
-    begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
-    end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
-    return replace(term, begin=begin, end=end) if end > begin else term
 
 
 def _finished(

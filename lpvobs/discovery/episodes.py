@@ -1,0 +1,67 @@
+"""When an effect acts, instant by instant: where it begins and ceases, and whether it comes and goes."""
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from lpvobs.discovery.linear import Linear, Term, residual_with
+from lpvobs.discovery.problem import STRETCH
+from lpvobs.records import Array
+
+SWITCH = 3.0
+"""Times the logarithm of the number of instants: what a switch must gain, as much as an end of an interval costs the search."""
+
+
+def advantage(linear: Linear, index: int) -> Array:
+    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where none is used.
+
+    Map, constants and sizes stay as they are. Products are taken across the views, so that a regressor's own noise does not
+    speak for its absence.
+    """
+    term = linear.terms[index]
+    others = [t for i, t in enumerate(linear.terms) if i != index]
+    off = residual_with(linear, others)
+    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
+    return np.asarray(0.5 * ((off[0] ** 2 - off[1] ** 2).sum(0) - (on[0] ** 2 - on[1] ** 2).sum(0)))
+
+
+def sharpened(linear: Linear, index: int) -> Term:
+    """Return a term with its onset and end moved to where, instant by instant, it begins and ceases to explain."""
+    term = linear.terms[index]
+    better = np.cumsum(advantage(linear, index))  # of acting up to an instant
+    clock = linear.problem.scene.clock[: linear.problem.K]
+    reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
+    if linear.problem.used.all():  # an onset in a stretch that was kept back is not known better than that
+        reach += STRETCH
+
+    def near(at: float, sign: float) -> float:
+        window = np.flatnonzero(np.abs(clock - at) <= reach)
+        return float(clock[window[np.argmax(sign * better[window])]]) if window.size else at
+
+    begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
+    end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
+    return replace(term, begin=begin, end=end) if end > begin else term
+
+
+def comes_and_goes(linear: Linear, index: int) -> bool:
+    """Return whether a term explains clearly more when it acts in several episodes than in any one interval."""
+    gain = advantage(linear, index)
+    acting = switched(gain, SWITCH * float(np.log(gain.size)))
+    return bool(np.count_nonzero(np.diff(acting.astype(np.int8), prepend=0) == 1) > 1)
+
+
+@njit(cache=True)
+def switched(gain, cost):  # type: ignore[no-untyped-def]
+    """Return when to act, for the largest sum of gains where every switch costs, shape (K,) (Viterbi's recursion)."""
+    acting, idle = 0.0, 0.0
+    begins, ends = np.zeros(gain.size, np.bool_), np.zeros(gain.size, np.bool_)
+    for k in range(gain.size):
+        begins[k], ends[k] = idle - cost > acting, acting - cost > idle
+        acting, idle = max(acting, idle - cost) + gain[k], max(idle, acting - cost)
+    out = np.zeros(gain.size, np.bool_)
+    on = acting > idle
+    for k in range(gain.size - 1, -1, -1):
+        out[k] = on
+        on = not begins[k] if on else ends[k]
+    return out
