@@ -32,7 +32,8 @@ class Candidate:
     information : float
         What the data say about its size when map and constants are unknown, 1/unit^2.
     unevenness : float
-        Mean square of the block sums of its score over what noise gives: near one when one size fits every block.
+        Mean square of the block sums of its score over what noise gives: near one when one size fits every block. One, too, where
+        the data say nothing of it beside the effects that are there.
     loss : ndarray, shape (blocks,)
         Half the sum of squares that is left, by block.
     elsewhere : float
@@ -145,7 +146,8 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
-    unevenness, elsewhere = unevenness_of(sums, information)
+    known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
+    unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
     loss = 0.5 * linear.by_block(left, left)
     clock = problem.scene.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])

@@ -266,8 +266,15 @@ def _joint_best(linear: Linear, others: tuple[Term, ...], ranked: Sequence[Candi
             close.setdefault(candidate.id, candidate)
     if len(close) == 1:
         return ranked[0]
-    lost = {name: float(loss_of(refit(linear, [*others, c.term])).sum()) for name, c in close.items()}
+    lost = {name: _lost_with(linear, [*others, c.term]) for name, c in close.items()}
     return close[min(lost, key=lambda name: lost[name])]
+
+
+def _lost_with(linear: Linear, terms: Sequence[Term]) -> float:
+    """Return what a model with these terms loses; all, if the last of them has run to the end of its plausible range."""
+    joint = refit(linear, terms)
+    last = joint.terms[-1]
+    return float(loss_of(joint).sum()) if last.effect.low < last.size < last.effect.high else np.inf
 
 
 def _finished(
