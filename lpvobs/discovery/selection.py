@@ -36,7 +36,8 @@ MOST_UNEVEN = 0.15
 WEAKEST = 15.1
 """Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
 AGAIN = 0.05
-"""Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
+"""Of the first gain, that the same effect must bring at another time to count as coming and going, and an uneven one to count at
+all; less is what an edge or a fast transient leaves."""
 CLOSE = 0.7
 """Of the best score, above which candidates are fitted jointly before one is chosen."""
 ALIKE = 1.645
@@ -132,7 +133,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
         named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
-        if not _holds_out(linear, trial):
+        if not _holds_out(linear, trial) or _only_a_rest(named[0], accepted, problem):
             break
         linear, accepted = _exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
@@ -177,6 +178,12 @@ def _left_over(before: Linear, after: Linear) -> bool:
 def _holds_out(before: Linear, after: Linear) -> bool:
     """Return whether blocks that an effect was not fitted to are predicted better with it."""
     return cross_validated(refit(after, before.terms), after).comparison().ratio < 1.0
+
+
+def _only_a_rest(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
+    """Return whether an effect has no one size and is little beside those named: what they leave where signals change fast."""
+    most = max((c.gain for c, _ in accepted), default=0.0)
+    return uneven_share(candidate, problem) > MOST_UNEVEN and candidate.gain < AGAIN * most
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
