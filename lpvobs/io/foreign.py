@@ -1,6 +1,5 @@
 """Foreign recordings to a log: names, units, stamps and raster, with every repair counted."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,53 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io import resample
 from lpvobs.io.clocks import MOST_BACKWARD, forward, stamps
 from lpvobs.io.formats import open_recording
+from lpvobs.io.ingest_record import SCHEMA
+from lpvobs.io.placing import Samples, on_raster
 from lpvobs.io.profiles import ChannelRules, Profile
-from lpvobs.io.recordings import MOST_BYTES, Column, Recording, as_numbers, find, nearest
+from lpvobs.io.recordings import Column, Recording, as_numbers, find, nearest
 from lpvobs.io.units import canonical, convert, is_broken
 from lpvobs.records import Array
 
-SCHEMA = "lpvobs/ingest/1"
-KEY = "lpvobs.ingest"
-SOURCE = {"name": str, "sha256": str, "notes": dict, "time_repairs": dict}
-SHOWN = {
-    "file": str,
-    "source": str,
-    "unit_read_as": str,
-    "unit": str,
-    "rate": float | None,
-    "rule": str,
-    "bridged": int,
-    "without_value": int,
-    "repairs": dict,
-}
 TURNS_MISSED = 0.1
 """Share of a polled column's changes that may stand in rows of other columns; with more, it was not polled in turn."""
-
-USUAL_STEPS = 2.5
-"""A channel may be held or bridged for so many of its own usual steps, if that is longer than the raster's gap."""
-
-FASTER = 1.5
-"""A channel this many times as fast as the raster is averaged unless its profile says otherwise."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """One channel as recorded, in the unit of the log.
-
-    Attributes
-    ----------
-    time, values : ndarray, shape (N,)
-        [s], strictly increasing, and [unit of the log]; NaN where the recording has no value.
-    record : mapping
-        Where it comes from and what was repaired, for `inspect`.
-    """
-
-    time: Array
-    values: Array
-    record: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -114,7 +77,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     start = min(item.time[0] for item in samples.values())
     if profile.time.from_zero:
         samples = {name: Samples(item.time - start, item.values, item.record) for name, item in samples.items()}
-    time, values = _on_raster(samples, profile)
+    time, values = on_raster(samples, profile)
     record = {
         "schema": SCHEMA,
         "description": profile.description,
@@ -126,42 +89,6 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     }
     units = {"time": "s"} | {name: profile.channels[name].unit for name in values}
     return Ingested({"time": time} | values, units, record)
-
-
-def stored_record(path: Path) -> dict[str, Any] | None:
-    """Return what `ingest` did to make a log, None for a log that it did not make."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        stored = (pq.read_schema(path).metadata or {}).get(KEY.encode())
-        record = json.loads(stored) if stored else None
-    except (pa.ArrowException, OSError, ValueError):
-        return None
-    return record if isinstance(record, dict) and _is_whole(record) else None
-
-
-def _is_whole(record: Mapping[str, Any]) -> bool:
-    """Return whether a stored record has everything that `inspect` shows; files come from strangers."""
-    shape: list[tuple[Any, dict[str, Any]]] = [
-        (record, {"schema": str, "sources": list, "channels": dict, "missing": list}),
-        (record.get("time"), {"from_zero": bool, "start": float}),
-        (record.get("raster"), {"rate": int | float, "gap": int | float, "samples": int}),
-        (record.get("profile"), {"name": str, "sha256": str}),
-    ]
-    if record.get("schema") != SCHEMA or not all(_has(item, kinds) for item, kinds in shape):
-        return False
-    clocks = [found for item in record["sources"] if _has(item, SOURCE) for found in item["time_repairs"].values()]
-    return (
-        all(_has(item, SOURCE) for item in record["sources"])
-        and all(isinstance(found, dict) for found in clocks)
-        and all(isinstance(name, str) for name in record["missing"])
-        and all(_has(item, SHOWN) for item in record["channels"].values())
-    )
-
-
-def _has(item: Any, kinds: Mapping[str, Any]) -> bool:
-    return isinstance(item, dict) and all(isinstance(item.get(key), kind) for key, kind in kinds.items())
 
 
 def _find_all(recordings: Sequence[Recording], profile: Profile) -> dict[str, list[tuple[Path, str]]]:
@@ -380,78 +307,3 @@ def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
         "repairs": repairs,
     }
     return Samples(time[keep], values, record)
-
-
-def _on_raster(samples: Mapping[str, Samples], profile: Profile) -> tuple[Array, dict[str, Array]]:
-    """Return the stamps of the log and every channel at them."""
-    rate = profile.raster.rate
-    if rate == 0:
-        at = _common(samples)
-    else:
-        span = max(item.time[-1] for item in samples.values()) - min(item.time[0] for item in samples.values())
-        needed = 8.0 * (span * rate + 1) * (len(samples) + 1)
-        if needed > MOST_BYTES:
-            raise DataError(
-                f"{span:.6g} s at {rate:g} Hz would take {needed / 2**30:.1f} GiB, expected at most {MOST_BYTES / 2**30:.0f}; "
-                f"check the unit of time, or lower rate in the profile's [raster]"
-            )
-        at = resample.raster([item.time for item in samples.values()], rate, profile.raster.gap)
-    values = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
-    return at, values
-
-
-def _common(samples: Mapping[str, Samples]) -> Array:
-    """Return the one time base that all channels share."""
-    first, *others = samples
-    for name in others:
-        if not np.array_equal(samples[name].time, samples[first].time):
-            raise DataError(
-                f"{samples[name].record['file']}: channel '{name}' is recorded at other times than '{first}', expected one "
-                f"time base; state rate in the profile's [raster]"
-            )
-    return samples[first].time
-
-
-def _placed(item: Samples, at: Array, rules: ChannelRules, profile: Profile) -> Array:
-    """Return a channel at the stamps of the log, and note the rule."""
-    finite = np.isfinite(item.values)
-    t, v = item.time[finite], item.values[finite]
-    step = resample.median_step(t)
-    limit = rules.limit or max(profile.raster.gap, USUAL_STEPS * step if t.size > 1 else 0.0)
-    rule, why = _rule(step, rules, profile.raster.rate)
-    if rule == "as recorded":
-        values = item.values
-    elif t.size == 0:
-        values = np.full(at.size, np.nan)
-    elif rule == "hold":
-        values = resample.hold(t, v, at, limit)
-    elif rule == "linear":
-        values = resample.linear(t, v, at, limit)
-    else:
-        width = 1.0 / profile.raster.rate if profile.raster.rate else resample.median_step(at)
-        values = resample.mean(t, v, at, limit, width)
-    filled = (
-        resample.bridged(t, at) & np.isfinite(values)
-        if t.size > 1 and rule != "as recorded"
-        else np.zeros(at.size, bool)
-    )
-    item.record.update(
-        rate=1.0 / step if t.size > 1 else None,
-        rule=rule,
-        rule_from=why,
-        limit=limit,
-        bridged=int(np.count_nonzero(filled)),
-        without_value=int(np.count_nonzero(~np.isfinite(values))),
-    )
-    return values
-
-
-def _rule(step: float, rules: ChannelRules, rate: float) -> tuple[str, str]:
-    """Return how a channel comes to the raster, and who said so."""
-    aliased = rate > 0 and step * rate * FASTER < 1
-    if rules.rule:
-        note = "; faster than the raster: aliases" if aliased and rules.rule != "mean" else ""
-        return rules.rule, f"profile{note}"
-    if rate == 0:
-        return "as recorded", "no rate in the profile"
-    return ("mean", "default: faster than the raster") if aliased else ("linear", "default: not faster than the raster")

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lpvobs.io.foreign import KEY, ingest
+from lpvobs.io.foreign import ingest
+from lpvobs.io.ingest_record import KEY
 from lpvobs.io.logs import write_log
 from lpvobs.io.profiles import load_profile
 

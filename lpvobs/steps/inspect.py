@@ -10,7 +10,7 @@ import numpy as np
 from lpvobs.airpath.base import Channel
 from lpvobs.airpath.diesel import Diesel
 from lpvobs.airpath.engines import AIR_PATHS
-from lpvobs.io.foreign import stored_record
+from lpvobs.io.ingest_record import stored_record
 from lpvobs.io.logs import LogPolicies, channel_units, read_log
 from lpvobs.records import Array, Defects, Log
 

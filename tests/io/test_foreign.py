@@ -10,7 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.foreign import ingest, stored_record
+from lpvobs.io.foreign import ingest
+from lpvobs.io.ingest_record import stored_record
 from lpvobs.io.profiles import ChannelRules, Raster, SourceRules, TimeRules, load_profile, profile_of, shipped
 
 MINIMAL = """

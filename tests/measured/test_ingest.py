@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lpvobs.io.foreign import stored_record
+from lpvobs.io.ingest_record import stored_record
 from lpvobs.io.logs import LogPolicies, channel_units
 from lpvobs.steps.ingest import ingest_log
 from lpvobs.steps.inspect import inspect_log
