@@ -44,11 +44,13 @@ def sharpened(linear: Linear, index: int) -> Term:
     return replace(term, begin=begin, end=end) if end > begin else term
 
 
-def comes_and_goes(linear: Linear, index: int) -> bool:
-    """Return whether a term explains clearly more when it acts in several episodes than in any one interval."""
+def gain_of_pauses(linear: Linear, index: int) -> float:
+    """Return by how much more a term explains when it acts in several episodes than in the best one interval; zero for one."""
     gain = advantage(linear, index)
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
-    return bool(np.count_nonzero(np.diff(acting.astype(np.int8), prepend=0) == 1) > 1)
+    total = np.concatenate([[0.0], np.cumsum(gain)])
+    one = float((total - np.minimum.accumulate(total)).max())
+    return max(float(gain[acting].sum()) - one, 0.0)
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from lpvobs.discovery.linear import (
     Term,
     bend_of,
     covariance_root,
+    dot,
     map_along,
     map_normal,
     operating_nodes,
@@ -127,6 +128,15 @@ def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     """Return a model with other terms at its optimum, with the weights of this one."""
     start = linear.theta, linear.beta, linear.whitener
     return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
+
+
+def objective(linear: Linear) -> float:
+    """Return half the sum of squares where a model stands, what is known beforehand included."""
+    problem = linear.problem
+    sizes = [term.size - term.effect.null for term in linear.terms]
+    deviation = np.concatenate([linear.theta - problem.prior.mean, linear.beta, sizes])
+    prior = prior_precision(problem, linear.terms)
+    return float(0.5 * (dot(linear.residual, linear.residual) + deviation @ prior @ deviation))
 
 
 def converged(linear: Linear) -> Linear:

@@ -77,7 +77,12 @@ def tried(problem: Problem) -> int:
 
 def matters(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate explains more than smoothing and a bilinear map leave."""
-    return candidate.gain >= LEAST_SHARE * 0.5 * linear.problem.data
+    return candidate.gain >= least(linear.problem)
+
+
+def least(problem: Problem) -> float:
+    """Return the gain that is the least to matter."""
+    return LEAST_SHARE * 0.5 * problem.data
 
 
 def worth(candidate: Candidate, linear: Linear) -> bool:

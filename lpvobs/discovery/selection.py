@@ -12,17 +12,18 @@ from lpvobs.discovery.candidates import (
     in_place,
     loss_of,
     p_value,
+    penalty,
     promise_of,
     score,
     with_best_interval,
 )
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.episodes import comes_and_goes, sharpened
-from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.episodes import gain_of_pauses, sharpened
+from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.heldout import Losses, compare, cross_validated
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.problem import STRETCH, Problem
-from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, matters, rank, tried, uneven_share, worth
+from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, least, matters, rank, tried, uneven_share, worth
 from lpvobs.discovery.uncertainty import standard_errors
 
 MOST_EFFECTS = 4
@@ -36,8 +37,9 @@ MOST_UNEVEN = 0.15
 WEAKEST = 15.1
 """Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
 AGAIN = 0.05
-"""Of the first gain, that the same effect must bring at another time to count as coming and going, and an uneven one to count at
-all; less is what an edge or a fast transient leaves."""
+"""Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
+REST = 0.1
+"""Of the noise's sum of squares: an uneven effect that gains no more, beside others, is what they leave in fast transients."""
 CLOSE = 0.7
 """Of the best score, above which candidates are fitted jointly before one is chosen."""
 ALIKE = 1.645
@@ -138,7 +140,11 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         linear, accepted = _exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
-    if uneven or _left_over(before, linear) or any(comes_and_goes(linear, i) for i in range(len(accepted))):
+    if (
+        uneven
+        or _left_over(before, linear)
+        or any(gain_of_pauses(linear, i) > least(problem) for i in range(len(accepted)))
+    ):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
@@ -163,7 +169,9 @@ def _with_all(linear: Linear) -> Linear:
 def structure(linear: Linear) -> float:
     """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
     blocks = linear.problem.coarse_blocks
-    carriers = [e for e in linear.problem.plant.catalogue if e.id in linear.problem.plant.carriers]
+    named = {term.effect.id for term in linear.terms}
+    plant = linear.problem.plant
+    carriers = [e for e in plant.catalogue if e.id in plant.carriers and e.id not in named]
     return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
 
 
@@ -183,7 +191,8 @@ def _holds_out(before: Linear, after: Linear) -> bool:
 def _only_a_rest(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
     """Return whether an effect has no one size and is little beside those named: what they leave where signals change fast."""
     most = max((c.gain for c, _ in accepted), default=0.0)
-    return uneven_share(candidate, problem) > MOST_UNEVEN and candidate.gain < AGAIN * most
+    little = candidate.gain < min(AGAIN * most, REST * 0.5 * problem.data)
+    return little and uneven_share(candidate, problem) > MOST_UNEVEN
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
@@ -246,7 +255,7 @@ def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple
         others = [effect for effect in problem.plant.catalogue if effect.id not in taken]
         for rival in rank(bare, others, intervals=False)[:SHORTLIST]:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
-        again = _joint_best(linear, bare.terms, sorted(rivals, key=score, reverse=True))
+        again = _joint_best(linear, again, sorted(rivals, key=score, reverse=True))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
     if again.changes:
@@ -265,23 +274,34 @@ def _exchanged(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Name
     return linear, accepted
 
 
-def _joint_best(linear: Linear, others: tuple[Term, ...], ranked: Sequence[Candidate]) -> Candidate:
-    """Return the best of the close candidates after all unknowns have followed it: a large effect bends more than a step shows."""
-    close: dict[str, Candidate] = {}
-    for candidate in ranked:
-        if score(candidate) > CLOSE * score(ranked[0]):
-            close.setdefault(candidate.id, candidate)
+def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) -> Candidate:
+    """Return the newest effect or a close rival, the one that gains most after all unknowns have followed.
+
+    A large effect bends more than a step shows, so the newest is tried whatever its own score. Of each effect the best interval
+    and the whole logs are tried.
+    """
+    others = linear.terms[:-1]
+    newest = replace(newest, term=linear.terms[-1])
+    close: dict[tuple[str, bool, bool], Candidate] = {}
+    for candidate in [newest, *ranked]:
+        if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
+            ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
+            close.setdefault((candidate.id, *ends), candidate)
     if len(close) == 1:
-        return ranked[0]
-    lost = {name: _lost_with(linear, [*others, c.term]) for name, c in close.items()}
-    return close[min(lost, key=lambda name: lost[name])]
+        return newest
+    without = objective(refit(linear, others))
+    joint_score = {key: _joint_score(linear, others, candidate, without) for key, candidate in close.items()}
+    return close[max(joint_score, key=lambda key: joint_score[key])]
 
 
-def _lost_with(linear: Linear, terms: Sequence[Term]) -> float:
-    """Return what a model with these terms loses; all, if the last of them has run to the end of its plausible range."""
-    joint = refit(linear, terms)
+def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, without: float) -> float:
+    """Return the gain of a candidate less what its interval costs, in the joint model; nothing at the end of its size's range."""
+    joint = refit(linear, [*others, candidate.term])
     last = joint.terms[-1]
-    return float(loss_of(joint).sum()) if last.effect.low < last.size < last.effect.high else np.inf
+    if not last.effect.low < last.size < last.effect.high:
+        return -np.inf
+    gain = without - objective(joint)
+    return gain - penalty(candidate.changes, candidate.loss.size, gain, candidate.from_start)
 
 
 def _finished(

@@ -5,10 +5,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from lpvobs.discovery.episodes import comes_and_goes, switched
+from lpvobs.discovery.episodes import gain_of_pauses, switched
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.problem import free_map, lay_out
+from lpvobs.discovery.ranking import least
 
 
 def worth_of(sequence, gain, cost):
@@ -48,4 +49,5 @@ def test_a_pause_inside_an_interval_is_seen(fitted, clean, misread, pause, goes)
     t = clean.time
     on = (t > 80.0) & (t < 260.0) & ~((t > 170.0) & (t < 170.0 + pause))
     log = misread(clean, clean["W_maf"] * np.where(on, 1.08, 1.0))
-    assert comes_and_goes(fitted(log, 80.0, 260.0), 0) is goes
+    model = fitted(log, 80.0, 260.0)
+    assert (gain_of_pauses(model, 0) > least(model.problem)) is goes
