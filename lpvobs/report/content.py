@@ -82,6 +82,12 @@ class ResultView:
         """The map's inputs: fuel, speed."""
         return self.estimated.axes
 
+    @property
+    def deviation(self) -> Array:
+        """Standard error of every node, that of prediction where it is extrapolated, shape (p_2, p_1) [kg/s]; NaN for none."""
+        fitted = self.stored.extrapolation
+        return self.stored.standard_error if fitted is None else fitted.map_standard_error
+
 
 @dataclass(frozen=True)
 class Correction:

@@ -15,13 +15,13 @@ from lpvobs.airpath.base import MapAxis
 from lpvobs.records import Array
 from lpvobs.report.content import Correction, CycleView, Drive, Surface
 from lpvobs.report.series import busiest, thin, window
-from lpvobs.report.svg import INK, render
+from lpvobs.report.svg import INK, TIP, render
 
 TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 WIDE, TALL = (7.4, 4.5), (7.4, 5.2)
-COLUMNS = 440
+COLUMNS = 300
 """Pixel columns that a time series is drawn with."""
 DETAIL = 40.0
 """[s], the stretch shown enlarged."""
@@ -58,7 +58,7 @@ def excitation_map(name: str, alt: str, surface: Surface, excitation: Array) -> 
             grid.u_delta, grid.n_e, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
         )
         figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
-        _label(axes, surface.axes)
+        label_axes(axes, surface.axes)
         axes.grid(visible=True)
 
     return render(name, alt, WIDE, draw)
@@ -86,12 +86,13 @@ def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: Sur
         axes = figure.add_subplot()
         for start, stop in drive.segments:
             part = slice(start, stop)
-            axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, alpha=0.7, rasterized=True)
+            (line,) = axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, rasterized=True)
+            line.set_antialiased(False)  # an image of two colours is small
         grid = surface.grid
         axes.set_xticks(grid.u_delta, minor=True)
         axes.set_yticks(grid.n_e, minor=True)
         axes.grid(visible=True, which="minor")
-        _label(axes, cycle.axes)
+        label_axes(axes, cycle.axes)
 
     return render(name, alt, WIDE, draw)
 
@@ -159,13 +160,14 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
                 float(grid.u_delta[i]),
                 float(grid.n_e[j]),
                 _value(value, digits),
+                gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{', extrapolated' if surface.filled[j, i] else ''}",
                 ha="center",
                 va="center_baseline",
                 fontsize=6.5,
                 color="#ffffff" if dark else "#000000",
             )
     figure.colorbar(image, ax=axes, label=label, pad=0.015, extend="both" if surface.filled.any() else "neither")
-    _label(axes, surface.axes)
+    label_axes(axes, surface.axes)
     axes.set_xticks(grid.u_delta[::2])
     axes.set_yticks(grid.n_e[::2])
 
@@ -189,7 +191,8 @@ def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathP
     return PathPatch(outline, fill=False, hatch="////", linewidth=0.0, edgecolor="#808080")
 
 
-def _label(axes: Axes, names: tuple[MapAxis, MapAxis]) -> None:
+def label_axes(axes: Axes, names: tuple[MapAxis, MapAxis]) -> None:
+    """Write what the map's two axes are."""
     fuel, speed = names
     axes.set_xlabel(f"{fuel.meaning} {fuel.channel} [{fuel.unit}]")
     axes.set_ylabel(f"{speed.meaning} {speed.channel} [{speed.unit}]")
@@ -211,6 +214,11 @@ def _log_scale(values: Array) -> LogNorm:
 def _digits(largest: float) -> int:
     """Return decimals that show about two digits of the largest value."""
     return int(np.clip(1 - np.floor(np.log10(largest)), 0, 4))
+
+
+def _where(surface: Surface, i: int, j: int) -> str:
+    fuel, speed = surface.axes
+    return f"{surface.grid.u_delta[i]:g} {fuel.unit}, {surface.grid.n_e[j]:g} {speed.unit}"
 
 
 def _value(value: float, digits: int) -> str:

@@ -6,13 +6,15 @@ from importlib.resources import files
 from pathlib import Path
 
 import jinja2
+import numpy as np
 
 from lpvobs import __version__
 from lpvobs.io.atomic import replacing
 from lpvobs.io.results import LogSummary
-from lpvobs.report import figures
+from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
 from lpvobs.report.discovered import sentences
+from lpvobs.report.driving import drive_rows, plan_of
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.residual import Picture, picture, residual_sections
 from lpvobs.report.tables import (
@@ -34,6 +36,7 @@ class Section:
 
     title: str
     pictures: tuple[Picture, ...]
+    table: Table | None = None
 
 
 def write_page(path: Path, report: Report) -> None:
@@ -59,6 +62,7 @@ def page(report: Report) -> str:
         summary=report_rows(named),
         cycles=[_cycle(cycle, number) for number, cycle in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
+        driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
         bounds=_bounds(report),
         coefficients=coefficient_rows(fits) if fits else None,
@@ -166,6 +170,16 @@ def _correction(cycle: CycleView, correction: Correction, name: str, limit: floa
             figures.error_map(f"{name}-full", f"extrapolated map, {what}", view.extrapolated, limit),
             f"The same, filled from the quadratic of Eq. (37), {what} (Figures 5b, 8b): hatched nodes are extrapolated.",
         )
+    whole = view.estimated if view.extrapolated is None else view.extrapolated
+    if np.isfinite(view.stored.theta).any():
+        yield picture(
+            surface_figures.surface_view(f"{name}-space", f"map in space, {what}", whole, limit),
+            f"The map as a surface, {what}; what is extrapolated is pale.",
+        )
+        yield picture(
+            surface_figures.cuts(f"{name}-cuts", f"cuts through the map, {what}", whole, view.deviation),
+            f"Cuts through the map with 90 % intervals, {what}: estimated nodes are marked, dashed is extrapolated.",
+        )
     if drive is None or correction.estimate is None:
         return
     if drive.reference is not None:
@@ -177,6 +191,15 @@ def _correction(cycle: CycleView, correction: Correction, name: str, limit: floa
         figures.flow_series(f"{name}-flow", f"flows over time, {what}", drive, correction),
         f"True flow where known, reading, and reading after correction, {what} (Figures 6b, 9b).",
     )
+
+
+def _driving(report: Report) -> Iterator[Section]:
+    for number, view in enumerate(report.results):
+        found = plan_of(view)
+        if found is not None and found.cells:
+            shown = surface_figures.plan_map(f"p{number}", f"cells to drive next, {view.name}", view.estimated, found)
+            caption = "How long to drive in each cell; frames number the cells of the table."
+            yield Section(view.name, (picture(shown, caption),), drive_rows(view, found))
 
 
 def _quality(view: ResultView, number: int) -> Iterator[Picture]:

@@ -3,6 +3,7 @@
 import html
 import io
 import re
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -36,7 +37,9 @@ STYLE: dict[str, Any] = {
 } | dict.fromkeys(
     ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color", "hatch.color"), INK
 )
-RASTER_DPI = 80
+TIP = "tip: "
+"""Begins the identifier of an element whose rest is shown when the pointer rests on it."""
+RASTER_DPI = 120
 """Of the parts that are drawn as images: too dense for lines."""
 
 
@@ -70,10 +73,13 @@ def clean(text: str, name: str, alt: str) -> str:
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", text, flags=re.DOTALL)
     text = re.sub(r' (?:xmlns(?::\w+)?|version|transform)="(?:http[^"]*|1\.1|rotate\(-0 [^"]*)"', "", text)
     text = text.replace("xlink:href", "href")
+    text = re.sub(rf'<g id="{TIP}([^"]*)">', r'<g class="tip"><title>\1</title>', text)
+    text = re.sub(r'<path [^>]*style="fill: none"\s*/>', "", text)  # no stroke either: paints nothing
     text = _local_identifiers(text, name)
     text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _short(found[0]), text)
+    text = _classes(text, name)
     text = text.replace(f"'{FONT}'", "inherit").replace(INK, "currentColor")
-    text = re.sub(r">\s+<", "><", text)
+    text = _without_groups(re.sub(r">\s+<", "><", text))
     head = re.search(r'viewBox="[^"]*"', text)
     box = head[0] if head else ""
     return re.sub(
@@ -81,18 +87,38 @@ def clean(text: str, name: str, alt: str) -> str:
     )
 
 
+def _without_groups(text: str) -> str:
+    """Return the text without groups that say nothing of what they hold."""
+    while (less := re.sub(r"<g>((?:(?!</?g[ >]).)*)</g>", r"\1", text, flags=re.DOTALL)) != text:
+        text = less
+    return text
+
+
 def _local_identifiers(text: str, name: str) -> str:
-    """Return the text with the identifiers that it refers to made the figure's own, and without the others."""
-    wanted = set(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
+    """Return the text with the identifiers that it refers to made the figure's own, short, and without the others."""
+    wanted = dict.fromkeys(re.findall(r'(?:url\(#|href="#)([^")]+)', text))
+    short = {old: f"{name}-i{number}" for number, old in enumerate(wanted)}
 
     def identifier(found: re.Match[str]) -> str:
-        return f' id="{name}-{found[1]}"' if found[1] in wanted else ""
+        return f' id="{short[found[1]]}"' if found[1] in short else ""
 
     text = re.sub(r' id="([^"]*)"', identifier, text)
-    return re.sub(r'(url\(#|href="#)', lambda found: f"{found[1]}{name}-", text)
+    return re.sub(r'(url\(#|href="#)([^")]+)', lambda found: found[1] + short[found[2]], text)
+
+
+def _classes(text: str, name: str) -> str:
+    """Return the text with styles that it repeats written once."""
+    text = re.sub(r' clip-path="([^"]*)" style="', r' style="clip-path: \1; ', text)
+    often = [style for style, count in Counter(re.findall(r' style="([^"]*)"', text)).most_common() if count > 2]
+    for number, style in enumerate(often):
+        text = text.replace(f' style="{style}"', f' class="{name}-{number}"')
+    rules = "".join(f".{name}-{number}{{{style}}}" for number, style in enumerate(often))
+    return re.sub(r"(^<svg[^>]*>)", lambda found: f"{found[1]}<style>{rules}</style>", text, count=1) if rules else text
 
 
 def _short(numbers: str) -> str:
-    """Return numbers with two decimals: a hundredth of a point is less than any screen or printer shows."""
-    short = re.sub(r"-?\d+\.\d+", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), numbers)
-    return " ".join(short.split())
+    """Return a path with one decimal, less than its line is wide, and no command that says what the one before said."""
+    short = re.sub(r"-?\d+\.\d+", lambda found: f"{float(found[0]):.1f}".rstrip("0").rstrip("."), numbers)
+    return re.sub(
+        r"(?<=L )([^A-Z]*)(?:L ([^A-Z]*))+", lambda found: found[0].replace("L ", ""), " ".join(short.split())
+    )

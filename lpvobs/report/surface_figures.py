@@ -1,0 +1,131 @@
+"""Figures of the map as a surface: in space, cut open, and what to drive next."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from lpvobs.maps.planning import Plan
+from lpvobs.records import Array
+from lpvobs.report.content import Surface
+from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, WIDE, label_axes
+from lpvobs.report.svg import INK, render
+
+CUTS = 3
+"""Cuts through a map along each of its axes."""
+SURE = 1.645
+"""Standard errors on either side of a 90 % interval."""
+FAINT = 0.35
+"""Opacity of what is extrapolated."""
+
+
+def surface_view(name: str, alt: str, surface: Surface, limit: float) -> str:
+    """Return the map as a surface in space, [g/s]; extrapolated parts are pale."""
+
+    def draw(figure: Figure) -> None:
+        with mpl.rc_context({"grid.color": "#80808050"}):
+            axes: Any = figure.add_subplot(projection="3d")
+        grid, scale = surface.grid, Normalize(-GRAMS * limit, GRAMS * limit)
+        values = GRAMS * surface.values
+        middle = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
+        filled = surface.filled
+        pale = filled[:-1, :-1] | filled[1:, :-1] | filled[:-1, 1:] | filled[1:, 1:]
+        colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
+        colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
+        axes.plot_surface(
+            *np.meshgrid(grid.u_delta, grid.n_e),
+            values,
+            facecolors=colours,
+            rcount=values.shape[0],
+            ccount=values.shape[1],
+            edgecolor=(0.5, 0.5, 0.5, 0.5),
+            linewidth=0.3,
+            shade=False,
+        )
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
+        label_axes(axes, surface.axes)
+        axes.set_zlabel("sensor error [g/s]")
+        axes.view_init(elev=28.0, azim=-120.0)
+        axes.set_box_aspect((1.3, 1.3, 0.8), zoom=0.95)
+
+    return render(name, alt, (7.4, 5.2), draw)
+
+
+def cuts(name: str, alt: str, surface: Surface, deviation: Array) -> str:
+    """Return the map along a few speeds and a few fuel quantities with 90 % intervals, [g/s]; extrapolated parts are dashed."""
+    grid = surface.grid
+    known = np.isfinite(surface.values) & ~surface.filled
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2, sharey=True)
+        fuel, speed = surface.axes
+        for j, look in zip(_spread(known.sum(1)), LOOKS, strict=False):
+            text = f"{grid.n_e[j]:g} {speed.unit}"
+            _line(left, grid.u_delta, surface.values[j], deviation[j], surface.filled[j], text, look)
+        for i, look in zip(_spread(known.sum(0)), LOOKS, strict=False):
+            text = f"{grid.u_delta[i]:g} {fuel.unit}"
+            _line(right, grid.n_e, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
+        for axes, axis in ((left, fuel), (right, speed)):
+            axes.set_xlabel(f"{axis.meaning} [{axis.unit}]")
+            axes.grid(visible=True)
+            axes.legend()
+        left.set_ylabel("sensor error [g/s]")
+
+    return render(name, alt, WIDE, draw)
+
+
+LOOKS = ((ESTIMATE, "o"), (READING, "s"), (TRUTH, "^"))
+"""Colour and mark of each cut: told apart without colour, too."""
+
+
+def _spread(counts: Array) -> list[int]:
+    """Return some of the rows or columns that have estimated nodes: evenly spread over them."""
+    rows = np.flatnonzero(counts >= min(2, counts.max()))
+    picked = rows[np.unique(np.linspace(0, rows.size - 1, CUTS + 2).round().astype(int)[1:-1])] if rows.size else rows
+    return [int(i) for i in picked]
+
+
+def _line(
+    axes: Axes, at: Array, values: Array, deviation: Array, filled: NDArray[np.bool_], text: str, look: tuple[str, str]
+) -> None:
+    colour, mark = look
+    own = np.where(filled, np.nan, values)
+    axes.plot(at, GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
+    axes.plot(at, GRAMS * own, color=colour, marker=mark, markersize=3.5, label=text)
+    low, high = (GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
+    axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
+
+
+def plan_map(name: str, alt: str, surface: Surface, plan: Plan) -> str:
+    """Return a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        u, n = surface.grid.u_delta, surface.grid.n_e
+        left = np.where(plan.time > 0.0, plan.time, np.nan)
+        top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
+        image = axes.pcolormesh(u, n, left, cmap=SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
+        figure.colorbar(image, ax=axes, label="time to drive in the cell [s]", pad=0.015)
+        for number, (row, column) in enumerate(plan.cells, 1):
+            corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
+            axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=READING, linewidth=1.8))
+            middle = corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1]
+            axes.text(
+                *middle,
+                str(number),
+                ha="center",
+                va="center_baseline",
+                fontsize=8.0,
+                color="#000000",
+                bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
+            )
+        label_axes(axes, surface.axes)
+        axes.grid(visible=True, color=INK)
+
+    return render(name, alt, WIDE, draw)

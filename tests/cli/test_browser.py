@@ -1,0 +1,125 @@
+"""The report in a real browser: every figure is there, nothing complains, keyboard, dark paper, and print."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+QUIET = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking".split()
+QUIET += "--disable-component-update --disable-sync --hide-scrollbars --enable-logging=stderr".split()
+PROBE = """
+<script>
+addEventListener("load", () => {
+  const box = e => { const r = e.getBoundingClientRect(); return [r.width, r.height]; };
+  const all = (s) => [...document.querySelectorAll(s)];
+  const found = {
+    figures: all("figure svg").map(e => [e.getAttribute("aria-label"), ...box(e)]),
+    paper: getComputedStyle(document.body).backgroundColor,
+    ink: getComputedStyle(document.body).color,
+    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    tab: all("a[href], [tabindex], summary").filter(e => e.tabIndex >= 0).map(e => e.className || e.tagName),
+    tables: all("table").length, captions: all("table > caption").length, scopes: all("thead th:not([scope])").length,
+    headings: all("h1, h2, h3").map(e => Number(e.tagName[1])),
+    tips: all("figure .tip > title").map(e => e.textContent),
+    visible: all("section").every(e => box(e)[1] > 0),
+    painted: all("figure svg").filter(e => e.querySelectorAll("path, use, image, text").length > 10).length,
+  };
+  document.body.innerHTML = "";
+  document.body.dataset.found = JSON.stringify(found);
+});
+</script>
+"""
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser")
+
+
+@pytest.fixture(scope="session")
+def page(lpvobs, chain, tmp_path_factory):
+    """Return the page of a result and its log."""
+    path = tmp_path_factory.mktemp("browser") / "report.html"
+    done = lpvobs("report", chain.result, chain.log, "--html", path)
+    assert done.code == 0, done.err
+    return path
+
+
+@pytest.fixture(scope="session")
+def opened(page, tmp_path_factory):
+    """Return what a browser shows of the page, asked for by a script that is added for the purpose, and what it complains of."""
+
+    def look(*options):
+        folder = tmp_path_factory.mktemp("profile")
+        asked = folder / "asked.html"
+        asked.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>"), encoding="utf-8")
+        told = subprocess.run(
+            [BROWSER, *QUIET, f"--user-data-dir={folder}", *options, "--dump-dom", f"file://{asked}"],
+            capture_output=True,
+            text=True,
+            timeout=90,
+            check=True,
+        )
+        found = re.search(r'data-found="([^"]*)"', told.stdout)
+        assert found is not None, told.stderr[-500:]
+        complaints = [line for line in told.stderr.splitlines() if ":CONSOLE" in line]
+        return json.loads(found[1].replace("&quot;", '"').replace("&amp;", "&")), complaints
+
+    return look
+
+
+@pytest.fixture(scope="session")
+def light(opened):
+    return opened("--window-size=1300,1000")
+
+
+def test_nothing_complains_and_every_figure_is_there(light):
+    found, complaints = light
+    assert complaints == []
+    assert found["visible"]
+    assert len(found["figures"]) >= 12
+    assert found["painted"] == len(found["figures"])
+    for label, width, height in found["figures"]:
+        assert label
+        assert width > 200, label
+        assert height > 80, label
+
+
+def test_it_can_be_used_by_keyboard_and_read_aloud(light):
+    found, _ = light
+    assert found["tab"][0] == "skip"
+    assert "scroll" in found["tab"]
+    assert found["tables"] == found["captions"] > 3
+    assert found["scopes"] == 0
+    assert found["headings"][0] == 1
+    assert max(b - a for a, b in zip(found["headings"], found["headings"][1:], strict=False)) <= 1
+
+
+def test_values_show_when_the_pointer_rests_on_them(light):
+    found, _ = light
+    assert any(re.fullmatch(r"[\d.]+ mg/cycle, [\d.]+ rpm: −?[\d.]+", tip) for tip in found["tips"])
+    assert any(tip.endswith(", extrapolated") for tip in found["tips"])
+
+
+def test_nothing_runs_off_a_narrow_screen(opened):
+    found, complaints = opened("--window-size=500,900")
+    assert found["wide"] <= 0
+    assert complaints == []
+
+
+def test_dark_paper_has_light_ink(light, opened):
+    def brightness(colour):
+        return sum(int(part) for part in re.findall(r"\d+", colour)[:3])
+
+    dark, _ = opened("--blink-settings=preferredColorScheme=0")
+    assert brightness(light[0]["paper"]) > brightness(light[0]["ink"]) + 300
+    assert brightness(dark["ink"]) > brightness(dark["paper"]) + 300
+
+
+def test_it_prints(page, tmp_path):
+    printed = tmp_path / "report.pdf"
+    options = [f"--user-data-dir={tmp_path / 'profile'}", f"--print-to-pdf={printed}", "--no-pdf-header-footer"]
+    subprocess.run([BROWSER, *QUIET, *options, f"file://{page}"], capture_output=True, timeout=90, check=True)
+    data = printed.read_bytes()
+    assert data.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", data)) >= 3
