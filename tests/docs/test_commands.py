@@ -34,6 +34,7 @@ GIVEN = {"drive.mf4": recording, "logs/": fleet}
 """What a page takes as there, and who puts it there before the first block that names it."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
 def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
     environment = prepare(tmp_path)
