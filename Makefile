@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench blind docs kill fuzz mutants matrix clean
+.PHONY: help setup run test lint bench blind docs defects kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -29,7 +29,8 @@ help:
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
 	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
 	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler'
-	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
+	@echo 'make docs    the documentation as a site in $(BUILD)/docs; a warning is an error'
+	@echo 'make defects docs/defects.md, from the tests that hold its rows'
 	@echo 'make clean   removes $(BUILD)'
 
 # --- set-up ---------------------------------------------------------------------------------------------------------------
@@ -123,8 +124,20 @@ fuzz: $(VENV)/.ready
 kill: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)
 
-docs: $(VENV)/.ready
+defects: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.defects
+
+# --- documentation ------------------------------------------------------------------------------------------------------------
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(VENV)/.docs-ready
+	@mkdir -p build
+	$(VENV)/bin/python -m typer lpvobs.cli.main utils docs --name lpvobs --title Verbs --output build/verbs.md
+	$(VENV)/bin/mkdocs build --strict --site-dir $(BUILD)/docs
+	@echo 'Look at $(BUILD)/docs/index.html'
+
+$(VENV)/.docs-ready: $(VENV)/.ready
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@
 
 clean:
 	rm -rf $(BUILD)

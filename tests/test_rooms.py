@@ -13,9 +13,9 @@ import pytest
 ROOT = Path(__file__).parents[1] / "lpvobs"
 ROOMS = (
     "errors", "records", "airpath", "maps", "synthesis", "observer", "discovery", "simulation", "io", "steps", "selftest",
-    "report", "cli",
+    "report", "api", "cli",
 )  # fmt: skip
-FORBIDDEN = {"steps": {"report", "cli"}, "selftest": {"report", "cli"}}
+FORBIDDEN = {"steps": {"report", "cli"}, "selftest": {"report", "cli"}, "cli": {"api"}}
 HEAVY = {"numpy", "numba", "pandas", "pyarrow", "h5py", "cvxpy", "matplotlib", "scipy", "jinja2", "pint"}
 
 

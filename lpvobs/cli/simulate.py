@@ -37,29 +37,11 @@ def simulate(
 
     With a leak: add --effects configs/effects/leak_intake.toml
     """
-    from lpvobs.errors import UsageError
-    from lpvobs.io.config import Effects, load_config, load_effects
-    from lpvobs.io.logs import write_log
-    from lpvobs.simulation.simulate import simulate as drive
+    from lpvobs.steps.simulate import simulate_log
 
     refuse_overwriting(out, [path for path in (config, effects, Path(cycle)) if path is not None])
-    configuration, _ = load_config(config)
-    if configuration.simulation is None:
-        raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
-    wanted = load_effects(effects)[0] if effects else Effects()
     with progress(f"simulating {cycle}") as report:
-        log = drive(
-            configuration.diesel,
-            configuration.simulation,
-            cycle,
-            rate,
-            seed,
-            wanted.surface,
-            report,
-            effects=wanted.injected,
-            auxiliary=wanted.auxiliary,
-        )
-    write_log(out, log.channels, log.units)
+        log = simulate_log(config, cycle, out, effects, rate, seed, report)
     time = log.channels["time"]
     content = {
         "log": str(out),

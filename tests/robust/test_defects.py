@@ -14,7 +14,7 @@ def test_a_defect_is_treated_as_the_table_says(case, tmp_path):
 
 
 def test_the_document_is_what_the_cases_say():
-    assert DOCUMENT.read_text(encoding="utf-8") == table(), "stale: run `make docs`"
+    assert DOCUMENT.read_text(encoding="utf-8") == table(), "stale: run `make defects`"
 
 
 def test_the_table_is_complete():

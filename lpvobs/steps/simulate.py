@@ -1,0 +1,53 @@
+"""`simulate`: a cycle through the simulated engine into a log."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lpvobs.errors import UsageError
+from lpvobs.io.config import Effects, load_config, load_effects
+from lpvobs.io.logs import write_log
+from lpvobs.simulation.simulate import SimulatedLog, simulate
+
+
+def simulate_log(
+    config: Path, cycle: str, out: Path, effects: Path | None, rate: float, seed: int, progress: Callable[[float], None]
+) -> SimulatedLog:
+    """Drive the configured engine over a cycle, write the log and return it with its truth.
+
+    Parameters
+    ----------
+    config : Path
+        With `[simulation]` tables.
+    cycle : str
+        A name, or the path of a table.
+    out : Path
+    effects : Path or None
+        What is wrong with engine or sensors, and the road.
+    rate : float
+        [Hz]
+    seed : int
+    progress : callable
+        Takes the fraction done.
+
+    Raises
+    ------
+    UsageError
+        For a configuration without a simulation, and as `lpvobs.simulation.simulate.simulate`.
+    """
+    configuration, _ = load_config(config)
+    if configuration.simulation is None:
+        raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
+    wanted = load_effects(effects)[0] if effects else Effects()
+    log = simulate(
+        configuration.diesel,
+        configuration.simulation,
+        cycle,
+        rate,
+        seed,
+        wanted.surface,
+        progress,
+        effects=wanted.injected,
+        auxiliary=wanted.auxiliary,
+    )
+    write_log(out, log.channels, log.units)
+    return log

@@ -1,0 +1,143 @@
+"""The library does what the verbs do: the same files, the same refusals."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import lpvobs
+from lpvobs.errors import DataError, NotProven, UsageError
+
+REPOSITORY = Path(__file__).parents[2]
+CONFIG = REPOSITORY / "configs" / "diesel.toml"
+RATE = "10"
+
+
+def python(*arguments):
+    """Run Python as a user does, with linear algebra on one thread as the command line has it."""
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    call = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=300, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+VERBS = """
+import json, sys
+from lpvobs.cli.main import app
+for arguments in json.load(sys.stdin):
+    app(arguments, standalone_mode=False)
+"""
+
+
+def verbs(*calls):
+    """Run verbs one after the other in one process, which loads the libraries once."""
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    text = json.dumps([[str(argument) for argument in call] for call in calls])
+    call = [sys.executable, "-c", VERBS]
+    done = subprocess.run(call, input=text, capture_output=True, text=True, timeout=300, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Return the folder that the example has filled, and what it printed."""
+    folder = tmp_path_factory.mktemp("example")
+    done = python(REPOSITORY / "examples" / "map_of_a_drive.py", "--out", folder, "--rate", RATE)
+    return folder, done.stdout
+
+
+@pytest.fixture(scope="module")
+def by_verbs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verbs")
+    log, gain, result = folder / "drive.parquet", folder / "gain.h5", folder / "map.h5"
+    verbs(
+        ("simulate", "--config", CONFIG, "--cycle", "ftp75_cold", "--rate", RATE, "--seed", 3, "--out", log),
+        ("synth-gain", "--config", CONFIG, log, "--out", gain),
+        ("estimate", "--config", CONFIG, "--gain", gain, log, "--out", result),
+        ("extrapolate", result),
+        ("export", result, "--format", "dcm", "--name", "MAF_dW", "--out", folder / "maf.dcm"),
+    )
+    return folder
+
+
+def numbers(path):
+    """Return every dataset of an HDF5 file, by name."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def test_the_example_tells_what_it_did(example):
+    folder, printed = example
+    assert "gain: proven at 128 vertices" in printed
+    assert "map: off by " in printed
+    assert {path.name for path in folder.iterdir()} == {"drive.parquet", "gain.h5", "map.h5", "maf.dcm", "report.html"}
+
+
+def test_the_log_has_the_bytes_of_the_verb(example, by_verbs):
+    assert (example[0] / "drive.parquet").read_bytes() == (by_verbs / "drive.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["gain.h5", "map.h5"])
+def test_every_number_is_that_of_the_verb(example, by_verbs, name):
+    mine, theirs = numbers(example[0] / name), numbers(by_verbs / name)
+    assert mine.keys() == theirs.keys()
+    for dataset, values in mine.items():
+        assert np.array_equal(values, theirs[dataset], equal_nan=np.asarray(values).dtype.kind == "f"), dataset
+
+
+def test_the_calibration_file_is_that_of_the_verb(example, by_verbs):
+    """Beside the line with the digest of the result, which holds the command line."""
+    mine, theirs = ((folder / "maf.dcm").read_text().splitlines() for folder in (example[0], by_verbs))
+    assert [line for line in mine if "sha256" not in line] == [line for line in theirs if "sha256" not in line]
+
+
+def test_gates_and_tables_are_those_of_the_verb(example):
+    folder, _ = example
+    content = lpvobs.write_report(folder / "map.h5", gates=["mean_relative_error<=0.5"])
+    assert content["logs"][0]["log"] == "drive"
+    with pytest.raises(NotProven, match="gate failed"):
+        lpvobs.write_report(folder / "map.h5", gates=["samples>=1e9"])
+
+
+def test_a_gain_is_proven_again(example):
+    assert lpvobs.verify(example[0] / "gain.h5").proven
+
+
+def test_what_is_in_a_log(example):
+    content = lpvobs.inspect(example[0] / "drive.parquet", CONFIG).as_content()
+    assert content["rate"] == pytest.approx(float(RATE))
+    assert lpvobs.inspect(example[0] / "drive.parquet").as_content()["channels"].keys() == content["channels"].keys()
+
+
+def test_an_output_that_is_an_input_is_refused(example):
+    log = example[0] / "drive.parquet"
+    with pytest.raises(UsageError, match="also an input"):
+        lpvobs.estimate(CONFIG, log, log)
+    with pytest.raises(DataError, match="no such file"):
+        lpvobs.extrapolate(example[0] / "absent.h5")
+
+
+def test_nothing_stays_claimed(example):
+    assert not list(example[0].glob(".*"))
+
+
+def test_the_package_loads_its_library_when_it_is_asked_for():
+    """Asking for the version must cost nothing: shells complete by starting the program."""
+    code = "import sys, lpvobs; assert lpvobs.__version__; assert not {'numpy', 'lpvobs.api'} & set(sys.modules)"
+    python("-c", code)
+    python("-c", "import sys, lpvobs; lpvobs.estimate; assert 'numpy' not in sys.modules")
+
+
+def test_every_name_that_is_offered_exists():
+    assert all(callable(getattr(lpvobs, name)) for name in lpvobs.__all__)
+    assert set(lpvobs.__all__) <= set(dir(lpvobs))
+    with pytest.raises(AttributeError, match="no attribute 'estimation'"):
+        _ = lpvobs.estimation
