@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench blind docs kill fuzz mutants matrix clean
+.PHONY: help setup run test lint bench blind docs schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -30,6 +30,7 @@ help:
 	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
 	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler'
 	@echo 'make docs    docs/defects.md, from the tests that hold its rows'
+	@echo 'make schemas the JSON Schemas of configuration and --json, in schemas'
 	@echo 'make clean   removes $(BUILD)'
 
 # --- set-up ---------------------------------------------------------------------------------------------------------------
@@ -125,6 +126,9 @@ kill: $(VENV)/.ready
 
 docs: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.defects
+
+schemas: $(VENV)/.ready
+	$(VENV)/bin/python tools/schemas/make.py
 
 clean:
 	rm -rf $(BUILD)
