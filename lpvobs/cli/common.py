@@ -20,7 +20,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 ConfigOption = Annotated[
-    Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="TOML",
+        help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
+    ),
 ]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
@@ -92,6 +97,29 @@ def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
         if out.exists() and path.exists() and out.samefile(path):
             raise UsageError(f"--out {out}: is also an input and would be lost; name another file")
     claim(out)
+
+
+def chosen_config(given: Path | None) -> Path:
+    """Return the configuration to use: the one given, or that of the folder; raises UsageError where there is neither."""
+    found = given or folder_config()
+    if found is None:
+        raise UsageError(
+            "no configuration: name one with --config TOML, or keep it as lpvobs.toml in this folder or one above it"
+        )
+    return found
+
+
+def folder_config() -> Path | None:
+    """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
+    from lpvobs.io.finding import find_config
+
+    try:
+        found = find_config(Path.cwd())
+    except FileNotFoundError:  # somebody has removed the working folder
+        return None
+    if found is not None:
+        say(f"configuration: {found}")
+    return found
 
 
 def claim(target: Path) -> None:
