@@ -5,6 +5,7 @@ import functools
 import json
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -158,8 +159,11 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1) -> str:
     """Return rows as text in columns; the first column is left-aligned, the others right-aligned.
+
+    On a terminal that is too narrow, the columns go on below, behind the first `labels` columns, which name the row. Elsewhere
+    a row stays a line, for the programs that read it.
 
     Examples
     --------
@@ -170,13 +174,37 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """
     lines = [list(header), *[list(row) for row in rows]]
     widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
+    most = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    return "\n\n".join(
+        "\n".join("  ".join(_cell(line, column, widths) for column in block).rstrip() for line in lines)
+        for block in folded(widths, labels, most)
     )
+
+
+def _cell(line: Sequence[str], column: int, widths: Sequence[int]) -> str:
+    return line[column].ljust(widths[0]) if column == 0 else line[column].rjust(widths[column])
+
+
+def folded(widths: Sequence[int], labels: int, most: int | None) -> list[list[int]]:
+    """Return the columns of each part of a table, none wider than `most` where one column beside the labels fits.
+
+    Examples
+    --------
+    >>> folded([4, 6, 6, 6], 1, 20)
+    [[0, 1, 2], [0, 3]]
+    >>> folded([4, 6, 6, 6], 1, None)
+    [[0, 1, 2, 3]]
+    """
+    named = list(range(labels))
+    blocks = [named]
+    for column in range(labels, len(widths)):
+        block = [*blocks[-1], column]
+        wide = most is not None and sum(widths[c] for c in block) + 2 * (len(block) - 1) > most
+        if wide and len(block) > labels + 1:
+            blocks.append([*named, column])
+        else:
+            blocks[-1] = block
+    return blocks
 
 
 @contextmanager

@@ -61,7 +61,7 @@ def report(
     if as_json:
         print_json("report", content)
     else:
-        print(table(*report_rows(results)))
+        print(table(*report_rows(results), labels=3))
         fits = [(name, item.extrapolation) for name, item in results if item.extrapolation is not None]
         if fits:
             print("\n" + table(*coefficient_rows(fits)))
