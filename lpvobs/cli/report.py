@@ -42,6 +42,8 @@ def report(
     gates = [parse_gate(expression) for expression in gate or []]
     if junit is not None and not gates:
         raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
+    if junit is not None and html is not None and junit.resolve() == html.resolve():
+        raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
     inputs = [result, *(further or [])]
     for target in (html, junit):
         if target is not None:

@@ -27,7 +27,13 @@ def test_every_gate_is_judged_and_the_file_is_there_when_one_fails(lpvobs, chain
 
 def test_refusals(lpvobs, chain, tmp_path):
     before = chain.result.read_bytes()
-    for arguments in (("--junit", tmp_path / "a.xml"), ("--gate", "gaps<=0", "--junit", chain.result)):
+    target = tmp_path / "a.xml"
+    for arguments in (
+        ("--junit", target),
+        ("--gate", "gaps<=0", "--junit", chain.result),
+        ("--html", chain.result),
+        ("--gate", "gaps<=0", "--junit", target, "--html", target),
+    ):
         done = lpvobs("report", chain.result, *arguments)
         assert done.code == 2, done.err
         assert len(done.err.strip().splitlines()) == 1
