@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench blind docs defects kill fuzz mutants matrix clean
+.PHONY: help setup run test lint bench blind docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -31,6 +31,7 @@ help:
 	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler'
 	@echo 'make docs    the documentation as a site in $(BUILD)/docs; a warning is an error'
 	@echo 'make defects docs/defects.md, from the tests that hold its rows'
+	@echo 'make schemas the JSON Schemas of configuration and --json, in schemas'
 	@echo 'make clean   removes $(BUILD)'
 
 # --- set-up ---------------------------------------------------------------------------------------------------------------
@@ -126,6 +127,9 @@ kill: $(VENV)/.ready
 
 defects: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.defects
+
+schemas: $(VENV)/.ready
+	$(VENV)/bin/python tools/schemas/make.py
 
 # --- documentation ------------------------------------------------------------------------------------------------------------
 docs: export NO_MKDOCS_2_WARNING = 1

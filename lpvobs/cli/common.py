@@ -5,6 +5,7 @@ import functools
 import json
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +21,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 ConfigOption = Annotated[
-    Path, typer.Option("--config", metavar="TOML", help="Configuration: engine, map grid, gain, policies.")
+    Path | None,
+    typer.Option(
+        "--config",
+        metavar="TOML",
+        help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
+    ),
 ]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
@@ -94,6 +100,29 @@ def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
     claim(out)
 
 
+def chosen_config(given: Path | None) -> Path:
+    """Return the configuration to use: the one given, or that of the folder; raises UsageError where there is neither."""
+    found = given or folder_config()
+    if found is None:
+        raise UsageError(
+            "no configuration: name one with --config TOML, or keep it as lpvobs.toml in this folder or one above it"
+        )
+    return found
+
+
+def folder_config() -> Path | None:
+    """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
+    from lpvobs.io.finding import find_config
+
+    try:
+        found = find_config(Path.cwd())
+    except FileNotFoundError:  # somebody has removed the working folder
+        return None
+    if found is not None:
+        say(f"configuration: {found}")
+    return found
+
+
 def claim(target: Path) -> None:
     """Keep other processes from writing a file until this verb has ended; no other verb changes it in the meantime."""
     from lpvobs.io import atomic
@@ -130,8 +159,11 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1) -> str:
     """Return rows as text in columns; the first column is left-aligned, the others right-aligned.
+
+    On a terminal that is too narrow, the columns go on below, behind the first `labels` columns, which name the row. Elsewhere
+    a row stays a line, for the programs that read it.
 
     Examples
     --------
@@ -142,13 +174,37 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """
     lines = [list(header), *[list(row) for row in rows]]
     widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
+    most = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    return "\n\n".join(
+        "\n".join("  ".join(_cell(line, column, widths) for column in block).rstrip() for line in lines)
+        for block in folded(widths, labels, most)
     )
+
+
+def _cell(line: Sequence[str], column: int, widths: Sequence[int]) -> str:
+    return line[column].ljust(widths[0]) if column == 0 else line[column].rjust(widths[column])
+
+
+def folded(widths: Sequence[int], labels: int, most: int | None) -> list[list[int]]:
+    """Return the columns of each part of a table, none wider than `most` where one column beside the labels fits.
+
+    Examples
+    --------
+    >>> folded([4, 6, 6, 6], 1, 20)
+    [[0, 1, 2], [0, 3]]
+    >>> folded([4, 6, 6, 6], 1, None)
+    [[0, 1, 2, 3]]
+    """
+    named = list(range(labels))
+    blocks = [named]
+    for column in range(labels, len(widths)):
+        block = [*blocks[-1], column]
+        wide = most is not None and sum(widths[c] for c in block) + 2 * (len(block) - 1) > most
+        if wide and len(block) > labels + 1:
+            blocks.append([*named, column])
+        else:
+            blocks[-1] = block
+    return blocks
 
 
 @contextmanager

@@ -6,9 +6,11 @@ from typing import Annotated
 
 import typer
 
+from lpvobs.cli.choices import METHODS, offer
 from lpvobs.cli.common import (
     ConfigOption,
     JsonOption,
+    chosen_config,
     guarded,
     load_compiler,
     print_json,
@@ -21,7 +23,6 @@ from lpvobs.cli.common import (
 
 @guarded
 def estimate(
-    config: ConfigOption,
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs, patterns, or folders of logs.")],
     out: Annotated[Path, typer.Option(metavar="RESULT.h5", help="The result to write.")],
     gain: Annotated[
@@ -32,7 +33,12 @@ def estimate(
         ),
     ] = None,
     method: Annotated[
-        str, typer.Option(metavar="NAME", help="observer; published: Gamma = 200 I as in the paper; ekf; batch.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=offer(METHODS),
+            help="observer; published: Gamma = 200 I as in the paper; ekf; batch.",
+        ),
     ] = "observer",
     jobs: Annotated[
         int | None,
@@ -49,6 +55,7 @@ def estimate(
             help="Do the logs on the workers of this Dask scheduler, which see them under the same paths.",
         ),
     ] = None,
+    config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate the error map of the sensor from logs.
@@ -65,6 +72,7 @@ def estimate(
     from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 
     logs = find_logs(logs)
+    config = chosen_config(config)
     refuse_overwriting(out, [config, *logs, *([gain] if gain else [])])
     configuration, text = load_config(config)
     workplace = workplace_for(method, len(logs), jobs, scheduler)

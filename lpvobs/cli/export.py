@@ -6,13 +6,16 @@ from typing import Annotated
 
 import typer
 
+from lpvobs.cli.choices import FORMATS, offer
 from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
 
 
 @guarded
 def export(
     result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
-    file_format: Annotated[str, typer.Option("--format", metavar="FORMAT", help="dcm, csv or netcdf.")],
+    file_format: Annotated[
+        str, typer.Option("--format", metavar="FORMAT", autocompletion=offer(FORMATS), help="dcm, csv or netcdf.")
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write.")],
     source: Annotated[
         str,

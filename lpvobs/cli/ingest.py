@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lpvobs.cli.choices import PROFILES, offer
 from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
 
 
@@ -16,7 +17,11 @@ def ingest(
     ],
     profile: Annotated[
         str,
-        typer.Option(metavar="NAME|TOML", help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one."),
+        typer.Option(
+            metavar="NAME|TOML",
+            autocompletion=offer(PROFILES),
+            help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.",
+        ),
     ],
     out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
     as_json: JsonOption = False,

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import JsonOption, folder_config, guarded, print_json, say, table
 
 
 @guarded
@@ -14,7 +14,11 @@ def inspect(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
     config: Annotated[
         Path | None,
-        typer.Option("--config", metavar="TOML", help="Engine and policies; by default the engine that the log suits."),
+        typer.Option(
+            "--config",
+            metavar="TOML",
+            help="Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -30,6 +34,7 @@ def inspect(
 
     channels: Mapping[str, Channel] | None = None
     policies = LogPolicies()
+    config = config or folder_config()
     if config is not None:
         configuration, _ = load_config(config)
         channels, policies = configuration.engine_path().channels, configuration.policies

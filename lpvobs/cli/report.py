@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
 
 
 @guarded
@@ -22,20 +22,33 @@ def report(
         list[str] | None,
         typer.Option(metavar="EXPR", help="metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
     ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write every gate's verdict on every log as JUnit XML, for CI systems."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
+    from lpvobs.errors import UsageError
     from lpvobs.report.discovered import contents, sentences
-    from lpvobs.report.gates import judge, parse_gate
+    from lpvobs.report.gates import enforce, judge, parse_gate
     from lpvobs.report.load import load
     from lpvobs.report.names import distinct
     from lpvobs.report.tables import coefficient_rows, gain_line, report_content, report_rows
 
     gates = [parse_gate(expression) for expression in gate or []]
-    loaded = load([result, *(further or [])])
+    if junit is not None and not gates:
+        raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
+    if junit is not None and html is not None and junit.resolve() == html.resolve():
+        raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
+    inputs = [result, *(further or [])]
+    for target in (html, junit):
+        if target is not None:
+            refuse_overwriting(target, inputs)
+    loaded = load(inputs)
     names = distinct([item.path for item in loaded.results])
     results = list(zip(names, loaded.results, strict=True))
     content = report_content(results)
@@ -50,7 +63,7 @@ def report(
     if as_json:
         print_json("report", content)
     else:
-        print(table(*report_rows(results)))
+        print(table(*report_rows(results), labels=3))
         fits = [(name, item.extrapolation) for name, item in results if item.extrapolation is not None]
         if fits:
             print("\n" + table(*coefficient_rows(fits)))
@@ -58,4 +71,10 @@ def report(
         if told:
             print("\n" + "\n".join(told))
         print("\n" + "\n".join(f"gain of {name}: {gain_line(item.gain)}" for name, item in results))
-    judge(gates, content["logs"])
+    verdicts = judge(gates, content["logs"])
+    if junit is not None:
+        from lpvobs.report.junit import write_junit
+
+        write_junit(junit, verdicts)
+        say(f"{junit}: written")
+    enforce(verdicts)

@@ -5,16 +5,26 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, refuse_overwriting, say
+from lpvobs.cli.choices import CYCLES, offer
+from lpvobs.cli.common import (
+    ConfigOption,
+    JsonOption,
+    chosen_config,
+    guarded,
+    print_json,
+    progress,
+    refuse_overwriting,
+    say,
+)
 
 
 @guarded
 def simulate(
-    config: ConfigOption,
     cycle: Annotated[
         str,
         typer.Option(
             metavar="NAME|CSV",
+            autocompletion=offer(CYCLES),
             help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
         ),
     ],
@@ -29,6 +39,7 @@ def simulate(
     ] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")] = 100.0,
     seed: Annotated[int, typer.Option(help="Of sensor noise and road; same seed, same bytes.")] = 1,
+    config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Drive the nonlinear engine over a cycle and record a log with its true error.
@@ -39,6 +50,7 @@ def simulate(
     """
     from lpvobs.steps.simulate import simulate_log
 
+    config = chosen_config(config)
     refuse_overwriting(out, [path for path in (config, effects, Path(cycle)) if path is not None])
     with progress(f"simulating {cycle}") as report:
         log = simulate_log(config, cycle, out, effects, rate, seed, report)

@@ -5,12 +5,20 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import ConfigOption, JsonOption, guarded, print_json, progress, refuse_overwriting, table
+from lpvobs.cli.common import (
+    ConfigOption,
+    JsonOption,
+    chosen_config,
+    guarded,
+    print_json,
+    progress,
+    refuse_overwriting,
+    table,
+)
 
 
 @guarded
 def synth_gain(
-    config: ConfigOption,
     out: Annotated[Path, typer.Option(metavar="GAIN.h5", help="The gain to write.")],
     logs: Annotated[
         list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs whose range the gain is to cover.")
@@ -22,6 +30,7 @@ def synth_gain(
             help="Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC.",
         ),
     ] = None,
+    config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the observer gain L from the linear matrix inequalities of Theorem 1 and prove it exactly.
@@ -37,6 +46,7 @@ def synth_gain(
     from lpvobs.report.tables import bounds_table
     from lpvobs.steps.gain import make_gain, make_published_gain
 
+    config = chosen_config(config)
     refuse_overwriting(out, [config, *(logs or [])])
     configuration, text = load_config(config)
     if published is not None and logs:

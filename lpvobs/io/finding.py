@@ -1,4 +1,4 @@
-"""Logs named one by one, by pattern or by folder."""
+"""Logs named one by one, by pattern or by folder; the configuration of a folder."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,6 +7,7 @@ from lpvobs.errors import UsageError
 
 WILD = "*?["
 ENDING = ".parquet"
+CONFIG_NAME = "lpvobs.toml"
 
 
 def find_logs(named: Sequence[Path]) -> list[Path]:
@@ -31,3 +32,17 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
             raise UsageError(f"{path}: no log there; expected Parquet files, name them, their folder or a pattern")
         found += matches
     return found
+
+
+def find_config(folder: Path) -> Path | None:
+    """Return `lpvobs.toml` in a folder or the nearest one above it, None where there is none.
+
+    A folder that may not be looked into counts as one without.
+    """
+    for place in (folder, *folder.parents):
+        try:
+            if (place / CONFIG_NAME).is_file():
+                return place / CONFIG_NAME
+        except OSError:
+            continue
+    return None

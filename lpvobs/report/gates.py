@@ -77,14 +77,49 @@ def parse_gate(expression: str) -> Gate:
     return Gate(metric, found["relation"], limit)
 
 
-def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> None:
-    """Return when every log passes every gate.
+@dataclass(frozen=True)
+class Verdict:
+    """One gate on one log.
+
+    Attributes
+    ----------
+    gate : Gate
+    result, log : str
+    value : float or None
+        None where the log cannot have the metric.
+    """
+
+    gate: Gate
+    result: str
+    log: str
+    value: float | None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the log has the metric and passes."""
+        return self.value is not None and self.gate.holds(self.value)
+
+    def __str__(self) -> str:
+        place = f"{self.result}: log {self.log}"
+        if self.value is None:
+            return f"{place} has no {self.gate.metric}, which the gate {self.gate} needs"
+        return f"{place} has {self.gate.metric} = {self.value:.6g}, the gate is {self.gate}"
+
+
+def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> tuple[Verdict, ...]:
+    """Return every gate's verdict on every log.
 
     Parameters
     ----------
     gates : sequence of Gate
     logs : sequence of mapping
         The logs of the report's JSON.
+    """
+    return tuple(Verdict(gate, log["result"], log["log"], _finite(log[gate.metric])) for gate in gates for log in logs)
+
+
+def enforce(verdicts: Sequence[Verdict]) -> None:
+    """Return when every log passes every gate.
 
     Raises
     ------
@@ -93,14 +128,8 @@ def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> None:
     DataError
         If a log lacks a metric that a gate asks for.
     """
-    failed, missing = [], []
-    for gate in gates:
-        for log in logs:
-            value = log[gate.metric]
-            if value is None or not math.isfinite(value):
-                missing.append(f"{_place(log)} has no {gate.metric}, which the gate {gate} needs")
-            elif not gate.holds(value):
-                failed.append(f"{_place(log)} has {gate.metric} = {value:.6g}, the gate is {gate}")
+    failed = [str(item) for item in verdicts if item.value is not None and not item.holds]
+    missing = [str(item) for item in verdicts if item.value is None]
     if failed:
         raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or widen the gate")
     if missing:
@@ -109,16 +138,16 @@ def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> None:
         )
 
 
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value
+
+
 def _number(text: str) -> float | None:
     try:
         value = float(text)
     except ValueError:
         return None
     return None if math.isnan(value) else value
-
-
-def _place(log: Mapping[str, Any]) -> str:
-    return f"{log['result']}: log {log['log']}"
 
 
 def _first_of(messages: Sequence[str]) -> str:

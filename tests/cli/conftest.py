@@ -24,10 +24,12 @@ class Done:
         return json.loads(self.out)
 
 
-def run(*arguments) -> Done:
+def run(*arguments, cwd=None) -> Done:
     """Run the command line as its users do: a process of its own."""
     call = [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, arguments)]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL, check=False)
+    done = subprocess.run(
+        call, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL, check=False, cwd=cwd
+    )
     return Done(done.returncode, done.stdout, done.stderr)
 
 

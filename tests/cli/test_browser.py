@@ -7,9 +7,18 @@ import subprocess
 
 import pytest
 
-BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-QUIET = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking".split()
-QUIET += "--disable-component-update --disable-sync --hide-scrollbars --enable-logging=stderr".split()
+BROWSER = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+)
+QUIET = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+]
+QUIET += ["--disable-component-update", "--disable-sync", "--hide-scrollbars", "--enable-logging=stderr"]
 PROBE = """
 <script>
 addEventListener("load", () => {
@@ -33,7 +42,9 @@ addEventListener("load", () => {
 </script>
 """
 
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser")
+pytestmark = pytest.mark.skipif(
+    BROWSER is None, reason="no Chromium on this machine: the report is not opened in a browser"
+)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,88 @@
+"""The examples for CI: the Makefile fragment is run, the workflow calls it and keeps what it writes."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pyarrow.parquet as pq
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "ci"
+FRAGMENT, WORKFLOW = EXAMPLES / "lpvobs.mk", EXAMPLES / "github.yml"
+RUN = "from lpvobs.cli.main import run; run()"
+CALLED = re.compile(r"run: (make -f \S*lpvobs\.mk .*)")
+
+
+@pytest.fixture
+def project(config, chain, table, tmp_path):
+    """Return a folder as a user has it: a configuration, and two short logs."""
+    shutil.copy(config, tmp_path / "lpvobs.toml")
+    shutil.copy(chain.gain, tmp_path / "gain.h5")
+    (tmp_path / "logs").mkdir()
+    for name, start in (("monday", 0), ("tuesday", 4000)):
+        pq.write_table(table.slice(start, 4000), tmp_path / "logs" / f"{name}.parquet")
+    return tmp_path
+
+
+def validate(project, gates):
+    lpvobs = f"LPVOBS={shlex.quote(sys.executable)} -c {shlex.quote(RUN)}"
+    call = ["make", "-f", FRAGMENT, "lpvobs-validate", lpvobs, "LPVOBS_GAIN=gain.h5", f"LPVOBS_GATES={gates}"]
+    return subprocess.run(call, cwd=project, capture_output=True, text=True, timeout=300, check=False)
+
+
+def outcomes(project):
+    root = ElementTree.parse(project / "build" / "lpvobs" / "gates.xml").getroot()
+    return {case.get("name"): next(item.tag for item in case) for case in root.iter("testcase")}
+
+
+needs_make = pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
+
+
+@needs_make
+def test_good_logs_pass(project):
+    done = validate(project, "mean_relative_error<=0.2 samples>=4000")
+    assert done.returncode == 0, done.stderr
+    assert set(outcomes(project).values()) == {"system-out"}
+    assert len(outcomes(project)) == 4
+    assert "<html" in (project / "build" / "lpvobs" / "report.html").read_text(encoding="utf-8")
+
+
+@needs_make
+def test_a_gate_that_a_log_fails_and_a_log_that_is_none_fail_the_run(project):
+    (project / "logs" / "damaged.parquet").write_bytes(b"PAR1")
+    done = validate(project, "mean_relative_error<=0.2 samples>=4001")
+    assert done.returncode != 0
+    assert "left out: logs/damaged.parquet" in done.stderr
+    assert "gate failed" in done.stderr
+    found = outcomes(project)
+    assert [name for name, outcome in found.items() if outcome == "failure"] == [
+        "monday: samples>=4001", "tuesday: samples>=4001",
+    ]  # fmt: skip
+    (project / "logs" / "tuesday.parquet").unlink()
+    (project / "logs" / "monday.parquet").unlink()
+    assert validate(project, "samples>=1").returncode != 0
+    assert not (project / "build" / "lpvobs" / "gates.xml").exists()  # nothing of the run before is left
+
+
+def test_the_workflow_calls_the_fragment_with_gates_that_exist():
+    from lpvobs.report.gates import parse_gate
+
+    (call,) = (shlex.split(found) for found in CALLED.findall(WORKFLOW.read_text(encoding="utf-8")))
+    assert f".PHONY: {call[3]}" in FRAGMENT.read_text(encoding="utf-8")
+    (gates,) = (word.removeprefix("LPVOBS_GATES=") for word in call[4:])
+    (default,) = re.findall(r"LPVOBS_GATES +\?= (.*)", FRAGMENT.read_text(encoding="utf-8"))
+    for gate in (*gates.split(), *default.split()):
+        parse_gate(gate)
+
+
+def test_the_workflow_keeps_what_the_fragment_writes():
+    yaml = pytest.importorskip("yaml", reason="comes with the extra lpvobs[cluster]")
+    steps = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))["jobs"]["validate"]["steps"]
+    (folder,) = re.findall(r"LPVOBS_OUT +\?= (\S+)", FRAGMENT.read_text(encoding="utf-8"))
+    kept = steps[-1]
+    assert (kept["if"], kept["with"]["path"]) == ("always()", folder)
+    assert CALLED.search(f"run: {steps[-2]['run']}")

@@ -1,0 +1,47 @@
+"""Tables on a terminal fit its width; through a pipe a row stays a line."""
+
+import os
+import pty
+import subprocess
+import sys
+from contextlib import suppress
+
+RUN = "from lpvobs.cli.main import run; run()"
+
+
+def on_terminal(columns, *arguments):
+    """Return what a terminal of so many columns is sent."""
+    ours, theirs = pty.openpty()
+    call = [sys.executable, "-c", RUN, *map(str, arguments)]
+    environment = os.environ | {"COLUMNS": str(columns)}
+    with subprocess.Popen(
+        call, stdout=theirs, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=environment
+    ) as process:
+        os.close(theirs)
+        parts = []
+        with suppress(OSError):  # EIO is how Linux says that the other end has closed
+            while part := os.read(ours, 65536):
+                parts.append(part)
+        assert process.wait(timeout=300) == 0, process.stderr.read()
+    os.close(ours)
+    return b"".join(parts).decode().replace("\r\n", "\n")
+
+
+def test_a_wide_table_goes_on_below(lpvobs, chain):
+    piped = lpvobs("report", chain.result).out
+    shown = on_terminal(80, "report", chain.result)
+    table = piped.split("\n\n")[0]
+    assert max(map(len, table.splitlines())) > 80
+    parts = [part.splitlines() for part in shown.split("\n\n") if part.startswith("result ")]
+    assert len(parts) > 1
+    assert max(len(line) for part in parts for line in part) <= 80
+    heads, rows = ([part[line] for part in parts] for line in (0, 1))
+    assert all(row.startswith("result  observer  FTP75 cold transient") for row in rows)
+    # every cell is there, in its order, once
+    labels = len(table.splitlines()[0].split("log")[0]) + 3
+    for whole, parted in ((table.splitlines()[0], heads), (table.splitlines()[1], rows)):
+        assert " ".join(part[labels:] for part in parted).split() == whole[labels:].split()
+
+
+def test_a_table_that_fits_stays_whole(lpvobs, chain):
+    assert on_terminal(400, "report", chain.result) == lpvobs("report", chain.result).out

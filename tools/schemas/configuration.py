@@ -1,0 +1,128 @@
+"""The JSON Schema of the configuration, from the records that it is read into and the comments of the shipped files."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from lpvobs.airpath.base import AirPath
+from lpvobs.io.config import KINDS, SCHEMA, load_config
+from lpvobs.simulation.parameters import SURFACE_KINDS
+
+Schema = dict[str, Any]
+CONFIGS = Path(__file__).parents[2] / "configs"
+EXAMPLES = {"diesel": CONFIGS / "diesel.toml", "throttled": CONFIGS / "liu-ice.toml"}
+CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("Surface", "kind"): SURFACE_KINDS}
+"""Texts of which only these are taken; the records check them when they are made."""
+TABLE = re.compile(r"\[(?P<name>[\w.]+)\]\s*(#\s*(?P<comment>.*\S))?\s*")
+KEY = re.compile(r"(?P<name>\w+)\s*=\s*[^#]*#\s*(?P<comment>.*\S)\s*")
+"""A key with its comment; no value of a shipped configuration contains a hash."""
+
+
+def config_schema() -> Schema:
+    """Return the schema: one alternative for every kind of engine, told apart by `air_path`.
+
+    Arrays are written so that drafts before 2020-12, which editors still use, read them alike.
+    """
+    kinds = list(KINDS.values())
+    _, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+    defs = {name: _strict(component) for name, component in components.items()}
+    for (record, key), choices in CHOICES.items():
+        defs[record]["properties"][key]["enum"] = list(choices)
+    for name, kind in KINDS.items():
+        defs[kind.__name__] = _of_engine(defs[kind.__name__], name, load_config(EXAMPLES[name])[0].engine_path())
+        for path, comment in comments(EXAMPLES[name].read_text(encoding="utf-8")):
+            _describe(defs, kind.__name__, path, comment)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:lpvobs:config:{SCHEMA}",
+        "title": "Configuration of lpvobs",
+        "description": "Engine, map grid, gain and policies; commented examples: configs/diesel.toml, configs/liu-ice.toml.",
+        "oneOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in kinds],
+        "$defs": defs,
+    }
+
+
+def comments(text: str) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the comments behind tables and keys of a TOML text, with the path of each."""
+    table: tuple[str, ...] = ()
+    for line in text.splitlines():
+        if found := TABLE.fullmatch(line):
+            table = tuple(found["name"].split("."))
+            if found["comment"]:
+                yield table, found["comment"]
+        elif found := KEY.fullmatch(line):
+            yield (*table, found["name"]), found["comment"]
+
+
+def _strict(schema: Any) -> Any:
+    """Refuse unknown keys, as the reader does; write tuples as arrays of one kind; TOML has no null."""
+    if isinstance(schema, list):
+        return [_strict(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if {"type": "null"} in schema.get("anyOf", []):
+        (schema,) = (item for item in schema["anyOf"] if item != {"type": "null"})
+    strict = {key: _strict(value) for key, value in schema.items() if not (key == "default" and value is None)}
+    if "properties" in strict:
+        strict["additionalProperties"] = False
+        strict["description"] = strict.get("description", "").split("\n\n")[0]
+    kinds = strict.pop("prefixItems", None)
+    if kinds:
+        if any(kind != kinds[0] for kind in kinds):
+            raise ValueError(f"an array of several kinds, which older drafts write otherwise: {kinds}")
+        strict["items"] = kinds[0]
+    return strict
+
+
+def _of_engine(schema: Schema, name: str, path: AirPath) -> Schema:
+    """Return a configuration's schema with the names that the engine has where the records take any."""
+    axes = [axis.channel for axis in path.axes]
+    rho = [parameter for parameter in path.parameter_names if parameter not in path.rate_names]
+    constants = list(dict.fromkeys((*path.engine_constants(), *path.balance_constants)))
+    temperatures = _named(path.temperature_names)
+    own: Mapping[str, Schema] = {
+        "schema": {"const": SCHEMA},
+        "air_path": {"const": name},
+        "map": _named(axes),
+        "gain": _with(
+            outputs={"items": {"enum": list(path.state_names)}, "uniqueItems": True},
+            bounds=_named(rho, needed=()),
+            temperatures=temperatures,
+        ),
+        "estimate": _with(tolerance=_named(constants, needed=())),
+        "published": _with(temperatures=temperatures),
+        "ekf": _with(
+            process_noise=_named(path.state_names),
+            measurement_noise=_named((*path.state_names, path.sensor), needed=(path.sensor,)),
+        ),
+    }
+    properties = {key: dict(value) for key, value in schema["properties"].items()}
+    for key, more in own.items():
+        properties[key] = {"allOf": [properties[key], more]} if "$ref" in properties[key] else properties[key] | more
+    return schema | {"properties": properties}
+
+
+def _named(names: Sequence[str], needed: Sequence[str] | None = None) -> Schema:
+    """Return the schema of a table with these names, all of them unless fewer are needed."""
+    return {"propertyNames": {"enum": list(names)}, "required": list(names if needed is None else needed)}
+
+
+def _with(**tables: Schema) -> Schema:
+    return {"properties": tables}
+
+
+def _describe(defs: dict[str, Schema], name: str, path: tuple[str, ...], comment: str) -> None:
+    """Write a comment to the schema of a key; the first file that says something of it counts."""
+    head, *rest = path
+    found = defs[name].get("properties", {}).get(head)
+    if found is None:
+        return
+    if not rest:
+        found.setdefault("description", comment)
+        return
+    inner = next((item["$ref"] for item in found.get("allOf", [found]) if "$ref" in item), None)
+    if inner is not None:
+        _describe(defs, inner.rsplit("/", 1)[1], tuple(rest), comment)
