@@ -92,7 +92,7 @@ $(BUILD)/report.html: $(RESULTS) $(BUILD)/refined.h5 $(REPORTING)
 
 # --- checks -----------------------------------------------------------------------------------------------------------------
 test: $(VENV)/.ready
-	$(VENV)/bin/python -m pytest
+	$(VENV)/bin/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.ready
 	$(VENV)/bin/ruff check .

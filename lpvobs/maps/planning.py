@@ -14,7 +14,7 @@ EVENLY = 36.0
 """[s] of driving that is spread evenly over a cell for one second of excitation: a hat function and its neighbour have the Gram
 matrix [[1/3, 1/6], [1/6, 1/3]] on their interval, with smallest eigenvalue 1/6, and Psi is a product of two such pairs."""
 SLOW = 0.9
-"""Quantile of the cells' variance at one second of excitation that is taken for all: most cells learn from their neighbours, too."""
+"""Quantile of the cells' variance at one second of excitation that is taken for all: most learn from their neighbours, too."""
 MOST_CELLS = 8
 
 
