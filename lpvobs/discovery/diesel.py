@@ -12,6 +12,8 @@ from lpvobs.records import Array
 
 BALANCES = ("sensor-compressor", "sensor-filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
+RESTRICTED = 0.5
+"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near enough."""
 POWER = 1.0e5
 """[J/kg], turns a power into a flow, so that all balances read in kg/s."""
 
@@ -90,14 +92,33 @@ def imbalances(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Array:
 def turbine(
     c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
 ) -> tuple[float, float]:
-    """Return W_t [kg/s] and Pi_t, with a back pressure of its own."""
+    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own.
+
+    The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here. With a
+    restriction the passes swing around the solution, or away from it: the more there is of it, the more the solution counts.
+    """
     scale = c.A_vgt_max * relation.vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
     p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
     for _ in range(3):
         Pi_t = min(p_es / p_em, 0.9999)
         W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
         p_es = p_amb + k_exhaust * W_t * W_t
-    return W_t, Pi_t
+    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
+    if share == 0.0:
+        return W_t, Pi_t
+    solved = expansion(p_amb / p_em, k_exhaust * scale * scale * p_em, c.K_t)
+    Pi_t += share * (solved - Pi_t)
+    return scale * sqrt(1.0 - Pi_t**c.K_t) * p_em, Pi_t
+
+
+@njit(cache=True)
+def expansion(ambient: float, strength: float, K_t: float) -> float:
+    """Return the ratio P with P = ambient + strength (1 - P^K_t): Newton's method, from below where it stays and converges."""
+    P = min(ambient, 0.9999)
+    for _ in range(5):
+        power = P**K_t
+        P += (ambient + strength * (1.0 - power) - P) / (1.0 + strength * K_t * power / P)
+    return min(P, 0.9999)
 
 
 def known_inputs(c: DieselConstants, x: Array, change: Array) -> Array:
