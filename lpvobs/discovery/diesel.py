@@ -13,7 +13,7 @@ from lpvobs.records import Array
 BALANCES = ("sensor-compressor", "sensor-filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
-"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near enough."""
+"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 POWER = 1.0e5
 """[J/kg], turns a power into a flow, so that all balances read in kg/s."""
 
