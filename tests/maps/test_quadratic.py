@@ -233,6 +233,13 @@ def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
     assert 0.85 < np.mean(smooth) < 0.95
     bent = flat + 8e-3 * np.clip((u - 28.0) / 12.0, 0.0, 1.0) ** 2 + 5e-5 * rng.standard_normal(grid.shape)
     assert outer_coverage(grid, bent, noise, visited, design) < 0.8
+
+
+def test_too_few_nodes_to_take_any_away_tell_nothing():
+    grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
     few = np.zeros(grid.shape, dtype=bool)
     few[3:6, 2:5] = True
-    assert np.isnan(outer_coverage(grid, flat, noise, few, design))
+    design = scaled_terms(grid, u, n).reshape(-1, 6)
+    found = outer_coverage(grid, evaluate(np.array(EQ_40), u, n), 1e-8 * np.eye(grid.size), few, design)
+    assert np.isnan(found)
