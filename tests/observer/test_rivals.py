@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference import kalman
-from reference.drives import noisy, scattered
+from reference.drives import scattered
 from reference.membership import psi
 
 from lpvobs.maps.grid import Grid
@@ -61,8 +61,8 @@ def test_filter_without_noise_finds_the_map(air_path, grid, drive, target, setti
     assert np.sqrt(np.mean(missed**2)) < 2e-4
 
 
-def test_batch_is_dense_least_squares(air_path, drive, settings):
-    log = noisy(drive[0], 3)
+def test_batch_is_dense_least_squares(air_path):
+    log, settings = scattered(33, 300), EstimateSettings(smoothing=0.05, least_information=1e-4, prior_map=0.1)
     found = estimate_batch(air_path, SMALL, outputs_of("p_im", "omega_t"), [log], settings)
     used = np.ones(len(log), dtype=bool)
     used[[start for start, _ in log.segments]] = False

@@ -59,13 +59,14 @@ class Verb:
 
 
 CONFIGURED = ("--config", "diesel.toml")
+GAIN = ("--gain", "gain.h5")
 VERBS = (
     Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet", share=4),
     Verb("profile", ("profile", SOURCE, "--out", "o.toml"), "o.toml"),
     Verb("ingest", ("ingest", SOURCE, "--profile", "profile.toml", "--out", "o.parquet"), "o.parquet"),
     Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5", share=5),
-    Verb("estimate", ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
-    Verb("estimate --jobs", ("estimate", *CONFIGURED, "--gain", "gain.h5", "fleet", "--jobs", "2", "--out", "o.h5"), "o.h5", share=4),
+    Verb("estimate", ("estimate", *CONFIGURED, *GAIN, "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("estimate --jobs", ("estimate", *CONFIGURED, *GAIN, "fleet", "--jobs", "2", "--out", "o.h5"), "o.h5", share=4),
     Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5", share=15),
     Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5", share=5),
     Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5", share=5),
@@ -75,18 +76,23 @@ VERBS = (
 )  # fmt: skip
 
 
-def prepare(folder: Path) -> None:
-    """Write the inputs of every verb, by the command line."""
+def lay_out(folder: Path) -> None:
+    """Copy the configuration and the first 80 s of a drive into a folder."""
     shutil.copy(ROOT / "configs" / "diesel.toml", folder)
     table = (ROOT / "data" / "cycles" / "nedc.csv").read_text().splitlines()
     (folder / "cycle.csv").write_text("\n".join(table[:80]) + "\n")
+
+
+def prepare(folder: Path) -> None:
+    """Write the inputs of every verb, by the command line."""
+    lay_out(folder)
     (folder / "profile.toml").write_text(PROFILE)
     rows = [f"{0.01 * k:.2f},{900 + k % 700}" for k in range(20_000)]
     (folder / SOURCE).write_text("time,speed\n" + "\n".join(rows) + "\n")
     (folder / "fleet").mkdir()
     for line in (
         *(
-            ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "50", "--seed", str(seed), "--out", name)
+            ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "10", "--seed", str(seed), "--out", name)
             for seed, name in enumerate(("log.parquet", "fleet/a.parquet", "fleet/b.parquet", "fleet/c.parquet"), 1)
         ),
         ("synth-gain", *CONFIGURED, "log.parquet", "--out", "gain.h5"),
