@@ -73,7 +73,7 @@ def test_standing_on_a_node_informs_it_alone_for_as_long_as_it_lasts():
     excited = of(SMALL, np.full(801, 4.0), np.full(801, 1000.0), time)
     expected = np.zeros(SMALL.size)
     expected[1 * 3 + 1] = 8.0
-    np.testing.assert_allclose(excited.nodes(), expected, rtol=1e-8)  # the ridge
+    np.testing.assert_allclose(excited.nodes(), expected, rtol=1e-13)  # the ridge is taken back, up to rounding
     assert excited.cells().max() == 0.0
 
 

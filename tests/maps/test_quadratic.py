@@ -165,6 +165,30 @@ def test_lack_of_fit_is_the_scatter_around_the_quadratic(grid, visited):
     assert np.mean(found) == pytest.approx(1e-3, rel=0.04)
 
 
+def plain_lack(X, z, noise, variances):
+    """Return the lack of fit of three rounds of weighting, with every matrix written out."""
+    lack = 0.0
+    for _ in range(3):
+        W = np.diag(1.0 / (variances + lack))
+        M = np.eye(z.size) - X @ np.linalg.inv(X.T @ W @ X) @ X.T @ W
+        excess = z @ M.T @ W @ M @ z - np.trace(W @ M @ noise @ M.T)
+        lack = max(excess / np.trace(W @ M @ M.T), 0.0)
+    return np.sqrt(lack)
+
+
+def test_lack_of_fit_with_nodes_of_very_different_quality():
+    small = Grid(np.linspace(0.0, 40.0, 5), np.linspace(1000.0, 3000.0, 5))
+    rng = np.random.default_rng(8)
+    variances = 10.0 ** rng.uniform(-9.0, -5.0, small.size)
+    theta = on_nodes(small, EQ_40) + 1e-3 * rng.standard_normal(small.shape)
+    found = fit(small, theta, np.diag(variances), np.ones(small.shape, dtype=bool)).lack_of_fit
+    n, u = np.meshgrid(small.n_e, small.u_delta, indexing="ij")
+    X = scaled_terms(small, u, n).reshape(-1, 6)
+    expected = plain_lack(X, theta.ravel(), np.diag(variances), variances)
+    assert expected > 5e-4  # otherwise both may be zero for another reason
+    assert found == pytest.approx(expected, rel=1e-9)  # six digits are lost in the inverse, of sixteen
+
+
 def test_the_papers_two_fits_contradict_each_other_outside():
     u, n = 56.0, 2000.0
     assert evaluate(np.array(EQ_39), u, n) == pytest.approx(-7.0e-3, abs=5e-5)  # printed digits: 0.1 g/s

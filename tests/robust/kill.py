@@ -11,6 +11,7 @@ logs must be whole, too, and gone after the next run that is left alone.
 import argparse
 import os
 import random
+import shlex
 import shutil
 import signal
 import subprocess
@@ -121,8 +122,8 @@ def warm() -> None:
     import lpvobs.steps.trace  # noqa: F401
 
 
-def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull)) -> int:
-    """Run a command line in a forked process; return its id."""
+def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull), *, in_shell: bool = False) -> int:
+    """Run a command line in a forked process, as it is or by a shell that starts Python afresh; return its id."""
     sys.stdout.flush()
     child = os.fork()
     if child:
@@ -133,6 +134,9 @@ def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnu
         nothing, said = os.open(os.devnull, os.O_RDWR), os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream, where in enumerate((nothing, nothing, said)):
             os.dup2(where, stream)
+        if in_shell:
+            afresh = shlex.join((sys.executable, "-c", "from lpvobs.cli.main import run; run()", *arguments))
+            os.execvpe("sh", ["sh", "-c", f"exec {afresh}"], {**os.environ, "PYTHONPATH": str(ROOT)})
         sys.argv = ["lpvobs", *arguments]
         from lpvobs.cli.main import run
 
