@@ -73,6 +73,17 @@ def test_sums_and_visits_are_those_of_a_plain_loop(seed):
     assert (expected.visits > 2).any()
 
 
+def test_a_map_of_one_cell_holds_what_lies_beyond_it():
+    grid = Grid(np.array([0.0, 4.0]), np.array([500.0, 1000.0]))
+    sums, visit = no_sums(grid, 1, 1), no_visit(1)
+    u, n = np.array([9.0, -1.0]), np.array([2000.0, 100.0])
+    add(sums, visit, grid, (u, n), np.array([0.5, 0.25]), np.array([[3.0, 5.0]]), np.zeros((1, 1, 2)), np.zeros((2, 6)))
+    end_visit(sums, visit)
+    np.testing.assert_array_equal(sums.gram[0], np.diag([0.25, 0.0, 0.0, 0.5]))
+    np.testing.assert_array_equal(sums.right[0, 0], [1.25, 0.0, 0.0, 1.5])
+    assert sums.visits.tolist() == [1.0]
+
+
 def test_a_visit_goes_on_across_a_cut():
     drive = wander(3)
     for whole, cut in zip(filled(*drive), filled(*drive, cuts=(1, 50, 51, 100)), strict=True):
