@@ -499,7 +499,7 @@ def main() -> None:
     kept = json.loads(options.times.read_text()) if options.times and options.times.exists() else {}
     measured = {room: Measured(**kept[room]) if room in kept else measure(room) for room in options.rooms}
     if options.times:
-        options.times.write_text(json.dumps({room: asdict(item) for room, item in measured.items()}))
+        options.times.write_text(json.dumps(kept | {room: asdict(item) for room, item in measured.items()}))
     preload(measured.values())
     wanted = options.modules or [name for room in options.rooms for name in modules(room)]
     everything = [mutant for name in wanted for mutant in mutants(name)]
