@@ -1,20 +1,28 @@
 """How many deliberate faults in the core rooms the tests notice.
 
-    python benchmarks/mutants.py [--number 300] [--seed 1] [--rooms maps,observer,synthesis]
+    python benchmarks/mutants.py [--number 300] [--seed 1] [--rooms maps,observer,synthesis] [--workers 2]
 
 Each mutant changes one place of one module: an operator, a comparison, a number, a condition, a call of min or max, a statement
-that is left out. The tests of its room run with the compiler off, in a process of its own, the quickest first, until one fails.
-Tests that take long without the compiler are left out (LONGEST), so a survivor may be one that they would notice.
+that is left out. The tests of its room run with the compiler off, in a process of its own, those of its module first and then the
+quickest, until one fails. The process is forked from one that has collected the tests, and takes the code of the functions from
+the mutant; what takes effect while modules are imported is imported afresh. Before that, modules without a change go the same
+ways, and must not be noticed.
+
+Tests that take long without the compiler are left out (LONGEST), so a survivor may be one that they would notice. A test that
+takes many times what it takes without a fault has noticed it, too.
 """
 
 import argparse
 import ast
+import contextlib
 import copy
+import gc
 import importlib.abc
 import importlib.machinery
 import importlib.util
 import json
 import os
+import platform
 import random
 import resource
 import signal
@@ -22,12 +30,12 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from datetime import date
 from functools import partial
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import pytest
@@ -40,6 +48,26 @@ RESULTS = ROOT / "benchmarks" / "results" / "mutants.md"
 ROOMS = ("maps", "observer", "synthesis")
 LONGEST = 1.0
 """[s] of computing; a test that takes longer without the compiler is left out."""
+
+PRELOADED = {
+    "cvxpy",
+    "clarabel",
+    "numba",
+    "numpy",
+    "scipy",
+    "h5py",
+    "pyarrow",
+    "pandas",
+    "msgspec",
+    "pint",
+    "hypothesis",
+}
+"""Libraries that are loaded once, for all mutants; nothing of the package is."""
+
+BROKEN = 99
+"""Exit code of a process that did not come to run the tests."""
+EQUIVALENT: dict[tuple[str, str, str], str] = {}
+"""Mutants that do what the original does, by file, before and after: the reason."""
 
 SWAPS: dict[type, tuple[type, ...]] = {
     ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Pow: (ast.Mult,),
@@ -62,13 +90,37 @@ NAMES |= {"floor": "ceil", "sin": "cos", "argmin": "argmax", "argmax": "argmin",
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the module, where, and what it says before and after."""
+    """One change: the module, where, what it says before and after, and where in the tree.
+
+    `node` and `change` are numbers, the latter -1 for no change at all; what is in the body of a function takes effect after
+    everything has been imported, too.
+    """
 
     module: str
     line: int
     before: str
     after: str
-    tree: ast.Module
+    node: int
+    change: int
+    in_function: bool
+
+    @property
+    def room(self) -> str:
+        return self.module.split(".")[1]
+
+    @property
+    def place(self) -> str:
+        """File and line, within the package."""
+        return self.module.removeprefix("lpvobs.").replace(".", "/") + f".py:{self.line}"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The tests of a room that count and how long they take, how many there are in all, and what they import."""
+
+    durations: dict[str, float]
+    number: int
+    loaded: list[str]
 
 
 class _Marker(ast.NodeVisitor):
@@ -76,6 +128,8 @@ class _Marker(ast.NodeVisitor):
 
     def __init__(self) -> None:
         self.found: list[ast.AST] = []
+        self.inside: list[bool] = []
+        self.depth = 0
 
     def visit(self, node: ast.AST) -> None:
         if isinstance(node, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom):
@@ -83,12 +137,16 @@ class _Marker(ast.NodeVisitor):
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             return
         self.found.append(node)
+        self.inside.append(self.depth > 0)
         for name, value in ast.iter_fields(node):
             if name in ("annotation", "returns", "decorator_list", "bases", "type_comment"):
                 continue
+            enters = isinstance(node, ast.FunctionDef) and name == "body"
+            self.depth += enters
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
                     self.visit(child)
+            self.depth -= enters
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:  # noqa: PLR0912 one line per kind
@@ -130,27 +188,44 @@ class _Replace(ast.NodeTransformer):
 
 def mutants(module: str) -> list[Mutant]:
     """Return every mutant of a module."""
-    path = ROOT / Path(*module.split(".")).with_suffix(".py")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = []
+    marker = _marked(_parsed(module))
+    for place, node in enumerate(marker.found):
+        for which, (field, value) in enumerate(changes(node)):
+            after = value
+            if field:
+                after = copy.deepcopy(node)
+                setattr(after, field, value)
+            found.append(
+                Mutant(
+                    module, getattr(node, "lineno", 0), _short(node), _short(after), place, which, marker.inside[place]
+                )
+            )
+    return found
+
+
+def tree_of(mutant: Mutant) -> ast.Module:
+    """Return the whole module with the change in it."""
+    tree = _parsed(mutant.module)
+    if mutant.change < 0:
+        return tree
+    node = _marked(tree).found[mutant.node]
+    field, value = list(changes(node))[mutant.change]
+    if field:
+        setattr(node, field, value)
+    else:
+        tree = _Replace(node, ast.copy_location(value, node)).visit(tree)
+    return ast.fix_missing_locations(tree)
+
+
+def _parsed(module: str) -> ast.Module:
+    return ast.parse((ROOT / Path(*module.split(".")).with_suffix(".py")).read_text(encoding="utf-8"))
+
+
+def _marked(tree: ast.Module) -> _Marker:
     marker = _Marker()
     marker.visit(tree)
-    found = []
-    for place, node in enumerate(marker.found):
-        for field, value in changes(node):
-            changed = copy.deepcopy(tree)
-            again = _Marker()
-            again.visit(changed)
-            target = again.found[place]
-            if field:
-                setattr(target, field, value)
-                after = target
-            else:
-                after = ast.copy_location(copy.deepcopy(value), target)
-                changed = _Replace(target, after).visit(changed)
-            line = getattr(node, "lineno", 0)
-            ast.fix_missing_locations(changed)
-            found.append(Mutant(module, line, _short(node), _short(after), changed))
-    return found
+    return marker
 
 
 def _short(node: ast.AST) -> str:
@@ -171,18 +246,24 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         return importlib.util.spec_from_file_location(name, self.origin, loader=self)
 
     def exec_module(self, module: ModuleType) -> None:
-        exec(compile(self.mutant.tree, self.origin, "exec"), module.__dict__)
+        exec(compile(tree_of(self.mutant), self.origin, "exec"), module.__dict__)
 
 
 class _Quickest:
-    """A pytest plugin: leaves out what takes long, and puts the tests of the module and the quickest first."""
+    """A pytest plugin: leaves out what takes long, puts the tests of the module and the quickest first, and stops what hangs."""
 
-    def __init__(self, durations: dict[str, float], own: str) -> None:
-        self.durations, self.own = durations, own
+    def __init__(self, durations: dict[str, float], mutant: Mutant) -> None:
+        self.durations, self.own = durations, f"{mutant.room}/test_{mutant.module.split('.')[-1]}.py"
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        items[:] = [item for item in items if self.durations.get(item.nodeid, LONGEST) < LONGEST]
+        items[:] = [item for item in items if item.nodeid in self.durations]
         items.sort(key=lambda item: (self.own not in item.nodeid, self.durations[item.nodeid]))
+
+    def pytest_runtest_call(self, item: Any) -> None:
+        break_off_after(2.0 + 5.0 * self.durations[item.nodeid])
+
+    def pytest_runtest_teardown(self) -> None:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
 
 
 class _Clock:
@@ -190,28 +271,35 @@ class _Clock:
 
     def __init__(self) -> None:
         self.durations: dict[str, float] = {}
-        self.began = 0.0
+        self.number, self.began = 0, 0.0
 
     def pytest_runtest_call(self, item: Any) -> None:
-        def stop(*_: Any) -> None:
-            raise TimeoutError("takes long without the compiler")
-
-        signal.signal(signal.SIGVTALRM, stop)
-        signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+        break_off_after(1.2 * LONGEST)
         self.began = time.process_time()
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.when == "call":
             signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
-            if report.passed:
+            self.number += 1
+            if report.passed and time.process_time() - self.began < LONGEST:
                 self.durations[report.nodeid] = time.process_time() - self.began
 
 
-def forked(work: Any, seconds: int) -> int:
+def break_off_after(seconds: float) -> None:
+    """Let the test that begins now fail when it has computed for so long."""
+
+    def stop(*_: Any) -> None:
+        raise TimeoutError("takes too long")
+
+    signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+
+
+def forked(work: Callable[[], int], seconds: int) -> int:
     """Run something in a process of its own, quietly; return its exit code, negative for a signal."""
     child = os.fork()
     if not child:
-        code = 99
+        code = BROKEN
         try:
             resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
             null = os.open(os.devnull, os.O_RDWR)
@@ -226,36 +314,122 @@ def forked(work: Any, seconds: int) -> int:
     return os.waitstatus_to_exitcode(status)
 
 
-def measure(room: str) -> dict[str, float]:
-    """Return how long each test of a room takes that passes within the limit."""
+def pytest_on(room: str, plugin: object, *options: str) -> int:
+    """Run the tests that follow a room; return pytest's code."""
+    return int(pytest.main(["-q", "-p", "no:cacheprovider", *options, f"tests/{room}"], plugins=[plugin]))
+
+
+def measure(room: str) -> Measured:
+    """Return how long each test takes that passes within the limit, and how many there are."""
     place = Path(tempfile.gettempdir()) / f"mutants-{os.getpid()}-{room}.json"
 
     def work() -> int:
         clock = _Clock()
-        pytest.main(["-q", "-p", "no:cacheprovider", str(ROOT / "tests" / room)], plugins=[clock])
-        place.write_text(json.dumps(clock.durations))
+        pytest_on(room, clock)
+        loaded = [name for name in sys.modules if name.split(".")[0] in PRELOADED]
+        place.write_text(json.dumps({"durations": clock.durations, "number": clock.number, "loaded": loaded}))
         return 0
 
-    forked(work, 1200)
+    forked(work, 3600)
     found = json.loads(place.read_text())
     place.unlink()
-    return dict(found)
+    return Measured(found["durations"], found["number"], found["loaded"])
 
 
-def judge(mutant: Mutant, durations: dict[str, float]) -> bool:
-    """Return whether a test notices a mutant: it fails, or does not come to an end."""
-    room = ROOT / "tests" / mutant.module.split(".")[1]
-    own = room / ("test_" + mutant.module.rsplit(".", 1)[-1] + ".py")
+def put_in(mutant: Mutant) -> None:
+    """Give the functions of a module that is loaded the code that they have in the mutant."""
+    origin = str(ROOT / Path(*mutant.module.split(".")).with_suffix(".py"))
+    waiting, codes = [compile(tree_of(mutant), origin, "exec")], {}
+    while waiting:
+        code = waiting.pop()
+        codes[code.co_qualname, code.co_firstlineno] = code
+        waiting += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    for function in gc.get_objects():
+        if isinstance(function, FunctionType) and function.__code__.co_filename == origin:
+            function.__code__ = codes[function.__code__.co_qualname, function.__code__.co_firstlineno]
 
-    def work(*arguments: str) -> int:
-        sys.meta_path.insert(0, _Finder(mutant))
-        options = ["-x", "-q", "-p", "no:cacheprovider", *arguments]
-        return int(pytest.main(options, plugins=[_Quickest(durations, own.name)]))
 
-    limit = int(20 + 3 * sum(value for value in durations.values() if value < LONGEST))
-    if own.exists() and forked(partial(work, str(own)), limit) != 0:
+class _Judge:
+    """A pytest plugin: in the place of running the tests once, runs them for every mutant, in a process of its own each."""
+
+    def __init__(self, measured: Measured, todo: Sequence[tuple[int, Mutant]], say: Callable[[int, bool, float], None]):
+        self.measured, self.todo, self.say = measured, todo, say
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        limit = int(60 + 5 * sum(self.measured.durations.values()))
+        for place, mutant in self.todo:
+            began = time.monotonic()
+            self.say(place, noticed(forked(partial(self._tried, session, mutant), limit)), time.monotonic() - began)
         return True
-    return forked(partial(work, str(room), f"--ignore={own}"), limit) != 0
+
+    def _tried(self, session: pytest.Session, mutant: Mutant) -> int:
+        put_in(mutant)
+        order = _Quickest(self.measured.durations, mutant)
+        session.config.pluginmanager.register(order)
+        items = list(session.items)
+        order.pytest_collection_modifyitems(items)
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            session.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            if session.testsfailed:
+                return 1
+        return 0
+
+
+def judge(mutant: Mutant, measured: Measured) -> bool:
+    """Return whether a test notices a mutant that takes effect while modules are imported."""
+
+    def work() -> int:
+        sys.meta_path.insert(0, _Finder(mutant))
+        return pytest_on(mutant.room, _Quickest(measured.durations, mutant), "-x")
+
+    return noticed(forked(work, int(60 + 5 * sum(measured.durations.values()))))
+
+
+def noticed(code: int) -> bool:
+    """Return whether a run says that a test failed, nothing could be imported, or the time was up, rather than all is well."""
+    if code in (
+        BROKEN,
+        pytest.ExitCode.INTERNAL_ERROR,
+        pytest.ExitCode.USAGE_ERROR,
+        pytest.ExitCode.NO_TESTS_COLLECTED,
+    ):
+        raise RuntimeError(f"the tests did not run, code {code}")
+    return code != 0
+
+
+def judged(chosen: Sequence[Mutant], measured: dict[str, Measured], workers: int) -> Iterator[tuple[int, bool, float]]:
+    """Yield number, verdict and seconds of every mutant, as they come from so many processes side by side."""
+    reading, writing = os.pipe()
+
+    def say(place: int, found: bool, seconds: float) -> None:
+        os.write(writing, f"{place} {int(found)} {seconds}\n".encode())
+
+    def work(worker: int) -> int:
+        mine = [(place, chosen[place]) for place in range(worker, len(chosen), workers)]
+        for room, tests in measured.items():
+            todo = [(place, mutant) for place, mutant in mine if mutant.room == room and mutant.in_function]
+            if todo:
+                forked(partial(pytest_on, room, _Judge(tests, todo, say), "-s"), 36_000)
+        for place, mutant in mine:
+            if not mutant.in_function:
+                began = time.monotonic()
+                say(place, judge(mutant, measured[mutant.room]), time.monotonic() - began)
+        return 0
+
+    children = []
+    for worker in range(workers):
+        child = os.fork()
+        if not child:
+            os.close(reading)
+            os._exit(work(worker))
+        children.append(child)
+    os.close(writing)
+    with os.fdopen(reading, encoding="ascii") as lines:
+        for line in lines:
+            place, verdict, seconds = line.split()
+            yield int(place), verdict == "1", float(seconds)
+    for child in children:
+        os.waitpid(child, 0)
 
 
 def modules(room: str) -> list[str]:
@@ -264,28 +438,47 @@ def modules(room: str) -> list[str]:
     return [f"lpvobs.{room}.{path.stem}" for path in found if path.stem != "__init__"]
 
 
-def written(number: int, seed: int, judged: Sequence[tuple[Mutant, bool]], left_out: dict[str, tuple[int, int]]) -> str:
+def written(number: int, seed: int, verdicts: Sequence[tuple[Mutant, bool]], measured: dict[str, Measured]) -> str:
     """Return the page of results."""
     lines = [
         "# Deliberate faults, and whether the tests notice",
         "",
-        f"`benchmarks/mutants.py --number {number} --seed {seed}`, {date.today().isoformat()}, compiler off: {len(judged)} judged. "
-        f"Of the tests of each room those count that take less than {LONGEST:g} s of computing without the compiler.",
+        f"`benchmarks/mutants.py --number {number} --seed {seed}`, {date.today().isoformat()}, {platform.machine()} with "
+        f"{os.cpu_count()} processors, compiler off: {len(verdicts)} judged. Of the tests of each room those count that take less "
+        f"than {LONGEST:g} s of computing without the compiler.",
         "",
         "| room | mutants | noticed | score | tests used | left out |",
         "|---|---:|---:|---:|---:|---:|",
     ]
-    for room in [*left_out, "all"]:
-        of = [noticed for mutant, noticed in judged if room in ("all", mutant.module.split(".")[1])]
-        used, out = left_out.get(room, tuple(map(sum, zip(*left_out.values(), strict=True))))
-        lines.append(f"| {room} | {len(of)} | {sum(of)} | {100 * sum(of) / max(len(of), 1):.1f} % | {used} | {out} |")
-    lines += ["", "## Survivors", "", "| place | before | after |", "|---|---|---|"]
-    for mutant, noticed in sorted(judged, key=lambda item: (item[0].module, item[0].line)):
-        if not noticed:
-            place = mutant.module.removeprefix("lpvobs.").replace(".", "/") + f".py:{mutant.line}"
-            before, after = (text.replace("|", "\\|") for text in (mutant.before, mutant.after))
-            lines.append(f"| {place} | `{before}` | `{after}` |")
+    for room, tests in measured.items():
+        of = [found for mutant, found in verdicts if room == mutant.room]
+        lines.append(_row(room, of, str(len(tests.durations)), str(tests.number - len(tests.durations))))
+    lines.append(_row("all", [found for _, found in verdicts], "", ""))
+    survivors = sorted((mutant for mutant, found in verdicts if not found), key=lambda item: (item.module, item.line))
+    same = [mutant for mutant in survivors if reason(mutant)]
+    lines.append(
+        _row(
+            "all, without those that change nothing",
+            [found for mutant, found in verdicts if mutant not in same],
+            "",
+            "",
+        )
+    )
+    lines += ["", "## Survivors", "", "| place | before | after | why no test can tell |", "|---|---|---|---|"]
+    for mutant in survivors:
+        before, after = (text.replace("|", "\\|") for text in (mutant.before, mutant.after))
+        lines.append(f"| {mutant.place} | `{before}` | `{after}` | {reason(mutant)} |")
     return "\n".join(lines) + "\n"
+
+
+def _row(name: str, found: Sequence[bool], *more: str) -> str:
+    cells = (name, str(len(found)), str(sum(found)), f"{100 * sum(found) / max(len(found), 1):.1f} %", *more)
+    return "| " + " | ".join(cells) + " |"
+
+
+def reason(mutant: Mutant) -> str:
+    """Return why a mutant does what the original does, or nothing."""
+    return EQUIVALENT.get((mutant.place.split(":")[0], mutant.before, mutant.after), "")
 
 
 def main() -> None:
@@ -293,57 +486,51 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--number", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--rooms", type=lambda text: text.split(","), default=list(ROOMS))
     parser.add_argument("--modules", type=lambda text: text.split(","), help="only these, such as lpvobs.maps.grid")
     parser.add_argument("--times", type=Path, help="keep the durations of the tests here, and use what is kept")
+    parser.add_argument(
+        "--out", type=Path, help="the page, by default benchmarks/results/mutants.md for a whole sample"
+    )
     options = parser.parse_args()
+    os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
-    for library in ("cvxpy", "numba", "scipy.linalg"):
-        importlib.import_module(library)  # once for all
     kept = json.loads(options.times.read_text()) if options.times and options.times.exists() else {}
-    durations = {room: kept.get(room) or measure(room) for room in options.rooms}
+    measured = {room: Measured(**kept[room]) if room in kept else measure(room) for room in options.rooms}
     if options.times:
-        options.times.write_text(json.dumps(kept | durations))
-    everything = [mutant for room in options.rooms for name in modules(room) for mutant in mutants(name)]
-    if options.modules:
-        everything = [mutant for mutant in everything if mutant.module in options.modules]
+        options.times.write_text(json.dumps(kept | {room: asdict(item) for room, item in measured.items()}))
+    preload(measured.values())
+    wanted = options.modules or [name for room in options.rooms for name in modules(room)]
+    everything = [mutant for name in wanted for mutant in mutants(name)]
     chosen = random.Random(options.seed).sample(everything, min(options.number, len(everything)))
-    counts = {}
-    for room in options.rooms:
-        used = sum(value < LONGEST for value in durations[room].values())
-        counts[room] = (used, _number_of_tests(room) - used)
-    judged: list[tuple[Mutant, bool]] = []
-    for mutant in chosen:
-        began = time.monotonic()
-        noticed = judge(mutant, durations[mutant.module.split(".")[1]])
-        judged.append((mutant, noticed))
-        verdict = f"{'noticed ' if noticed else 'SURVIVED'} {time.monotonic() - began:5.1f} s"
-        print(f"{verdict} {mutant.module}:{mutant.line}: {mutant.before} -> {mutant.after}", flush=True)
-        if options.modules is None and options.rooms == list(ROOMS):
-            RESULTS.write_text(written(options.number, options.seed, judged, counts), encoding="utf-8")
-    print(written(options.number, options.seed, judged, counts))
+    whole = options.modules is None and options.rooms == list(ROOMS)
+    page = options.out or (RESULTS if whole else None)
+    controls = [
+        Mutant(modules(room)[0], 1, "as it is", "as it is", 0, -1, warm) for room in measured for warm in (True, False)
+    ]
+    chosen = controls + chosen
+    verdicts: list[tuple[Mutant, bool]] = []
+    for place, found, seconds in judged(chosen, measured, options.workers):
+        mutant = chosen[place]
+        if mutant.change < 0:
+            if found:
+                raise SystemExit(f"{mutant.module}: the tests fail without any change")
+            continue
+        verdicts.append((mutant, found))
+        verdict = f"{'noticed ' if found else 'SURVIVED'} {seconds:5.1f} s"
+        print(f"{len(verdicts)} {verdict} {mutant.place}: {mutant.before} -> {mutant.after}", flush=True)
+        if page:
+            page.write_text(written(options.number, options.seed, verdicts, measured), encoding="utf-8")
+    if len(verdicts) + len(controls) != len(chosen):
+        raise SystemExit(f"{len(chosen) - len(controls) - len(verdicts)} mutants were not judged, see above")
 
 
-def _number_of_tests(room: str) -> int:
-    """Return how many tests a room has."""
-
-    class Counter:
-        number = 0
-
-        def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-            Counter.number = len(items)
-
-    place = Path(tempfile.gettempdir()) / f"mutants-{os.getpid()}-count"
-
-    def work() -> int:
-        pytest.main(["--collect-only", "-q", "-p", "no:cacheprovider", str(ROOT / "tests" / room)], plugins=[Counter()])
-        place.write_text(str(Counter.number))
-        return 0
-
-    forked(work, 120)
-    number = int(place.read_text())
-    place.unlink()
-    return number
+def preload(measured: Iterable[Measured]) -> None:
+    """Load the libraries that the tests load, so that no mutant pays for it."""
+    for name in sorted({name for item in measured for name in item.loaded}):
+        with contextlib.suppress(Exception):  # what is loaded under another name, or in parts
+            importlib.import_module(name)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference.membership import membership, psi
 
-from lpvobs.maps.grid import Grid
+from lpvobs.maps.grid import Grid, locate, seek, share
 
 UNEVEN = Grid(np.array([-1.0, 0.5, 4.0, 4.5, 30.0]), np.array([600.0, 610.0, 2000.0, 4100.0]))
 # A weight is a quotient and a product of numbers of order one: a few units in the last place.
@@ -70,6 +70,17 @@ def test_a_point_on_a_grid_line_belongs_to_the_interval_below():
     """Intervals are open on the left, Eq. (14) and (15); the weights are the same either way, the cell it counts for is not."""
     nodes, _ = UNEVEN.regressors(np.array([4.0, 4.0 + 1e-9]), np.array([2000.0, 2000.0 + 1e-9]))
     np.testing.assert_array_equal(nodes[:, 0], [1 * 5 + 1, 2 * 5 + 2])
+
+
+def test_an_interval_is_found_from_any_other():
+    """Along a drive the search starts where the last sample was; it must end where a search from nowhere does."""
+    nodes = UNEVEN.u_delta
+    for value in (*nodes, -7.0, 0.2, 4.2, 29.0, 31.0):
+        i, eta = locate(nodes, value)
+        assert all(seek(nodes, value, start) == i for start in range(nodes.size - 1))
+        assert share(nodes, value, i) == eta
+    assert share(nodes, 1.375, 1) == 0.25  # (1.375 - 0.5) / 3.5
+    assert (share(nodes, -9.0, 0), share(nodes, 99.0, 3)) == (0.0, 1.0)
 
 
 def test_theta_stacks_the_speed_blocks():

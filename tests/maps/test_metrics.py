@@ -27,6 +27,14 @@ def test_by_hand():
     assert found.visited_cells == 2
 
 
+def test_cells_count_once_they_have_a_compared_sample():
+    u, n = np.array([1.0, 9.0, 5.0]), np.array([1100.0, 1900.0, 2500.0])
+    theta = np.ones((3, 2))
+    assert compare(TINY, theta, u[:2], n[:2], np.ones(2)).visited_cells == 1
+    assert compare(TINY, theta, u, n, np.array([1.0, np.nan, 1.0])).visited_cells == 2
+    assert compare(TINY, theta, u, n, np.array([1.0, 1.0, np.nan])).visited_cells == 1
+
+
 def test_an_exact_map_has_no_error_and_floor():
     rng = np.random.default_rng(1)
     theta, u, n = rng.standard_normal((3, 2)), rng.uniform(-1, 11, 500), rng.uniform(900, 3100, 500)
@@ -51,6 +59,23 @@ def test_no_map_comes_under_the_floor(seed):
     assert compare(TINY, optimum.reshape(3, 2), u, n, reference).rms_ratio == pytest.approx(
         found.floor_rms_ratio, rel=1e-6
     )
+
+
+def test_the_floor_on_several_columns_is_that_of_dense_least_squares():
+    grid = Grid(np.array([0.0, 3.0, 10.0, 11.0]), np.array([1000.0, 1900.0, 2600.0]))
+    rng = np.random.default_rng(3)
+    u, n = rng.uniform(0, 10, 120), rng.uniform(1000, 2600, 120)  # nothing in the last column
+    reference = np.sin(0.7 * u) + 2e-3 * n
+    dense = np.stack([grid.interpolate(np.eye(12)[i], u, n) for i in range(12)], axis=1)
+    fitted = dense @ np.linalg.lstsq(dense, reference, rcond=None)[0]
+    found = compare(grid, np.zeros(grid.shape), u, n, reference)
+    assert found.visited_cells == 4
+    assert found.rms_ratio == pytest.approx(1.0, rel=1e-14)  # a map of zeros misses all of it
+    # The ridge of the best fit, 1e-9, over nodes that are told apart well.
+    assert found.floor_rms_ratio == pytest.approx(
+        np.sqrt(np.mean((fitted - reference) ** 2) / np.mean(reference**2)), rel=1e-6
+    )
+    assert found.floor_mean_relative_error == pytest.approx(np.mean(np.abs(fitted / reference - 1.0)), rel=1e-4)
 
 
 def test_best_fit_is_dense_least_squares_and_zero_where_no_sample_went():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError
+from lpvobs.maps import quadratic
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import (
@@ -165,6 +166,57 @@ def test_lack_of_fit_is_the_scatter_around_the_quadratic(grid, visited):
     assert np.mean(found) == pytest.approx(1e-3, rel=0.04)
 
 
+def plain_lack(X, z, noise, variances):
+    """Return the lack of fit of three rounds of weighting, with every matrix written out."""
+    lack = 0.0
+    for _ in range(3):
+        W = np.diag(1.0 / (variances + lack))
+        M = np.eye(z.size) - X @ np.linalg.inv(X.T @ W @ X) @ X.T @ W
+        excess = z @ M.T @ W @ M @ z - np.trace(W @ M @ noise @ M.T)
+        lack = max(excess / np.trace(W @ M @ M.T), 0.0)
+    return np.sqrt(lack)
+
+
+def test_lack_of_fit_with_nodes_of_very_different_quality():
+    small = Grid(np.linspace(0.0, 40.0, 5), np.linspace(1000.0, 3000.0, 5))
+    rng = np.random.default_rng(8)
+    variances = 10.0 ** rng.uniform(-9.0, -5.0, small.size)
+    theta = on_nodes(small, EQ_40) + 1e-3 * rng.standard_normal(small.shape)
+    found = fit(small, theta, np.diag(variances), np.ones(small.shape, dtype=bool)).lack_of_fit
+    n, u = np.meshgrid(small.n_e, small.u_delta, indexing="ij")
+    X = scaled_terms(small, u, n).reshape(-1, 6)
+    expected = plain_lack(X, theta.ravel(), np.diag(variances), variances)
+    assert expected > 5e-4  # otherwise both may be zero for another reason
+    assert found == pytest.approx(expected, rel=1e-9)  # six digits are lost in the inverse, of sixteen
+
+
+def test_each_side_is_taken_away_in_turn(monkeypatch):
+    small = Grid(np.linspace(0.0, 8.0, 9), np.linspace(0.0, 9.0, 10))
+    n, u = np.meshgrid(small.n_e, small.u_delta, indexing="ij")
+    left = []
+
+    def watched(grid, theta, covariance, supported, *more):
+        left.append((u[supported].min(), u[supported].max(), n[supported].min(), n[supported].max()))
+        return fit(grid, theta, covariance, supported, *more)
+
+    monkeypatch.setattr(quadratic, "fit", watched)
+    every, noise = np.ones(small.shape, dtype=bool), 1e-10 * np.eye(90)
+    theta = 1e-3 * u + 1e-5 * np.random.default_rng(9).standard_normal(small.shape)
+    outer_coverage(small, theta, noise, every, scaled_terms(small, u, n).reshape(-1, 6))
+    # A fifth of the nodes and what ties with them: of nine columns the outer one, since two are more than a fifth; of ten rows two.
+    assert left == [(0, 7, 0, 9), (1, 8, 0, 9), (0, 8, 0, 7), (0, 8, 2, 9)]
+
+
+def test_nodes_known_exactly_count_alike():
+    small = Grid(np.linspace(0.0, 40.0, 5), np.linspace(1000.0, 3000.0, 5))
+    theta = on_nodes(small, EQ_40) + 1e-4 * np.random.default_rng(10).standard_normal(small.shape)
+    every = np.ones(small.shape, dtype=bool)
+    exact = fit(small, theta, np.zeros((25, 25)), every)
+    alike = fit(small, theta, 1e-20 * np.eye(25), every)
+    np.testing.assert_allclose(exact.coefficients, alike.coefficients, rtol=1e-6)  # a lack of fit of 1e-4 hides 1e-10
+    assert exact.lack_of_fit == pytest.approx(alike.lack_of_fit, rel=1e-6)
+
+
 def test_the_papers_two_fits_contradict_each_other_outside():
     u, n = 56.0, 2000.0
     assert evaluate(np.array(EQ_39), u, n) == pytest.approx(-7.0e-3, abs=5e-5)  # printed digits: 0.1 g/s
@@ -233,6 +285,13 @@ def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
     assert 0.85 < np.mean(smooth) < 0.95
     bent = flat + 8e-3 * np.clip((u - 28.0) / 12.0, 0.0, 1.0) ** 2 + 5e-5 * rng.standard_normal(grid.shape)
     assert outer_coverage(grid, bent, noise, visited, design) < 0.8
+
+
+def test_too_few_nodes_to_take_any_away_tell_nothing():
+    grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
     few = np.zeros(grid.shape, dtype=bool)
     few[3:6, 2:5] = True
-    assert np.isnan(outer_coverage(grid, flat, noise, few, design))
+    design = scaled_terms(grid, u, n).reshape(-1, 6)
+    found = outer_coverage(grid, evaluate(np.array(EQ_40), u, n), 1e-8 * np.eye(grid.size), few, design)
+    assert np.isnan(found)

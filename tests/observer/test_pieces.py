@@ -12,7 +12,7 @@ from reference.drives import noisy
 from lpvobs.errors import DataError
 from lpvobs.observer import smoothing
 from lpvobs.observer.estimate import estimate_default
-from lpvobs.observer.parts import inform, running_sum
+from lpvobs.observer.parts import RangeSeen, inform, running_sum
 from lpvobs.observer.smoothing import smooth, stretches
 from lpvobs.records import Log, Piece
 
@@ -116,6 +116,24 @@ def test_the_order_of_the_logs_does_not_move_a_bit(air_path, grid, gain, setting
 def test_a_sum_goes_on_where_it_stopped(values, cut):
     values = np.array(values)
     assert running_sum(running_sum(0.0, values[:cut]), values[cut:]) == running_sum(0.0, values)
+
+
+class Half:
+    """A region of one parameter: what is not negative."""
+
+    def contains(self, parameters):
+        return parameters[:, 0] >= 0.0
+
+
+def test_ranges_times_and_shares_add_up():
+    seen = RangeSeen(2, Half())
+    seen.see(np.array([3.0, 3.5]), np.array([0.0, 0.5]), np.array([[-1.0, 7.0], [2.0, 5.0]]))
+    seen.see(np.array([9.0]), np.array([0.25]), np.array([[1.0, 9.0]]))
+    assert seen.started == 3.0
+    run = seen.run(Log("name", "digest", *[None] * 6))
+    assert (run.samples, run.duration, run.share_certified) == (3, 0.75, 2 / 3)
+    assert (run.lower.tolist(), run.upper.tolist()) == ([-1.0, 5.0], [2.0, 9.0])
+    assert np.isnan(RangeSeen(2, None).started)
 
 
 def test_a_recording_without_samples_is_refused(air_path, grid, gain, settings, short):

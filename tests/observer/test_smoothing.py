@@ -1,12 +1,16 @@
 """Local quadratics: exact on quadratics, no phase, no reach across gaps or beyond the window."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reference import local_quadratic
 
-from lpvobs.observer.smoothing import smooth
+from lpvobs.observer import smoothing
+from lpvobs.observer.smoothing import smooth, stretches
+from lpvobs.records import Piece
 
 WIDTH = 0.05
 
@@ -130,3 +134,60 @@ def test_segments_too_short_for_a_quadratic_stay_as_they_are(N):
     values, rates = smooth(time, signal, whole(time), WIDTH)
     np.testing.assert_array_equal(values, signal)
     np.testing.assert_array_equal(rates, 0.0)
+
+
+def binary(seed, N):
+    """Return time stamps whose differences are exact, so that many samples lie on the very rim of a window of 4/128 s."""
+    return np.cumsum(np.random.default_rng(seed).choice([1.0, 2.0], N)) / 128.0
+
+
+RIM = 4.0 / 128.0
+
+
+def test_a_sample_on_the_rim_takes_no_part_in_either_way_of_fitting():
+    time = binary(8, 300)
+    signal = np.random.default_rng(9).standard_normal((1, 300))
+    values, rates = smooth(time, signal, whole(time), RIM)
+    value, rate = np.empty(1), np.empty(1)
+    on_the_rim = 0
+    for k in range(20, 280):
+        within = np.flatnonzero(np.abs(time - time[k]) < RIM)
+        lo, hi = min(within[0], k - smoothing.LEAST), max(within[-1], k + smoothing.LEAST)
+        on_the_rim += np.count_nonzero(np.abs(time - time[k]) == RIM)
+        smoothing._one_by_one(time, signal, RIM, lo, hi, k, value, rate)
+        assert (value[0], rate[0]) == (values[0, k], rates[0, k])
+    assert on_the_rim > 100
+
+
+@pytest.mark.parametrize("width", [RIM, 0.05])
+@pytest.mark.parametrize("cuts", [(), (1, 2, 3), (90,), tuple(range(5, 240, 11)), tuple(range(1, 250))])
+def test_pieces_of_any_size_give_the_bits_of_the_whole(width, cuts):
+    time = binary(10, 250)
+    signal = np.random.default_rng(11).standard_normal(250)
+    begins = np.zeros(250, dtype=bool)
+    begins[[0, 100, 102]] = True
+    time[100:] += 60.0
+    time[102:] += 60.0
+    edges = [0, *cuts, 250]
+    parts = [slice(start, stop) for start, stop in pairwise(edges)]
+    pieces = [Piece(time[part], {"p": signal[part]}, begins[part]) for part in parts]
+    found = list(stretches(pieces, ("p",), width))
+    values, rates = smooth(time, signal[None, :], ((0, 100), (100, 102), (102, 250)), width)
+    np.testing.assert_array_equal(np.concatenate([item.time for item in found]), time)
+    np.testing.assert_array_equal(np.concatenate([item.values["p"] for item in found]), values[0])
+    np.testing.assert_array_equal(np.concatenate([item.rates["p"] for item in found]), rates[0])
+    starts = np.cumsum([0, *(item.time.size for item in found)])[:-1]
+    assert [int(at) for at, item in zip(starts, found, strict=True) if item.begins] == [0, 100, 102]
+    for at, item in zip(starts, found, strict=True):
+        if not item.begins:
+            assert item.before == time[at - 1]
+
+
+def test_only_samples_whose_window_is_open_are_held_back():
+    time = 1.0 + np.arange(40) / 128.0
+    begins = np.arange(40) == 0
+    pieces = (Piece(time[k : k + 1], {"p": time[k : k + 1]}, begins[k : k + 1]) for k in range(40))
+    passed = [item.time[-1] for item in stretches(pieces, ("p",), RIM)]
+    # Read to the sample of number 39 by then; all but the last window's four samples came while reading.
+    assert len(passed) == 36 + 1
+    assert passed[-1] == time[-1]

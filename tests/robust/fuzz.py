@@ -1,11 +1,11 @@
 """Damaged and hostile inputs for every reader: no traceback, no hang over ten seconds, no memory above 2 GB.
 
     PYTHONPATH=.:tests python -m robust.fuzz [--number 100000] [--seed 1] [--kinds parquet,toml,...]
-    PYTHONPATH=.:tests python -m robust.fuzz --command-line 2000
+    PYTHONPATH=.:tests python -m robust.fuzz --command-line 2000 [--in-shell 200]
 
 Inputs are mutations of good files, each from a seed of its own, so that a number names an input for ever. A worker process
 reads them one after the other; if it dies or says nothing for ten seconds, the input it was at is the finding, and another
-worker goes on behind it.
+worker goes on behind it. Command lines run in forked processes that have everything imported, the first ones in real shells.
 """
 
 import argparse
@@ -245,9 +245,9 @@ COMMANDS = {
 LEFT = {"o.h5", "o.parquet", "o.html", "o.csv", "err.txt"}
 
 
-def command(line: tuple[str, ...], folder: Path) -> str:
+def command(line: tuple[str, ...], folder: Path, *, in_shell: bool = False) -> str:
     """Run a command line in a process of its own; return what was wrong with it, or nothing."""
-    child = start(line, folder, folder / "err.txt")
+    child = start(line, folder, folder / "err.txt", in_shell=in_shell)
     began = time.monotonic()
     while True:
         ended, status, usage = os.wait4(child, os.WNOHANG)
@@ -270,8 +270,8 @@ def command(line: tuple[str, ...], folder: Path) -> str:
     return f"left {left}" if left else ""
 
 
-def fuzz_commands(number: int, seed: int, say: Callable[[str], None] = print) -> list[Finding]:
-    """Return what was found among so many command lines."""
+def fuzz_commands(number: int, seed: int, in_shell: int, say: Callable[[str], None] = print) -> list[Finding]:
+    """Return what was found among so many command lines, the first `in_shell` of them in real shells."""
     findings: list[Finding] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -284,12 +284,14 @@ def fuzz_commands(number: int, seed: int, say: Callable[[str], None] = print) ->
             at = seed * 10_000_000 + place
             path = corpus.write(kind, at)
             line = tuple(word.format(input=path.name) for word in random.Random(f"{kind} {at}").choice(COMMANDS[kind]))
-            if what := command(line, folder):
+            if what := command(line, folder, in_shell=place < in_shell):
                 findings.append(Finding(f"{kind}: {' '.join(line)}", at, what))
             for leftover in LEFT:
                 (folder / leftover).unlink(missing_ok=True)
-            if place % 200 == 199:
-                say(f"{place + 1} command lines, {len(findings)} findings")
+            if place % 100 == 99:
+                say(
+                    f"{place + 1} command lines, {min(place + 1, in_shell)} of them in shells, {len(findings)} findings"
+                )
     return findings
 
 
@@ -307,13 +309,14 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", type=lambda text: text.split(","))
     parser.add_argument("--command-line", type=int, metavar="NUMBER", help="command lines instead, so many")
+    parser.add_argument("--in-shell", type=int, default=200, metavar="NUMBER", help="of the command lines")
     options = parser.parse_args()
 
     def tell(line: str) -> None:
         print(line, flush=True)
 
     if options.command_line:
-        found = fuzz_commands(options.command_line, options.seed, tell)
+        found = fuzz_commands(options.command_line, options.seed, options.in_shell, tell)
     else:
         found = fuzz(options.number, options.seed, options.kinds, tell)
     for item in found[:50]:

@@ -2,13 +2,16 @@
 
     PYTHONPATH=.:tests python -m robust.kill [--number 1000] [--seed 1] [--verbs estimate,report]
 
-Half of the kills fall anywhere in the verb's course, the other half into the moments after its first temporary file appeared
-beside the target. Each trial is a forked process that has everything imported, so that its time goes into the verb.
+Half of the trials kill anywhere in the verb's course, the other half in the moments after its first temporary file appeared
+beside the target; a trial that ends before its kill does not count. Each trial is a forked process that has everything imported,
+so that its time goes into the verb; only the workers of `--jobs` start afresh, as they always do. What `--jobs` keeps of finished
+logs must be whole, too, and gone after the next run that is left alone.
 """
 
 import argparse
 import os
 import random
+import shlex
 import shutil
 import signal
 import subprocess
@@ -19,6 +22,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
+
+from lpvobs.io.parts import part_of_bytes
 
 ROOT = Path(__file__).parents[2]
 SOURCE = "drive.csv"
@@ -34,6 +39,10 @@ source_unit = "rpm"
 """
 LIMIT = 120.0
 """[s]; a verb that takes longer hangs."""
+WRITING = 0.01
+"""[s] from the first temporary file on that half of the kills aim at."""
+PATIENCE = 5
+"""Trials per kill that is wanted, before a verb is given up as too quick."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +60,14 @@ class Verb:
 
 
 CONFIGURED = ("--config", "diesel.toml")
+GAIN = ("--gain", "gain.h5")
 VERBS = (
     Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet", share=4),
+    Verb("profile", ("profile", SOURCE, "--out", "o.toml"), "o.toml"),
     Verb("ingest", ("ingest", SOURCE, "--profile", "profile.toml", "--out", "o.parquet"), "o.parquet"),
     Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5", share=5),
-    Verb("estimate", ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("estimate", ("estimate", *CONFIGURED, *GAIN, "log.parquet", "--out", "o.h5"), "o.h5"),
+    Verb("estimate --jobs", ("estimate", *CONFIGURED, *GAIN, "fleet", "--jobs", "2", "--out", "o.h5"), "o.h5", share=4),
     Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5", share=15),
     Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5", share=5),
     Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5", share=5),
@@ -65,16 +77,25 @@ VERBS = (
 )  # fmt: skip
 
 
-def prepare(folder: Path) -> None:
-    """Write the inputs of every verb, by the command line."""
+def lay_out(folder: Path) -> None:
+    """Copy the configuration and the first 80 s of a drive into a folder."""
     shutil.copy(ROOT / "configs" / "diesel.toml", folder)
     table = (ROOT / "data" / "cycles" / "nedc.csv").read_text().splitlines()
     (folder / "cycle.csv").write_text("\n".join(table[:80]) + "\n")
+
+
+def prepare(folder: Path) -> None:
+    """Write the inputs of every verb, by the command line."""
+    lay_out(folder)
     (folder / "profile.toml").write_text(PROFILE)
     rows = [f"{0.01 * k:.2f},{900 + k % 700}" for k in range(20_000)]
     (folder / SOURCE).write_text("time,speed\n" + "\n".join(rows) + "\n")
+    (folder / "fleet").mkdir()
     for line in (
-        ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "50", "--out", "log.parquet"),
+        *(
+            ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "10", "--seed", str(seed), "--out", name)
+            for seed, name in enumerate(("log.parquet", "fleet/a.parquet", "fleet/b.parquet", "fleet/c.parquet"), 1)
+        ),
         ("synth-gain", *CONFIGURED, "log.parquet", "--out", "gain.h5"),
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "result.h5"),
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "filled.h5"),
@@ -101,8 +122,8 @@ def warm() -> None:
     import lpvobs.steps.trace  # noqa: F401
 
 
-def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull)) -> int:
-    """Run a command line in a forked process; return its id."""
+def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull), *, in_shell: bool = False) -> int:
+    """Run a command line in a forked process, as it is or by a shell that starts Python afresh; return its id."""
     sys.stdout.flush()
     child = os.fork()
     if child:
@@ -113,6 +134,9 @@ def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnu
         nothing, said = os.open(os.devnull, os.O_RDWR), os.open(errors, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream, where in enumerate((nothing, nothing, said)):
             os.dup2(where, stream)
+        if in_shell:
+            afresh = shlex.join((sys.executable, "-c", "from lpvobs.cli.main import run; run()", *arguments))
+            os.execvpe("sh", ["sh", "-c", f"exec {afresh}"], {**os.environ, "PYTHONPATH": str(ROOT)})
         sys.argv = ["lpvobs", *arguments]
         from lpvobs.cli.main import run
 
@@ -137,6 +161,19 @@ def finish(verb: Verb, folder: Path) -> float:
 def hidden(folder: Path) -> list[str]:
     """Return what writers have left or are working on."""
     return [path.name for path in folder.iterdir() if path.name.startswith(".")]
+
+
+def strange(folder: Path, target: str, inputs: set[str]) -> list[str]:
+    """Return what a writer of `target` must not leave: other files than its own, and parts of logs that are not whole."""
+    names = {path.name for path in folder.iterdir()} - inputs - {target, f"{target}.parts"}
+    found = [name for name in names if not name.startswith(f".{target}.")]
+    for part in (folder / f"{target}.parts").glob("*"):
+        try:
+            if not part.name.startswith("."):
+                part_of_bytes(part.read_bytes())
+        except ValueError:
+            found.append(part.name)
+    return found
 
 
 def kill(child: int, moment: float, folder: Path, after_part: bool) -> int:
@@ -165,17 +202,21 @@ def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Calla
         if content is not None:
             target.write_bytes(content)
 
+    inputs = {path.name for path in folder.iterdir()}
     lay(old if verb.source else None)
     finish(verb, folder)  # compiles what is not compiled yet
     lay(old if verb.source else None)
     length = finish(verb, folder)
     whole = target.read_bytes()
-    hits = 0
-    for trial in range(number):
+    hits = trial = 0
+    while hits < number and trial < PATIENCE * number:
+        trial += 1
         before = old if verb.source or rng.random() < 0.5 else None
         lay(before)
+        if rng.random() < 0.5:  # what a run before this one has done is there, or is not
+            shutil.rmtree(folder / f"{verb.target}.parts", ignore_errors=True)
         after_part = trial % 2 == 1
-        moment = rng.uniform(0.0, 0.02 if after_part else 1.05 * length)
+        moment = rng.uniform(0.0, WRITING if after_part else length)
         code = kill(start(verb.arguments, folder), moment, folder, after_part)
         hits += code == -signal.SIGKILL
         now = target.read_bytes() if target.exists() else None
@@ -183,21 +224,22 @@ def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Calla
             raise AssertionError(
                 f"{verb.name}: trial {trial}, killed after {moment:.4f} s, left {len(now or b'')} bytes"
             )
-        strange = [name for name in hidden(folder) if not name.startswith(f".{verb.target}.")]
-        if strange:
-            raise AssertionError(f"{verb.name}: trial {trial} left {strange}")
+        if left := strange(folder, verb.target, inputs):
+            raise AssertionError(f"{verb.name}: trial {trial} left {left}")
         if code not in (0, -signal.SIGKILL):
             raise AssertionError(f"{verb.name}: trial {trial} ended with {code}")
     lay(old if verb.source else None)
     finish(verb, folder)
-    if hidden(folder) or target.read_bytes() != whole:
-        raise AssertionError(f"{verb.name}: a whole run after the kills left {hidden(folder)}")
-    say(f"{verb.name}: {number} trials, {hits} killed, {length:.2f} s when left alone; always absent, old or whole")
+    left = {path.name for path in folder.iterdir()} - inputs - {verb.target}
+    if left or target.read_bytes() != whole:
+        raise AssertionError(f"{verb.name}: a whole run after the kills left {left}")
+    target.unlink()
+    say(f"{verb.name}: {trial} trials, {hits} killed, {length:.2f} s when left alone; always absent, old or whole")
     return hits
 
 
 def run(number: int, seed: int, names: list[str] | None = None, say: Callable[[str], None] = print) -> int:
-    """Spread so many trials over the verbs; return how many were killed before they had ended."""
+    """Spread so many kills over the verbs; return how many hit before the verb had ended."""
     chosen = [verb for verb in VERBS if names is None or verb.name in names]
     rng = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
@@ -219,4 +261,4 @@ if __name__ == "__main__":
     parser.add_argument("--verbs", type=lambda text: text.split(","))
     options = parser.parse_args()
     killed = run(options.number, options.seed, options.verbs, lambda line: print(line, flush=True))
-    print(f"{options.number} trials, {killed} killed before they had ended; no file torn, none lost")
+    print(f"{killed} killed before they had ended, of {options.number} wanted; no file torn, none lost")

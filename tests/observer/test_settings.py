@@ -1,0 +1,42 @@
+"""What settings take, to the edge, and what they refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpvobs.observer.settings import EstimateSettings, PublishedSettings
+
+GOOD = EstimateSettings(smoothing=0.05, least_information=1.0, prior_map=0.1, tolerance={"V_d": 0.03, "R_c": 0.0})
+
+
+def test_a_constant_is_uniform_within_its_tolerance():
+    np.testing.assert_allclose(GOOD.constants_variance, [0.03**2 / 3, 0.0], rtol=1e-15)  # one rounding
+
+
+def test_constants_that_no_balance_contains_are_dropped():
+    assert GOOD.limited_to(("R_c", "V_im")).tolerance == {"R_c": 0.0}
+    assert GOOD.limited_to(()).constants_variance.shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["smoothing", "least_information", "prior_map"])
+def test_edges_of_positive_settings(name):
+    for value in (5e-324, 0.5, 1.0, 2.0, np.nextafter(1e6, 0.0)):
+        assert getattr(replace(GOOD, **{name: value}), name) == value
+    for value in (0.0, -1.0, 1e6, 1.5e6, float("nan")):
+        with pytest.raises(ValueError, match=name):
+            replace(GOOD, **{name: value})
+
+
+def test_edges_of_tolerances():
+    assert replace(GOOD, tolerance={"V_d": np.nextafter(0.5, 0.0)}).tolerance["V_d"] < 0.5
+    for value in (-1e-9, 0.5, float("nan")):
+        with pytest.raises(ValueError, match="fraction"):
+            replace(GOOD, tolerance={"R_c": 0.01, "V_d": value})
+
+
+@pytest.mark.parametrize("gamma", [0.0, -200.0, float("nan")])
+def test_gamma_is_positive(gamma):
+    assert PublishedSettings(0.5, (0.0, 0.0, 0.0), {}).gamma == 0.5
+    with pytest.raises(ValueError, match="gamma"):
+        PublishedSettings(gamma, (0.0, 0.0, 0.0), {})
