@@ -1,5 +1,6 @@
 """When an effect acts, instant by instant: where it begins and ceases, and whether it comes and goes."""
 
+from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +14,14 @@ SWITCH = 3.0
 """Times the logarithm of the number of instants: what a switch must gain, as much as an end of an interval costs the search."""
 
 
-def advantage(linear: Linear, index: int) -> Array:
+def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
     """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where none is used.
 
-    Map, constants and sizes stay as they are. Products are taken across the views, so that a regressor's own noise does not
-    speak for its absence.
+    Map, constants and sizes stay as they are, and terms that are put `aside` do not act. Products are taken across the views, so
+    that a regressor's own noise does not speak for its absence.
     """
     term = linear.terms[index]
-    others = [t for i, t in enumerate(linear.terms) if i != index]
+    others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
     off = residual_with(linear, others)
     on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
     return np.asarray(0.5 * ((off[0] ** 2 - off[1] ** 2).sum(0) - (on[0] ** 2 - on[1] ** 2).sum(0)))
@@ -45,8 +46,13 @@ def sharpened(linear: Linear, index: int) -> Term:
 
 
 def gain_of_pauses(linear: Linear, index: int) -> float:
-    """Return by how much more a term explains when it acts in several episodes than in the best one interval; zero for one."""
-    gain = advantage(linear, index)
+    """Return by how much more a term explains when it acts in several episodes than in the best one interval; zero for one.
+
+    An effect of the same place that ends is put aside: it may be what undoes this one in a pause.
+    """
+    place = linear.terms[index].effect.place
+    undoing = [i for i, t in enumerate(linear.terms) if i != index and t.effect.place == place and np.isfinite(t.end)]
+    gain = advantage(linear, index, undoing)
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())

@@ -6,10 +6,14 @@ cluster-robust variance). The constants' tolerance enters through their prior, p
 tolerance is not known any better for that. Noise in balances that bend and blur within the window bias a size, and both depend on
 the width of the window, one falling, one growing with it: the same model is fitted through windows of another width, and half the
 squared difference of the two sizes is the variance between windows, as for two draws of one random effect.
+
+That last part is an estimate with a single degree of freedom, the others have those of the stretches. The quantile is Student's
+with the degrees of freedom of the sum (Satterthwaite), and the standard error is given so that the normal quantile stands for it.
 """
 
 import numpy as np
 import scipy.linalg
+import scipy.stats
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision
@@ -28,7 +32,23 @@ def standard_errors(linear: Linear) -> Array:
     units = np.eye(linear.pull.size)[:, first:]
     rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
     within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
-    return np.asarray(np.sqrt(within + 0.5 * between_windows(linear) ** 2))
+    return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
+
+
+def widened(within: Array, degrees: float, between: Array) -> Array:
+    """Return the variance of a normal distribution whose 90 % interval is that of a sum of estimated variances.
+
+    Parameters
+    ----------
+    within, between : ndarray
+        The latter estimated with one degree of freedom.
+    degrees : float
+        Degrees of freedom of the former.
+    """
+    total = within + between
+    effective = total**2 / np.maximum(within**2 / degrees + between**2, np.finfo(float).tiny)
+    student, normal = scipy.stats.t.ppf(0.95, effective), scipy.stats.norm.ppf(0.95)
+    return np.asarray(total * (student / normal) ** 2)
 
 
 def between_windows(linear: Linear) -> Array:
