@@ -51,3 +51,12 @@ def test_a_pause_inside_an_interval_is_seen(fitted, clean, misread, pause, goes)
     log = misread(clean, clean["W_maf"] * np.where(on, 1.08, 1.0))
     model = fitted(log, 80.0, 260.0)
     assert (gain_of_pauses(model, 0) > least(model.problem)) is goes
+
+
+def test_what_undoes_an_effect_in_a_pause_does_not_hide_the_pause(fitted, plant, clean, misread):
+    t = clean.time
+    on = (t > 80.0) & (t < 260.0) & ~((t > 170.0) & (t < 200.0))
+    model = fitted(misread(clean, clean["W_maf"] * np.where(on, 1.08, 1.0)), 80.0, 260.0)
+    gain = model.terms[0].effect
+    undone = fit(model.problem, [Term(gain, 1.08, 80.0, 260.0), Term(gain, 0.93, 170.0, 200.0)])
+    assert gain_of_pauses(undone, 0) > least(undone.problem)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.stats
 
 from lpvobs.discovery.fit import fit, pins
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.uncertainty import between_windows, spread_of_sums, standard_errors
+from lpvobs.discovery.uncertainty import between_windows, spread_of_sums, standard_errors, widened
 
 
 def test_the_spread_of_sums_is_the_variance_of_what_is_independent():
@@ -45,3 +46,13 @@ def test_a_pinned_constant_is_not_a_known_one(stepped):
     held = replace(pinned, normal=pinned.normal + pins(pinned.problem, pinned.pinned, pinned.pull.size))
     # a twentieth: the steps through the wider window stop where the next one would gain less than a unit of noise
     assert standard_errors(held) == pytest.approx(standard_errors(stepped), rel=0.05)
+
+
+def test_one_difference_says_little_of_a_variance():
+    one, none = np.ones(1), np.zeros(1)
+    normal = scipy.stats.norm.ppf(0.95)
+    # textbook quantiles: t(0.95) is 1.6973 at 30 degrees of freedom, 6.3138 at one, 2.0150 at five
+    assert np.sqrt(widened(one, 30.0, none))[0] * normal == pytest.approx(1.6973, abs=1e-4)
+    assert np.sqrt(widened(none, 30.0, one))[0] * normal == pytest.approx(6.3138, abs=1e-4)
+    # five degrees of freedom: (4 + 1)^2 over 4^2 / 4 + 1^2
+    assert np.sqrt(widened(4.0 * one, 4.0, one) / 5.0)[0] * normal == pytest.approx(2.0150, abs=1e-4)
