@@ -482,7 +482,7 @@ def write_report(
     """
     from lpvobs.report.content import gather
     from lpvobs.report.discovered import contents
-    from lpvobs.report.gates import judge, parse_gate
+    from lpvobs.report.gates import enforce, judge, parse_gate
     from lpvobs.report.load import load
     from lpvobs.report.names import distinct
     from lpvobs.report.page import write_page
@@ -498,7 +498,7 @@ def write_report(
     if html is not None:
         with _writing(Path(html), paths) as target:
             write_page(target, gather(loaded))
-    judge(conditions, content["logs"])
+    enforce(judge(conditions, content["logs"]))
     return content
 
 

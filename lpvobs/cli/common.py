@@ -92,11 +92,11 @@ def load_compiler() -> None:
         del sys.modules[looked_for]
 
 
-def refuse_overwriting(out: Path, inputs: Iterable[Path]) -> None:
+def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
     """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
     for path in inputs:
         if out.exists() and path.exists() and out.samefile(path):
-            raise UsageError(f"--out {out}: is also an input and would be lost; name another file")
+            raise UsageError(f"{option} {out}: is also an input and would be lost; name another file")
     claim(out)
 
 

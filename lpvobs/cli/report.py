@@ -39,15 +39,15 @@ def report(
     from lpvobs.report.names import distinct
     from lpvobs.report.tables import coefficient_rows, gain_line, report_content, report_rows
 
-    gates = [parse_gate(expression) for expression in gate or []]
+    gates = list(dict.fromkeys(parse_gate(expression) for expression in gate or []))
     if junit is not None and not gates:
         raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
     if junit is not None and html is not None and junit.resolve() == html.resolve():
         raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
     inputs = [result, *(further or [])]
-    for target in (html, junit):
+    for option, target in (("--html", html), ("--junit", junit)):
         if target is not None:
-            refuse_overwriting(target, inputs)
+            refuse_overwriting(target, inputs, option)
     loaded = load(inputs)
     names = distinct([item.path for item in loaded.results])
     results = list(zip(names, loaded.results, strict=True))

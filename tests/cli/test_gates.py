@@ -11,9 +11,11 @@ def outcomes(path):
 def test_every_gate_is_judged_and_the_file_is_there_when_one_fails(lpvobs, chain, tmp_path):
     xml = tmp_path / "gates.xml"
     gates = ("--gate", "mean_relative_error<=0", "--gate", "samples>=100", "--gate", "gaps<=0")
-    done = lpvobs("report", chain.result, *gates, "--junit", xml)
+    said_again = ("--gate", "samples >= 1e2")
+    done = lpvobs("report", chain.result, *gates, *said_again, "--junit", xml)
     assert done.code == 1
     assert done.err.strip().splitlines()[-1].startswith("lpvobs: gate failed: result: log ftp75_cold has mean_relative")
+    assert ElementTree.parse(xml).getroot().get("tests") == "3"
     assert outcomes(xml) == {
         "mean_relative_error<=0": "failure",
         "samples>=100": "system-out",
@@ -37,5 +39,6 @@ def test_refusals(lpvobs, chain, tmp_path):
         done = lpvobs("report", chain.result, *arguments)
         assert done.code == 2, done.err
         assert len(done.err.strip().splitlines()) == 1
+        assert "--out" not in done.err, "report has no such option"
     assert chain.result.read_bytes() == before
     assert list(tmp_path.iterdir()) == []
