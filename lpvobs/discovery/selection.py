@@ -12,18 +12,17 @@ from lpvobs.discovery.candidates import (
     in_place,
     loss_of,
     p_value,
-    penalty,
     promise_of,
     score,
-    with_best_interval,
 )
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.episodes import gain_of_pauses, sharpened
-from lpvobs.discovery.fit import fit, objective, refit
+from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import Losses, compare, cross_validated
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.problem import STRETCH, Problem
-from lpvobs.discovery.ranking import SHORTLIST, best_of, foremost, least, matters, rank, tried, uneven_share, worth
+from lpvobs.discovery.ranking import best_of, foremost, least, matters, tried, uneven_share, worth
+from lpvobs.discovery.settling import Named, exchanged, settled, without
 from lpvobs.discovery.uncertainty import standard_errors
 
 MOST_EFFECTS = 4
@@ -40,13 +39,8 @@ AGAIN = 0.05
 """Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
 REST = 0.1
 """Of the noise's sum of squares: an uneven effect that gains no more, beside others, is what they leave in fast transients."""
-CLOSE = 0.7
-"""Of the best score, above which candidates are fitted jointly before one is chosen."""
 ALIKE = 1.645
 """Standard deviations of the difference of losses by block within which two effects cannot be told apart."""
-
-
-Named = tuple[Candidate, Curve | None]
 
 
 @dataclass(frozen=True)
@@ -110,7 +104,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     errors = standard_errors(final)
     bare = _bare(final)
     found = tuple(
-        _finished(final, bare if len(accepted) == 1 else _without(final, i), i, c, curve, float(errors[i]))
+        _finished(final, bare if len(accepted) == 1 else without(final, i), i, c, curve, float(errors[i]))
         for i, (c, curve) in enumerate(accepted)
     )
     progress(1.0)
@@ -134,10 +128,10 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         if any(c.id == best.id for c, _ in accepted):
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
-        named, trial = _settled(trial, best, curve if best.id.startswith("channel:") else None)
+        named, trial = settled(trial, best, curve if best.id.startswith("channel:") else None)
         if not _holds_out(linear, trial) or _only_a_rest(named[0], accepted, problem):
             break
-        linear, accepted = _exchanged(trial, [*accepted, named])
+        linear, accepted = exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
     if (
@@ -236,72 +230,6 @@ def _twice_to_blame(candidate: Candidate, accepted: Sequence[Named]) -> bool:
 def _apart(one: Term, other: Term) -> bool:
     """Return whether one term ends well before the other begins: farther than an edge that is badly placed reaches."""
     return bool(one.end + STRETCH < other.begin or other.end + STRETCH < one.begin)
-
-
-def _without(linear: Linear, index: int) -> Linear:
-    terms = tuple(t for i, t in enumerate(linear.terms) if i != index)
-    return refit(linear, terms)
-
-
-def _settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[Named, Linear]:
-    """Return the newest effect judged again with weights that it no longer inflates, exchanged if another one fits better."""
-    problem, newest = linear.problem, len(linear.terms) - 1
-    bare = _without(linear, newest)
-    again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
-    if curve is None:
-        absorbed = problem.prior.free and again.term.effect.in_map
-        rivals = [again, with_best_interval(bare, again, not absorbed)]
-        taken = {term.effect.id for term in bare.terms}
-        others = [effect for effect in problem.plant.catalogue if effect.id not in taken]
-        for rival in rank(bare, others, intervals=False)[:SHORTLIST]:
-            rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
-        again = _joint_best(linear, again, sorted(rivals, key=score, reverse=True))
-        if again.term != linear.terms[newest]:
-            linear = fit(problem, [*bare.terms, again.term], start=linear)
-    if again.changes:
-        linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
-    return (in_place(linear, newest, again), curve), linear
-
-
-def _exchanged(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:
-    """Return the model with all but the newest effect judged again beside it: it may be part of what they stood for."""
-    for number in range(len(accepted) if len(accepted) > 1 else 0):
-        linear = refit(linear, [*linear.terms[1:], linear.terms[0]])
-        first = accepted[0]
-        if number < len(accepted) - 1:
-            first, linear = _settled(linear, *first)
-        accepted = [*accepted[1:], first]
-    return linear, accepted
-
-
-def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) -> Candidate:
-    """Return the newest effect or a close rival, the one that gains most after all unknowns have followed.
-
-    A large effect bends more than a step shows, so the newest is tried whatever its own score. Of each effect the best interval
-    and the whole logs are tried.
-    """
-    others = linear.terms[:-1]
-    newest = replace(newest, term=linear.terms[-1])
-    close: dict[tuple[str, bool, bool], Candidate] = {}
-    for candidate in [newest, *ranked]:
-        if candidate is newest or score(candidate) > CLOSE * score(ranked[0]):
-            ends = bool(np.isfinite(candidate.term.begin)), bool(np.isfinite(candidate.term.end))
-            close.setdefault((candidate.id, *ends), candidate)
-    if len(close) == 1:
-        return newest
-    without = objective(refit(linear, others))
-    joint_score = {key: _joint_score(linear, others, candidate, without) for key, candidate in close.items()}
-    return close[max(joint_score, key=lambda key: joint_score[key])]
-
-
-def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, without: float) -> float:
-    """Return the gain of a candidate less what its interval costs, in the joint model; nothing at the end of its size's range."""
-    joint = refit(linear, [*others, candidate.term])
-    last = joint.terms[-1]
-    if not last.effect.low < last.size < last.effect.high:
-        return -np.inf
-    gain = without - objective(joint)
-    return gain - penalty(candidate.changes, candidate.loss.size, gain, candidate.from_start)
 
 
 def _finished(
