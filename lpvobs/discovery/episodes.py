@@ -8,10 +8,13 @@ from numba import njit
 
 from lpvobs.discovery.linear import Linear, Term, residual_with
 from lpvobs.discovery.problem import STRETCH
+from lpvobs.discovery.ranking import least
 from lpvobs.records import Array
 
 SWITCH = 3.0
 """Times the logarithm of the number of instants: what a switch must gain, as much as an end of an interval costs the search."""
+BLURRED = 0.002
+"""Of what one interval gains: model error, which grows with the effect, may pretend a pause that gains so much."""
 
 
 def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
@@ -45,8 +48,8 @@ def sharpened(linear: Linear, index: int) -> Term:
     return replace(term, begin=begin, end=end) if end > begin else term
 
 
-def gain_of_pauses(linear: Linear, index: int) -> float:
-    """Return by how much more a term explains when it acts in several episodes than in the best one interval; zero for one.
+def comes_and_goes(linear: Linear, index: int) -> bool:
+    """Return whether a term explains clearly more when it acts in several episodes than in the best one interval.
 
     An effect of the same place that ends is put aside: it may be what undoes this one in a pause.
     """
@@ -56,7 +59,7 @@ def gain_of_pauses(linear: Linear, index: int) -> float:
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
-    return max(float(gain[acting].sum()) - one, 0.0)
+    return float(gain[acting].sum()) > (1.0 + BLURRED) * one + least(linear.problem)
 
 
 @njit(cache=True)

@@ -16,12 +16,12 @@ from lpvobs.discovery.candidates import (
     score,
 )
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.episodes import gain_of_pauses, sharpened
+from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.heldout import Losses, compare, cross_validated
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.problem import STRETCH, Problem
-from lpvobs.discovery.ranking import best_of, foremost, least, matters, tried, uneven_share, worth
+from lpvobs.discovery.ranking import best_of, foremost, matters, tried, uneven_share, worth
 from lpvobs.discovery.settling import Named, exchanged, settled, without
 from lpvobs.discovery.uncertainty import standard_errors
 
@@ -134,11 +134,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         linear, accepted = exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
-    if (
-        uneven
-        or _left_over(before, linear)
-        or any(gain_of_pauses(linear, i) > least(problem) for i in range(len(accepted)))
-    ):
+    if uneven or _left_over(before, linear) or any(comes_and_goes(linear, i) for i in range(len(accepted))):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
