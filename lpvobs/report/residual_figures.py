@@ -12,7 +12,7 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.whiteness import LAGS, Whiteness
 from lpvobs.records import Array
-from lpvobs.report.svg import INK, render
+from lpvobs.report.svg import INK, label_of, render
 
 BEFORE, AFTER = "#c4621a", "#2f7fc1"
 """Orange and blue, as everywhere on the page: told apart with any colour vision, on white and on black."""
@@ -73,7 +73,7 @@ def ranking_bars(name: str, alt: str, ranking: Sequence[Ranked]) -> str:
         axes = figure.add_subplot()
         place = np.arange(len(shown))[::-1]
         axes.barh(place, [item.gain for item in shown], color=AFTER, height=0.7)
-        axes.set_yticks(place, [item.id for item in shown])
+        axes.set_yticks(place, [label_of(item.id) for item in shown])
         axes.set_xscale("log")
         axes.set_xlabel("evidence: fall of half the sum of squares, in units of the noise")
         axes.grid(visible=True, axis="x")
@@ -104,7 +104,7 @@ def partial_residual(name: str, alt: str, seen: Partial) -> str:
         )
         spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
         axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
-        axes.set_xlabel(f"what {seen.id} says [noise standard deviations]")
+        axes.set_xlabel(f"what {label_of(seen.id)} says [noise standard deviations]")
         axes.set_ylabel("residual without it")
         axes.grid(visible=True)
         axes.legend(loc="upper left")
@@ -190,7 +190,7 @@ def cross_correlations(name: str, alt: str, seen: Portrait) -> str:
             _dots(axes, lag, values, limit)
             axes.set_title(label)
             axes.set_xlabel("residual later by [s]")
-        panels[0].set_yticks(np.arange(len(seen.signals)), seen.signals, fontsize=7.5)
+        panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
         panels[0].invert_yaxis()
         figure.colorbar(image, ax=panels, label="correlation", pad=0.015)
 

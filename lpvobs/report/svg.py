@@ -3,6 +3,7 @@
 import html
 import io
 import re
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, cast
@@ -16,6 +17,7 @@ INK = "#0d0e0f"
 FONT = "DejaVu Sans"
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
+    "text.parse_math": False,  # names of channels may hold dollars
     "font.family": FONT,
     "font.size": 9.0,
     "axes.titlesize": 9.0,
@@ -41,6 +43,8 @@ TIP = "tip: "
 """Begins the identifier of an element whose rest is shown when the pointer rests on it."""
 RASTER_DPI = 120
 """Of the parts that are drawn as images: too dense for lines."""
+MOST_LETTERS = 40
+"""Of a name in a figure; a longer one would leave no room to draw in."""
 
 
 def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
@@ -58,13 +62,31 @@ def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figur
         Draws into an empty figure.
     """
     stream = io.StringIO()
-    with mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):
+    with warnings.catch_warnings(), mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing from font"
+        )  # letters stay letters: the reader's fonts draw them
         figure = Figure(figsize=size, dpi=RASTER_DPI, layout="constrained")
         figure.patch.set_visible(False)
         draw(figure)
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)  # type: ignore[no-untyped-call]
     return clean(stream.getvalue(), name, alt)
+
+
+def label_of(name: str) -> str:
+    """Return a name as it stands in a figure: on one line, without its middle where it is long.
+
+    Examples
+    --------
+    >>> label_of("channel:T_coolant")
+    'channel:T_coolant'
+    >>> len(label_of("long" * 30))
+    40
+    """
+    line = " ".join(name.split())
+    half = (MOST_LETTERS - 1) // 2
+    return line if len(line) <= MOST_LETTERS else f"{line[: MOST_LETTERS - 1 - half]}…{line[-half:]}"
 
 
 def clean(text: str, name: str, alt: str) -> str:
