@@ -6,6 +6,7 @@ because the manifold temperatures move.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,7 +79,7 @@ class Diesel:
         "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
     }
 
-    @property
+    @cached_property
     def constants(self) -> DieselConstants:
         """The engine's constants, flat."""
         return constants_of(self.engine)

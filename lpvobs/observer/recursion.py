@@ -113,7 +113,7 @@ def observe(
             grid.n_e,
             L,
             gamma,
-            first,
+            np.ascontiguousarray(first),
             theta,
             x,
             innovation,
