@@ -24,11 +24,12 @@ class Watched:
 
 
 def watch(arguments: Sequence[object], environment: dict[str, str] | None = None) -> Watched:
-    """Run `lpvobs` with arguments and watch it."""
+    """Run `lpvobs` with arguments and watch it; it keeps its byte code, as it does for its users."""
+    usual = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     before, begin = os.times(), time.perf_counter()
     call = [*LPVOBS, *map(str, arguments)]
     process = subprocess.Popen(
-        call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | (environment or {})
+        call, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=usual | (environment or {})
     )
     most = 0
     while process.poll() is None:

@@ -54,6 +54,8 @@ class MapAxis:
 class Trajectory:
     """The LPV system of Eq. (24) along a log: N samples, 3 states, r outputs.
 
+    The observer is at its fastest where neighbouring samples lie beside each other in memory.
+
     Attributes
     ----------
     parameters : ndarray, shape (N, m)

@@ -6,6 +6,7 @@ because the manifold temperatures move.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -78,7 +79,7 @@ class Diesel:
         "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
     }
 
-    @property
+    @cached_property
     def constants(self) -> DieselConstants:
         """The engine's constants, flat."""
         return constants_of(self.engine)
@@ -112,19 +113,20 @@ class Diesel:
         Trajectory
             Of N samples, 3 states, `len(outputs) + 1` outputs.
         """
-        parameters, E = along(self.constants, _columns(log))
+        parameters, E = (rows.T for rows in along(self.constants, _columns(log)))
         if constant is not None:
             (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
-            E[:, 1] *= a_2 / parameters[:, 6]
-            parameters[:, 5], parameters[:, 6] = a_1, a_2
-        A = np.zeros((len(log), 3, 3))
+            E[1] *= a_2 / parameters[6]
+            parameters[5], parameters[6] = a_1, a_2
+        N = len(log)
+        A, C, y = np.zeros((3, 3, N)), np.zeros((len(outputs) + 1, 3, N)), np.empty((len(outputs) + 1, N))
         _fill_A(parameters, A)
-        C = np.zeros((len(log), len(outputs) + 1, 3))
         for row, channel in enumerate(outputs):
-            C[:, row, STATES.index(channel)] = 1.0
-        C[:, -1, 2] = parameters[:, 0]  # C_2 of Eq. (26)
-        y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
-        return Trajectory(parameters, A, E, C, y, len(outputs))
+            C[row, STATES.index(channel)] = 1.0
+        C[-1, 2] = parameters[0]  # C_2 of Eq. (26)
+        for row, channel in enumerate((*outputs, self.sensor)):
+            y[row] = log[channel]
+        return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
@@ -187,40 +189,40 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     """Return rho_1..rho_5, a_1, a_2 (N, 7) and E (N, 3) of Eq. (3) and (5) along the columns named in `INPUTS`."""
     n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb = columns
     N = n_e.size
-    parameters = np.empty((N, 7))
-    E = np.zeros((N, 3))
+    parameters = np.empty((7, N))
+    E = np.zeros((3, N))
     # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
     for k in range(N):
-        parameters[k, 0] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
-        parameters[k, 1] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
-        parameters[k, 2] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
-        parameters[k, 5] = c.R_a * T_im[k] / c.V_im
-        parameters[k, 6] = c.R_e * T_em[k] / c.V_em
+        parameters[0, k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        parameters[1, k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
+        parameters[2, k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
+        parameters[5, k] = c.R_a * T_im[k] / c.V_im
+        parameters[6, k] = c.R_e * T_em[k] / c.V_em
     for k in range(N):
-        parameters[k, 4] = relation.rho_5(c, parameters[k, 0], p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        parameters[4, k] = relation.rho_5(c, parameters[0, k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
     scale, p_es, Pi_t = np.empty(N), p_amb.copy(), np.empty(N)
     for k in range(N):
         scale[k] = relation.turbine_scale(c, u_vgt[k], T_em[k])
     for _ in range(relation.TURBINE_PASSES):
         for k in range(N):
-            parameters[k, 3], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
+            parameters[3, k], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
     for k in range(N):
-        power = relation.turbine_power(c, parameters[k, 3] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
-        E[k, 1] = parameters[k, 6] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
-        E[k, 2] = power / (c.J_t * omega_t[k])
-    return parameters, E
+        power = relation.turbine_power(c, parameters[3, k] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
+        E[1, k] = parameters[6, k] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
+        E[2, k] = power / (c.J_t * omega_t[k])
+    return parameters.T, E.T
 
 
 @njit(cache=True)
 def _fill_A(parameters: Array, A: Array) -> None:
-    for k in range(parameters.shape[0]):
-        a_1, a_2 = parameters[k, 5], parameters[k, 6]
-        A[k, 0, 0] = -a_1 * parameters[k, 2]
-        A[k, 0, 1] = a_1 * parameters[k, 1]
-        A[k, 0, 2] = a_1 * parameters[k, 0]
-        A[k, 1, 0] = a_2 * parameters[k, 2]
-        A[k, 1, 1] = -a_2 * (parameters[k, 1] + parameters[k, 3])
-        A[k, 2, 2] = -parameters[k, 4]
+    for k in range(parameters.shape[1]):
+        a_1, a_2 = parameters[5, k], parameters[6, k]
+        A[0, 0, k] = -a_1 * parameters[2, k]
+        A[0, 1, k] = a_1 * parameters[1, k]
+        A[0, 2, k] = a_1 * parameters[0, k]
+        A[1, 0, k] = a_2 * parameters[2, k]
+        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])
+        A[2, 2, k] = -parameters[4, k]
 
 
 @njit(cache=True)

@@ -2,6 +2,7 @@
 
 import errno
 import functools
+import gc
 import json
 import math
 import os
@@ -77,19 +78,30 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
+@contextmanager
+def loading() -> Iterator[None]:
+    """Load libraries without looking for garbage in between: they make none, and what they make stays."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def load_compiler() -> None:
-    """Load Numba without SciPy's linear algebra, which it looks for although no kernel on the way of a verb multiplies matrices.
+    """Load Numba without SciPy's linear algebra and without cffi, which it looks for although no kernel of a verb needs them.
 
     That search takes as long as estimating a map. A kernel that does multiply matrices finds SciPy later, when it is compiled.
     """
-    looked_for = "scipy.linalg.cython_blas"
-    if looked_for in sys.modules:
-        return
-    sys.modules[looked_for] = None  # type: ignore[assignment]
+    looked_for = [name for name in ("scipy.linalg.cython_blas", "cffi") if name not in sys.modules]
+    sys.modules.update(dict.fromkeys(looked_for))  # type: ignore[arg-type]
     try:
+        import numba.core.typing.cffi_utils
         import numba.np.arraymath  # noqa: F401
     finally:
-        del sys.modules[looked_for]
+        for name in looked_for:
+            del sys.modules[name]
 
 
 def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:

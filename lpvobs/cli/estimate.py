@@ -13,6 +13,7 @@ from lpvobs.cli.common import (
     chosen_config,
     guarded,
     load_compiler,
+    loading,
     print_json,
     progress,
     refuse_overwriting,
@@ -64,12 +65,13 @@ def estimate(
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
-    load_compiler()
-    from lpvobs.errors import DataError
-    from lpvobs.io.config import load_config
-    from lpvobs.io.finding import find_logs
-    from lpvobs.report.tables import agreement_rows, log_rows, logs_content
-    from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
+    with loading():
+        load_compiler()
+        from lpvobs.errors import DataError
+        from lpvobs.io.config import load_config
+        from lpvobs.io.finding import find_logs
+        from lpvobs.report.tables import agreement_rows, log_rows, logs_content
+        from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 
     logs = find_logs(logs)
     config = chosen_config(config)

@@ -92,6 +92,14 @@ def share(nodes: Array, value: float, i: int) -> float:
 
 
 @njit(cache=True)
+def reach(nodes: Array, i: int) -> tuple[float, float, float, float]:
+    """Return the values (low, high] for which `seek` stays at interval i, its first node, and the reciprocal of its width."""
+    low = nodes[i] if i > 0 else -np.inf
+    high = nodes[i + 1] if i < nodes.size - 2 else np.inf
+    return low, high, nodes[i], 1.0 / (nodes[i + 1] - nodes[i])
+
+
+@njit(cache=True)
 def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: NDArray[np.int64], weights: Array) -> None:
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
     i, eta_1 = locate(u_nodes, u_delta)

@@ -109,10 +109,10 @@ def adapt(
         P[:3, :3] = np.diag(process_variance)
         _filter(
             time[part],
-            trajectory.A[part],
-            trajectory.E[part],
-            trajectory.C[part],
-            trajectory.y[part],
+            np.ascontiguousarray(trajectory.A[part]),
+            np.ascontiguousarray(trajectory.E[part]),
+            np.ascontiguousarray(trajectory.C[part]),
+            np.ascontiguousarray(trajectory.y[part]),
             u_delta[part],
             n_e[part],
             grid.u_delta,

@@ -24,8 +24,7 @@ from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
 from lpvobs.steps.jobs import processors
-from lpvobs.steps.learning import learned_path
-from lpvobs.steps.throttled import engine_writer
+from lpvobs.steps.learning import engine_writer, learned_path
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""

@@ -1,11 +1,16 @@
 """The air path of a configuration with what healthy logs show of its engine."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import h5py
+
 from lpvobs.airpath.base import AirPath
+from lpvobs.airpath.throttled import Throttled
+from lpvobs.discovery.throttled_noise import healthy_errors
 from lpvobs.errors import DataError
 from lpvobs.io.config import Config
+from lpvobs.io.learned import write_learned
 from lpvobs.io.logs import read_log
 from lpvobs.records import Log
 
@@ -29,3 +34,12 @@ def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
         except DataError:
             continue
     return logs
+
+
+def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
+    """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
+    if not isinstance(air_path, Throttled) or air_path.learned is None:
+        return None
+    engine, learned = air_path.engine, air_path.learned
+    healthy = healthy_errors(engine, usable_logs(config, paths))
+    return lambda file: write_learned(file, engine, learned, healthy)

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.airpath.base import AirPath
 from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.throttled_closing import Closed, Nominal, close
-from lpvobs.discovery.throttled_noise import healthy_errors
 from lpvobs.discovery.throttled_outcome import ThrottledTrace
 from lpvobs.errors import DataError
 from lpvobs.io.atomic import replacing
-from lpvobs.io.config import Config, ThrottledConfig, config_of
+from lpvobs.io.config import ThrottledConfig, config_of
 from lpvobs.io.hdf import changing, reading
-from lpvobs.io.learned import read_learned, write_learned
+from lpvobs.io.learned import read_learned
 from lpvobs.io.logs import channel_units, read_log
 from lpvobs.io.portraits import write_ranking
 from lpvobs.io.refinements import (
@@ -28,7 +26,6 @@ from lpvobs.io.refinements import (
 )
 from lpvobs.io.results import KIND, REMEDY, StoredResult, update
 from lpvobs.records import Log
-from lpvobs.steps.learning import usable_logs
 
 Progress = Callable[[float], None]
 
@@ -112,12 +109,3 @@ def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:
     known = Throttled(config.engine).channels
     kept = {name: channel for name, channel in known.items() if name in there or name == Throttled.sensor}
     return read_log(path, kept, config.policies, auxiliary=True)
-
-
-def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
-    """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
-    if not isinstance(air_path, Throttled) or air_path.learned is None:
-        return None
-    engine, learned = air_path.engine, air_path.learned
-    healthy = healthy_errors(engine, usable_logs(config, paths))
-    return lambda file: write_learned(file, engine, learned, healthy)
