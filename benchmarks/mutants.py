@@ -499,6 +499,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, help="the page, by default benchmarks/results/mutants.md for a whole sample"
     )
+    parser.add_argument("--verdicts", type=Path, help="keep the verdicts here, line by line, and go on where they end")
     options = parser.parse_args()
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
