@@ -30,6 +30,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import date
@@ -103,6 +104,11 @@ class Mutant:
     node: int
     change: int
     in_function: bool
+
+    @property
+    def name(self) -> str:
+        """What tells it from every other mutant of the same sources."""
+        return f"{self.place} {self.node} {self.change}"
 
     @property
     def room(self) -> str:
@@ -493,6 +499,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, help="the page, by default benchmarks/results/mutants.md for a whole sample"
     )
+    parser.add_argument("--verdicts", type=Path, help="keep the verdicts here, line by line, and go on where they end")
     options = parser.parse_args()
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
@@ -506,13 +513,14 @@ def main() -> None:
     chosen = random.Random(options.seed).sample(everything, min(options.number, len(everything)))
     whole = options.modules is None and options.rooms == list(ROOMS)
     page = options.out or (RESULTS if whole else None)
+    known = verdicts_in(options.verdicts)
+    verdicts = [(mutant, known[mutant.name]) for mutant in chosen if mutant.name in known]
     controls = [
         Mutant(modules(room)[0], 1, "as it is", "as it is", 0, -1, warm) for room in measured for warm in (True, False)
     ]
-    chosen = controls + chosen
-    verdicts: list[tuple[Mutant, bool]] = []
-    for place, found, seconds in judged(chosen, measured, options.workers):
-        mutant = chosen[place]
+    waiting = controls + [mutant for mutant in chosen if mutant.name not in known]
+    for place, found, seconds in judged(waiting, evened_out(measured, verdicts), options.workers):
+        mutant = waiting[place]
         if mutant.change < 0:
             if found:
                 raise SystemExit(f"{mutant.module}: the tests fail without any change")
@@ -520,10 +528,26 @@ def main() -> None:
         verdicts.append((mutant, found))
         verdict = f"{'noticed ' if found else 'SURVIVED'} {seconds:5.1f} s"
         print(f"{len(verdicts)} {verdict} {mutant.place}: {mutant.before} -> {mutant.after}", flush=True)
+        if options.verdicts:
+            with options.verdicts.open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps([mutant.name, found]) + "\n")
         if page:
             page.write_text(written(options.number, options.seed, verdicts, measured), encoding="utf-8")
-    if len(verdicts) + len(controls) != len(chosen):
-        raise SystemExit(f"{len(chosen) - len(controls) - len(verdicts)} mutants were not judged, see above")
+    if len(verdicts) != len(chosen):
+        raise SystemExit(f"{len(chosen) - len(verdicts)} mutants were not judged, see above")
+
+
+def verdicts_in(path: Path | None) -> dict[str, bool]:
+    """Return the verdicts that an earlier run has kept, by the name of the mutant."""
+    if path is None or not path.exists():
+        return {}
+    return dict(json.loads(line) for line in path.read_text(encoding="utf-8").splitlines())
+
+
+def evened_out(measured: dict[str, Measured], verdicts: Sequence[tuple[Mutant, bool]]) -> dict[str, Measured]:
+    """Return the rooms with those first of which least has been judged."""
+    done = Counter(mutant.room for mutant, _ in verdicts)
+    return dict(sorted(measured.items(), key=lambda item: done[item[0]]))
 
 
 def preload(measured: Iterable[Measured]) -> None:

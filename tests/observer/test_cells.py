@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from reference.membership import psi
 
+from lpvobs.maps.excitation import Excitation, over_nodes
 from lpvobs.maps.grid import Grid
+from lpvobs.observer import parts
 from lpvobs.observer.cells import LONGEST_VISIT, add, end_visit, no_sums, no_visit
+from lpvobs.observer.parts import LogPart, added_up
 
 GRID = Grid(np.array([0.0, 4.0, 10.0]), np.array([500.0, 1000.0, 2000.0, 2500.0]))
 B, Q, TERMS, N = 2, 3, 6, 150
@@ -38,10 +41,22 @@ def cell_of(u, n):
     return 2 * j + i, [3 * j + i, 3 * j + i + 1, 3 * j + i + 3, 3 * j + i + 4]
 
 
-def plain(u, n, steps, z, slope, terms):
-    """Return the same sums sample by sample, with the visits as lists of samples."""
-    sums = no_sums(GRID, B, Q)
+def visits_of(u, n, steps):
+    """Return the cell of every visit and the numbers of its samples."""
     visits, before, stay = [], -1, 0.0
+    for k in range(N):
+        c, _ = cell_of(u[k], n[k])
+        if c != before or stay >= LONGEST_VISIT:
+            visits.append((c, []))
+            stay = 0.0
+        visits[-1][1].append(k)
+        before, stay = c, stay + steps[k]
+    return visits
+
+
+def plain(u, n, steps, z, slope, terms):
+    """Return the same sums sample by sample and visit by visit."""
+    sums, rows = no_sums(GRID, B, Q), np.empty((N, 4))
     for k in range(N):
         c, nodes = cell_of(u[k], n[k])
         row = psi(GRID.u_delta, GRID.n_e, u[k], n[k])[nodes] * steps[k]
@@ -49,13 +64,9 @@ def plain(u, n, steps, z, slope, terms):
         sums.right[c] += np.outer(z[:, k], row)
         sums.slope[c] += slope[:, :, k, None] * row
         sums.terms[c] += np.outer(terms[k], row)
-        if c != before or stay >= LONGEST_VISIT:
-            visits.append((c, []))
-            stay = 0.0
-        visits[-1][1].append((steps[k] * z[:, k], row))
-        before, stay = c, stay + steps[k]
-    for c, samples in visits:
-        integral, row = (sum(item[part] for item in samples) for part in (0, 1))
+        rows[k] = row
+    for c, samples in visits_of(u, n, steps):
+        integral, row = (steps * z)[:, samples].sum(axis=1), rows[samples].sum(axis=0)
         sums.visit_power[c] += np.outer(integral, integral)
         sums.visit_cross[c] += np.outer(integral, row)
         sums.visit_gram[c] += np.outer(row, row)
@@ -88,6 +99,47 @@ def test_a_visit_goes_on_across_a_cut():
     drive = wander(3)
     for whole, cut in zip(filled(*drive), filled(*drive, cuts=(1, 50, 51, 100)), strict=True):
         np.testing.assert_array_equal(whole, cut)
+
+
+def test_the_power_of_visits_is_that_of_their_residuals_about_the_map_that_fits_best():
+    u, n, steps, z, slope, terms = wander(4)
+    sums = filled(u, n, steps, z, slope, terms)
+    excited = Excitation(over_nodes(GRID, sums.gram), sums.gram.reshape(3, 2, 4, 4))
+    found = parts._about_own_map(GRID, excited, sums)
+    rows = np.array([psi(GRID.u_delta, GRID.n_e, *v) for v in zip(u, n, strict=True)])
+    root = np.sqrt(steps)[:, None]
+    own = np.linalg.lstsq(rows * root, z.T * root, rcond=None)[0]
+    residual = (z - (rows @ own).T) * steps
+    expected = np.zeros_like(found)
+    for c, samples in visits_of(u, n, steps):
+        integral = residual[:, samples].sum(axis=1)
+        expected[c] += np.outer(integral, integral)
+    # The ridge of the best fit, 1e-9, over numbers about one.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_parts_of_logs_add_up_over_the_nodes():
+    rng = np.random.default_rng(5)
+    visited = np.array([0, 3, 5]), np.array([3])
+    logs = [
+        LogPart(
+            None, cells, *(rng.standard_normal((cells.size, *shape)) for shape in ((4, 4), (4, 4), (4,), (Q + 6, 4)))
+        )
+        for cells in visited
+    ]
+    total, excited = added_up(GRID, Q, logs)
+    H, h, coupling, gram = np.zeros((12, 12)), np.zeros(12), np.zeros((12, Q + 6)), np.zeros((12, 12))
+    for log in logs:
+        for place, cell in enumerate(log.cells):
+            i, j = cell % 2, cell // 2
+            nodes = [3 * j + i, 3 * j + i + 1, 3 * j + i + 3, 3 * j + i + 4]
+            H[np.ix_(nodes, nodes)] += log.H[place]
+            gram[np.ix_(nodes, nodes)] += log.gram[place]
+            h[nodes] += log.h[place]
+            coupling[nodes] += log.coupling[place].T
+    for part, whole in ((total.H, H), (total.h, h), (total.coupling, coupling), (excited.gram, gram)):
+        np.testing.assert_allclose(part, whole, rtol=0, atol=1e-14)  # a few sums of numbers about one
+    assert not excited.cell_gram.reshape(6, 4, 4)[[1, 2, 4]].any()
 
 
 def test_no_visit_leaves_nothing():

@@ -122,6 +122,13 @@ def test_what_only_one_log_knows_is_not_compared():
     assert np.isnan([alone.chi_square, alone.mean_difference, alone.deviation]).all()
 
 
+def test_a_node_that_a_log_hardly_knows_is_not_compared():
+    parts = [part(name, seed) for seed, name in enumerate(NAMES)]
+    for values in (parts[0].H, parts[0].h, parts[0].coupling):
+        values[3] *= 1e-5  # node 8, in no other cell, is known to some 0.03 kg/s: no better than 1 % of the prior
+    assert [verdict.nodes for verdict in found(parts)[2]] == [8, 9, 9, 9, 9]
+
+
 def test_spread_by_hand():
     values, least = np.array([0.0, 1.0, 2.0, 10.0, np.nan]), np.ones(5)
     # Median 1.5; distances 1.5, 0.5, 0.5, 8.5 with the median 1.

@@ -128,6 +128,17 @@ def read(path: Path) -> None:
         report_content([(item.path.stem, item) for item in loaded.results])
 
 
+def show(kind: str, number: int) -> str:
+    """Return how an input is taken: "read", or the line that refuses it; what escapes is raised again."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Corpus(make(Path(name)), Path(name)).write(kind, number)
+        try:
+            read(path)
+        except LpvobsError as error:
+            return str(error)
+    return "read"
+
+
 def worker(folder: Path, samples: Samples, kind: str, numbers: range, pipe: Connection) -> None:
     """Read inputs one after the other; send each number before, and what escaped after it."""
     resource.setrlimit(resource.RLIMIT_AS, (RESERVED, RESERVED))

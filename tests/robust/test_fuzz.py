@@ -1,7 +1,7 @@
 """A small part of `make fuzz`, and what it found once."""
 
 import pytest
-from robust.fuzz import SHARES, Corpus, fuzz_kind, read
+from robust.fuzz import SHARES, Corpus, fuzz_kind, read, show
 
 from lpvobs.errors import DataError, LpvobsError, UsageError
 from lpvobs.io.config import load_config
@@ -26,6 +26,10 @@ def test_an_input_is_named_by_its_number(samples, tmp_path):
     for kind in SHARES:
         assert corpus.write(kind, 5).read_bytes() == corpus.write(kind, 5).read_bytes(), kind
         assert corpus.write(kind, 5).read_bytes() != corpus.write(kind, 6).read_bytes(), kind
+
+
+def test_an_input_can_be_looked_at_again():
+    assert "checksum" in show("hdf5 bytes", 10_000_001)  # whatever byte it hits, the seal tells
 
 
 def test_the_good_files_of_the_corpus_are_good(samples, tmp_path):
