@@ -7,7 +7,10 @@
 # the working folder unless LPVOBS_CONFIG names another. Everything below can be set on the command line or before the include.
 
 LPVOBS        ?= lpvobs
+
+# A folder, whatever its name; or several folders, logs and patterns, those with spaces in quotes.
 LPVOBS_LOGS   ?= logs
+
 LPVOBS_CONFIG ?=
 LPVOBS_OUT    ?= build/lpvobs
 
@@ -17,15 +20,20 @@ LPVOBS_GAIN   ?=
 # Conditions that every log has to meet, without spaces inside. mean_relative_error needs logs with reference channels.
 LPVOBS_GATES  ?= share_certified>=0.95 samples>=1000 dropped_rows<=100
 
+lpvobs-quoted = '$(subst ','\'',$(1))'
+lpvobs-in-out = $(call lpvobs-quoted,$(LPVOBS_OUT)/$(1))
+
 .PHONY: lpvobs-validate
 lpvobs-validate:
-	@mkdir -p '$(LPVOBS_OUT)'
-	@rm -f '$(LPVOBS_OUT)/map.h5' '$(LPVOBS_OUT)/report.html' '$(LPVOBS_OUT)/gates.xml'
-	@failed=0; \
-	$(LPVOBS) estimate $(LPVOBS_LOGS) --out '$(LPVOBS_OUT)/map.h5' \
-	  $(if $(LPVOBS_CONFIG),--config '$(LPVOBS_CONFIG)') $(if $(LPVOBS_GAIN),--gain '$(LPVOBS_GAIN)') || failed=1; \
-	if [ -f '$(LPVOBS_OUT)/map.h5' ]; then \
-	  $(LPVOBS) report '$(LPVOBS_OUT)/map.h5' --html '$(LPVOBS_OUT)/report.html' \
-	    $(foreach gate,$(LPVOBS_GATES),--gate '$(gate)') --junit '$(LPVOBS_OUT)/gates.xml' || failed=1; \
+	@mkdir -p $(call lpvobs-quoted,$(LPVOBS_OUT))
+	@rm -f $(foreach file,map.h5 report.html gates.xml,$(call lpvobs-in-out,$(file)))
+	@failed=0; logs=$(call lpvobs-quoted,$(LPVOBS_LOGS)); \
+	if [ -e "$$logs" ]; then set -- "$$logs"; else eval "set -- $$logs"; fi; \
+	$(LPVOBS) estimate "$$@" --out $(call lpvobs-in-out,map.h5) \
+	  $(if $(LPVOBS_CONFIG),--config $(call lpvobs-quoted,$(LPVOBS_CONFIG))) \
+	  $(if $(LPVOBS_GAIN),--gain $(call lpvobs-quoted,$(LPVOBS_GAIN))) || failed=1; \
+	if [ -f $(call lpvobs-in-out,map.h5) ]; then \
+	  $(LPVOBS) report $(call lpvobs-in-out,map.h5) --html $(call lpvobs-in-out,report.html) \
+	    $(foreach gate,$(LPVOBS_GATES),--gate '$(gate)') --junit $(call lpvobs-in-out,gates.xml) || failed=1; \
 	fi; \
 	exit $$failed

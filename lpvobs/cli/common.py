@@ -74,7 +74,7 @@ def _fault(error: BaseException) -> NoReturn:
 
 def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
-    print("lpvobs: " + " ".join(message.split()), file=sys.stderr)
+    print("lpvobs: " + visible(" ".join(message.split())), file=sys.stderr)
     raise typer.Exit(code)
 
 
@@ -151,7 +151,12 @@ def _release_claims() -> None:
 
 def say(message: str) -> None:
     """Print a message for a person to stderr."""
-    print(message, file=sys.stderr)
+    print("\n".join(visible(line) for line in message.split("\n")), file=sys.stderr)
+
+
+def visible(text: str) -> str:
+    """Return text that a terminal shows and does not obey: names of files and channels may hold anything."""
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
 def print_json(verb: str, content: Mapping[str, Any]) -> None:
@@ -184,7 +189,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1)
     a         12
     bb         3
     """
-    lines = [list(header), *[list(row) for row in rows]]
+    lines = [[visible(cell) for cell in line] for line in (header, *rows)]
     widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
     most = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     return "\n\n".join(

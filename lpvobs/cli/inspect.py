@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, folder_config, guarded, print_json, say, table
+from lpvobs.cli.common import JsonOption, folder_config, guarded, print_json, say, table, visible
 
 
 @guarded
@@ -71,7 +71,7 @@ def _text(content: dict[str, Any]) -> str:
         ]
         for name, item in content["channels"].items()
     ]
-    parts = [head, table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
+    parts = [visible(head), table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
     found = [
         [
             item["defect"],

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
+from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table, visible
 
 
 @guarded
@@ -69,8 +69,8 @@ def report(
             print("\n" + table(*coefficient_rows(fits)))
         told = sentences(list(zip(names, loaded.discovered, strict=True)))
         if told:
-            print("\n" + "\n".join(told))
-        print("\n" + "\n".join(f"gain of {name}: {gain_line(item.gain)}" for name, item in results))
+            print("\n" + "\n".join(visible(line) for line in told))
+        print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in results))
     verdicts = judge(gates, content["logs"])
     if junit is not None:
         from lpvobs.report.junit import write_junit

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, claim, guarded, print_json, progress, say, table
+from lpvobs.cli.common import JsonOption, claim, guarded, print_json, progress, say, table, visible
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Trace
@@ -58,7 +58,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     if found.verdict == "unexplained":
         from lpvobs.report.discovered import where
 
-        print(textwrap.fill(where(found.left), WIDTH, initial_indent="  ", subsequent_indent="  "))
+        print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
     for title, effects in (("found", found.findings), ("in the model already", found.standing)):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
@@ -67,7 +67,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
         print(f"\n{table(*_errors(found, refined))}")
     for part in found.logs:
         for note in part.notes():
-            print(textwrap.fill(f"{part.log}: {note}", WIDTH, subsequent_indent="  "))
+            print(textwrap.fill(visible(f"{part.log}: {note}"), WIDTH, subsequent_indent="  "))
     ranked = [item for item in found.ranking if item.gain > 0.0][:MOST_SHOWN]
     if ranked:
         rows = [[item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}"] for item in ranked]
@@ -91,7 +91,7 @@ def _show_likes(effects: "tuple[Finding, ...]") -> None:
     for effect in effects:
         if effect.indistinguishable:
             likes = f"{effect.id} cannot be told from {', '.join(effect.indistinguishable)}; what would: {effect.drive}"
-            print(textwrap.fill(likes, WIDTH, initial_indent="  ", subsequent_indent="    "))
+            print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
 
 
 def _errors(found: "Trace", refined: bool) -> tuple[list[str], list[list[str]]]:

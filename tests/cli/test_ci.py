@@ -52,6 +52,23 @@ def test_good_logs_pass(project):
 
 
 @needs_make
+@pytest.mark.parametrize(
+    ("folder", "named"),
+    [("my logs", "my logs"), ("it's here", "it's here"), ("two words", "'two words' 'two words/monday.parquet'")],
+)
+def test_folders_may_be_called_anything(tmp_path, folder, named):
+    """The command shows its arguments instead of running, which is what matters here."""
+    (tmp_path / folder).mkdir()
+    out = f"LPVOBS_OUT={folder}/a b"
+    call = ["make", "-f", FRAGMENT, "lpvobs-validate", "LPVOBS=printf '%s\\n'", f"LPVOBS_LOGS={named}", out]
+    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    words = [named] if named == folder else shlex.split(named)
+    assert done.stdout.splitlines() == ["estimate", *words, "--out", f"{folder}/a b/map.h5"]
+    assert (tmp_path / folder / "a b").is_dir()
+
+
+@needs_make
 def test_a_gate_that_a_log_fails_and_a_log_that_is_none_fail_the_run(project):
     (project / "logs" / "damaged.parquet").write_bytes(b"PAR1")
     done = validate(project, "mean_relative_error<=0.2 samples>=4001")

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from contextlib import suppress
 
+from lpvobs.cli.common import table
+
 RUN = "from lpvobs.cli.main import run; run()"
 
 
@@ -45,3 +47,11 @@ def test_a_wide_table_goes_on_below(lpvobs, chain):
 
 def test_a_table_that_fits_stays_whole(lpvobs, chain):
     assert on_terminal(400, "report", chain.result) == lpvobs("report", chain.result).out
+
+
+def test_names_of_files_cannot_command_the_terminal(lpvobs, tmp_path):
+    """A channel or a file may be called anything, an escape sequence or a second line as well."""
+    done = lpvobs("inspect", tmp_path / "clear\x1b[2J\u202eyes.parquet")
+    assert done.code == 3
+    assert "clear\ufffd[2J\ufffdyes.parquet" in done.err
+    assert len(table(["channel"], [["one\ntwo"]]).splitlines()) == 2
