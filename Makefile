@@ -111,6 +111,7 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/intervals.py
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
+	$(VENV)/bin/python benchmarks/where.py
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants.py --number $(or $(NUMBER),300)

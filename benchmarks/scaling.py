@@ -158,6 +158,7 @@ def main(most: int, logs: int) -> None:
         text += markdown(header, fleet(config, gain, folder, logs))
     text += (
         "\n\nFrom shell to shell, comparison with the references included; memory is the most that was seen, of all processes. "
+        "No two logs of many are the same: each is another stretch of ten minutes of the same three simulated drives. "
         "On a machine that others use, the clock shows them, too: then only the processor's seconds stand."
     )
     draw(RESULTS / "scaling.svg", counts, found)

@@ -4,7 +4,6 @@ Every command that `make run` would give is run in a process of its own that kee
 libraries, loading or compiling kernels, writing files, and what is left, which is computing.
 """
 
-import builtins
 import json
 import os
 import shlex
@@ -12,75 +11,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from account import KINDS
 from common import markdown, publish
 
 ROOT = Path(__file__).parent.parent
 BEGIN = ".venv/bin/lpvobs "
-KINDS = ("loading libraries", "kernels", "writing")
-
-
-@dataclass
-class Account:
-    """Seconds of the processor by kind; what happens within another kind counts as itself alone."""
-
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 0.0))
-    open: list[list[Any]] = field(default_factory=list)
-
-    @contextmanager
-    def under(self, kind: str) -> Iterator[None]:
-        """Book what is done meanwhile; within the same kind nothing is opened, so that it costs next to nothing."""
-        if self.open and self.open[-1][0] == kind:
-            yield
-            return
-        self.open.append([kind, 0.0])
-        begin = time.process_time()
-        try:
-            yield
-        finally:
-            took = time.process_time() - begin
-            self.seconds[kind] += took - self.open.pop()[1]
-            if self.open:
-                self.open[-1][1] += took
-
-    def booked(self, kind: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the function with its calls booked."""
-
-        def call(*args: Any, **kwargs: Any) -> Any:
-            with self.under(kind):
-                return function(*args, **kwargs)
-
-        return call
-
-
-def inside(account_file: Path, arguments: list[str]) -> None:
-    """Run one verb in this process and write its account."""
-    account = Account()
-    builtins.__import__ = account.booked("loading libraries", builtins.__import__)
-    from lpvobs.cli.main import run  # noqa: PLC0415 booked
-    from lpvobs.io import atomic  # noqa: PLC0415
-
-    plain = atomic.replacing
-
-    @contextmanager
-    def replacing(target: Path) -> Iterator[Path]:
-        with account.under("writing"), plain(target) as temporary:
-            yield temporary
-
-    atomic.replacing = replacing  # before the modules that write take it by name
-    from numba.core.dispatcher import Dispatcher  # noqa: PLC0415
-
-    Dispatcher.compile = account.booked("kernels", Dispatcher.compile)
-    sys.argv = ["lpvobs", *arguments]
-    try:
-        run()
-    finally:
-        account_file.write_text(json.dumps(account.seconds | {"all": time.process_time()}), encoding="utf-8")
 
 
 def commands(build: Path) -> list[list[str]]:
@@ -106,7 +43,7 @@ def measured(build: Path, kernels: Path) -> list[tuple[str, float, dict[str, flo
             subprocess.run(words, cwd=ROOT, check=True)
             continue
         begin = time.perf_counter()
-        call = [sys.executable, __file__, "--inside", str(book), *words[1:]]
+        call = [sys.executable, str(ROOT / "benchmarks" / "account.py"), str(book), *words[1:]]
         subprocess.run(
             call, cwd=ROOT, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
@@ -145,7 +82,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--inside"]:
-        inside(Path(sys.argv[2]), sys.argv[3:])
-    else:
-        main()
+    main()
