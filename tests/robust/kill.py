@@ -94,7 +94,7 @@ def prepare(folder: Path) -> None:
     for line in (
         *(
             ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "10", "--seed", str(seed), "--out", name)
-            for seed, name in enumerate(("log.parquet", "fleet/a.parquet", "fleet/b.parquet", "fleet/c.parquet"), 1)
+            for seed, name in enumerate(("log.parquet", "fleet/a.parquet", "fleet/b.parquet"), 1)
         ),
         ("synth-gain", *CONFIGURED, "log.parquet", "--out", "gain.h5"),
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "result.h5"),
