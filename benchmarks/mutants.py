@@ -457,8 +457,8 @@ def written(number: int, seed: int, verdicts: Sequence[tuple[Mutant, bool]], mea
         "# Deliberate faults, and whether the tests notice",
         "",
         f"`benchmarks/mutants.py --number {number} --seed {seed}`, {date.today().isoformat()}, {platform.machine()} with "
-        f"{os.cpu_count()} processors, compiler off: {len(verdicts)} of {number} judged. Of the tests of each room those "
-        f"count that take less than {LONGEST:g} s of computing without the compiler.",
+        f"{os.cpu_count()} processors, compiler off: {len(verdicts)} of {number} judged. Of the tests of each room those count "
+        f"that take less than {LONGEST:g} s of computing without the compiler.",
         "",
         "| room | mutants | noticed | score | tests used | left out |",
         "|---|---:|---:|---:|---:|---:|",
