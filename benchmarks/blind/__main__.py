@@ -9,7 +9,7 @@ import json
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -38,8 +38,9 @@ def main() -> None:
     folders = given.folder / f"{given.bank}" / "logs", given.folder / f"{given.bank}" / "twins"
     with_effect = [case for case in cases if case.effects]
     verdicts = _verdicts(cases, folders[0], given.jobs, True)
-    twins = verdicts | _verdicts(with_effect, folders[1], given.jobs, False)
-    judged = [Judged(case, verdicts[name_of(case)], twins[name_of(case)]) for case in cases]
+    twins = verdicts | _verdicts(with_effect, folders[1], given.jobs, False, "residual")
+    alone = _alone([case for case in cases if case.kind == "pair"], folders[1].parent, given.jobs)
+    judged = [Judged(case, verdicts[name_of(case)], twins[name_of(case)], alone.get(case.number, ())) for case in cases]
     given.folder.joinpath(f"truth_{given.bank}.json").write_text(json.dumps([asdict(case) for case in cases], indent=1))
     summary = [asdict(rate) for rate in rates(judged)]
     given.folder.joinpath(f"rates_{given.bank}.json").write_text(json.dumps(summary, indent=1))
@@ -50,7 +51,9 @@ def main() -> None:
         publish(given.out, "The blind bank", text, "make blind")
 
 
-def _verdicts(cases: list[Case], folder: Path, jobs: int, with_effects: bool) -> dict[str, dict[str, object]]:
+def _verdicts(
+    cases: list[Case], folder: Path, jobs: int, with_effects: bool, what: str = "refine"
+) -> dict[str, dict[str, object]]:
     """Record the logs that have no verdict, have them judged, and return all verdicts by name."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [case for case in cases if not (folder / f"{name_of(case)}.json").exists()]
@@ -58,7 +61,6 @@ def _verdicts(cases: list[Case], folder: Path, jobs: int, with_effects: bool) ->
         for done, _ in enumerate(pool.map(_record, [(case, folder, with_effects) for case in missing]), 1):
             _tell(f"recorded {done} of {len(missing)}")
     if missing:
-        what = "refine" if with_effects else "residual"
         judges = [
             subprocess.Popen([sys.executable, str(HERE / "judge.py"), str(folder), str(k), str(jobs), what])
             for k in range(jobs)
@@ -67,6 +69,18 @@ def _verdicts(cases: list[Case], folder: Path, jobs: int, with_effects: bool) ->
         if any(codes):
             raise SystemExit("a judge failed, see above")
     return {name_of(case): json.loads((folder / f"{name_of(case)}.json").read_text()) for case in cases}
+
+
+def _alone(pairs: list[Case], folder: Path, jobs: int) -> dict[int, tuple[float, ...]]:
+    """Return the held-out residual of each pair's log with the one and with the other effect alone [kg/s]."""
+    found: dict[int, tuple[float, ...]] = {}
+    for which in (0, 1):
+        halves = [replace(case, effects=[case.effects[which]]) for case in pairs]
+        verdicts = _verdicts(halves, folder / f"half_{which + 1}", jobs, True, "residual")
+        for case in pairs:
+            before = float(verdicts[name_of(case)]["error"]["before"])  # type: ignore[index]
+            found[case.number] = (*found.get(case.number, ()), before)
+    return found
 
 
 def _record(given: tuple[Case, Path, bool]) -> None:

@@ -19,11 +19,20 @@ MOST_ALIKE = 3
 
 @dataclass(frozen=True)
 class Judged:
-    """A case, the verdict on its log, and the residual of the same log without the effect, or of the log itself if it has none."""
+    """A case, the verdict on its log, and the residual of the same log without the effect, or of the log itself if it has none.
+
+    Of a pair also the residual of the log with the one and with the other effect alone [kg/s].
+    """
 
     case: Case
     verdict: dict[str, Any]
     twin: dict[str, Any]
+    alone: tuple[float, ...] = ()
+
+    @property
+    def both_show(self) -> bool:
+        """Whether each effect of a pair moves the residual by itself."""
+        return len(self.alone) > 1 and min(self.alone) >= SHOWS * self.twin["error"]["before"]
 
     @property
     def before(self) -> float:
@@ -77,6 +86,13 @@ class Judged:
         )
 
 
+def _hidden(judged: Judged) -> str:
+    """Return a remark on a pair one of whose effects does not move the residual by itself."""
+    if judged.case.kind != "pair" or judged.both_show:
+        return ""
+    return " (alone: " + ", ".join(f"B/N {b / judged.twin['error']['before']:.2f}" for b in judged.alone) + ")"
+
+
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
@@ -94,7 +110,7 @@ def page(judged: Sequence[Judged]) -> str:
         "## Single effects\n\n" + effects_table([j for j in shown if j.case.kind == "single"]),
         "## Confusion\n\n" + confusion([j for j in shown if j.case.kind in ("single", "channel", "unlogged", "clean")]),
         "## Smaller than that\n\n" + small([j for j in judged if j not in shown]),
-        "## Misses\n\n" + "\n".join(f"- {j.line()}" for j in shown if not j.right),
+        "## Misses\n\n" + "\n".join(f"- {j.line()}{_hidden(j)}" for j in shown if not j.right),
     ]
     return "\n\n".join(parts)
 
@@ -124,12 +140,14 @@ def rates(judged: Sequence[Judged]) -> list[Rate]:
     shown = [j for j in judged if j.case.kind == "clean" or j.before >= SHOWS]
     clear = [j for j in shown if j.case.kind not in ("clean", "unlogged") and j.named and j.before >= CLEAR]
     right = {kind: [j.right for j in shown if j.case.kind == kind] for kind in KINDS}
+    visible = [j.right for j in shown if j.case.kind == "pair" and j.both_show]
     held = [inside for inside, _, _ in _intervals(shown)]
     recovered = [j.recovered >= 0.7 for j in clear]
     unharmed = [j.verdict["error"]["ratio"] <= 1.02 for j in judged]
     return [
         _rate("single effect: first named right, or in a set of three at most", right["single"], 0.90),
         _rate("pair: both found", right["pair"], 0.80),
+        _rate(f"pair, of which each alone moves the residual to {SHOWS}: both found", visible, 0.80),
         _rate("driven by a logged channel: named", right["channel"], 0.90),
         _rate("driven by nothing logged: `unexplained`, no name", right["unlogged"], 0.95),
         _rate("clean: `none`", right["clean"], 0.98),

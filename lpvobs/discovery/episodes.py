@@ -6,13 +6,15 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from lpvobs.discovery.linear import Linear, Term, residual_with
+from lpvobs.discovery.linear import Linear, Term, dot, residual_with
 from lpvobs.discovery.problem import STRETCH
 from lpvobs.discovery.ranking import least
 from lpvobs.records import Array
 
 SWITCH = 3.0
 """Times the logarithm of the number of instants: what a switch must gain, as much as an end of an interval costs the search."""
+OPPOSITE = 0.7
+"""Cosine from which on two effects are each other's opposite."""
 BLURRED = 0.002
 """Of what one interval gains: model error, which grows with the effect, may pretend a pause that gains so much."""
 
@@ -51,15 +53,22 @@ def sharpened(linear: Linear, index: int) -> Term:
 def comes_and_goes(linear: Linear, index: int) -> bool:
     """Return whether a term explains clearly more when it acts in several episodes than in the best one interval.
 
-    An effect of the same place that ends is put aside: it may be what undoes this one in a pause.
+    An effect that ends and undoes this one is put aside: together they are a pause.
     """
-    place = linear.terms[index].effect.place
-    undoing = [i for i, t in enumerate(linear.terms) if i != index and t.effect.place == place and np.isfinite(t.end)]
+    undoing = [i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _undoes(linear, i, index)]
     gain = advantage(linear, index, undoing)
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
     return float(gain[acting].sum()) > (1.0 + BLURRED) * one + least(linear.problem)
+
+
+def _undoes(linear: Linear, one: int, other: int) -> bool:
+    """Return whether what one term does to the residual is, while it acts, the opposite of what the other does."""
+    whole = residual_with(linear, linear.terms)
+    a, b = (whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]) for j in (one, other))
+    b = b * np.any(a != 0.0, axis=(0, 1))
+    return bool(dot(a, b) < -OPPOSITE * np.sqrt(max(dot(a, a) * dot(b, b), 0.0)))
 
 
 @njit(cache=True)

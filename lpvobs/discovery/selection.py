@@ -179,10 +179,13 @@ def _holds_out(before: Linear, after: Linear) -> bool:
 
 
 def _only_a_rest(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
-    """Return whether an effect has no one size and is little beside those named: what they leave where signals change fast."""
+    """Return whether an effect is what others leave in fast transients or at their edges.
+
+    It is little beside them, and has no one size or both begins and ends.
+    """
     most = max((c.gain for c, _ in accepted), default=0.0)
     little = candidate.gain < min(AGAIN * most, REST * 0.5 * problem.data)
-    return little and uneven_share(candidate, problem) > MOST_UNEVEN
+    return little and (candidate.changes > 1 or uneven_share(candidate, problem) > MOST_UNEVEN)
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
