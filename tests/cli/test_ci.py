@@ -1,5 +1,6 @@
 """The examples for CI: the Makefile fragment is run, the workflow calls it and keeps what it writes."""
 
+import os
 import re
 import shlex
 import shutil
@@ -31,7 +32,7 @@ def project(config, chain, table, tmp_path):
 def validate(project, gates):
     lpvobs = f"LPVOBS={shlex.quote(sys.executable)} -c {shlex.quote(RUN)}"
     call = ["make", "-f", FRAGMENT, "lpvobs-validate", lpvobs, "LPVOBS_GAIN=gain.h5", f"LPVOBS_GATES={gates}"]
-    return subprocess.run(call, cwd=project, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(call, cwd=project, env=ALONE, capture_output=True, text=True, timeout=300, check=False)
 
 
 def outcomes(project):
@@ -39,6 +40,8 @@ def outcomes(project):
     return {case.get("name"): next(item.tag for item in case) for case in root.iter("testcase")}
 
 
+ALONE = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
+"""Environment of a make that is nobody's part: the tests themselves may have been started by one."""
 needs_make = pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
 
 
@@ -61,7 +64,7 @@ def test_folders_may_be_called_anything(tmp_path, folder, named):
     (tmp_path / folder).mkdir()
     out = f"LPVOBS_OUT={folder}/a b"
     call = ["make", "-f", FRAGMENT, "lpvobs-validate", "LPVOBS=printf '%s\\n'", f"LPVOBS_LOGS={named}", out]
-    done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(call, cwd=tmp_path, env=ALONE, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     words = [named] if named == folder else shlex.split(named)
     assert done.stdout.splitlines() == ["estimate", *words, "--out", f"{folder}/a b/map.h5"]
