@@ -147,7 +147,7 @@ def rates(judged: Sequence[Judged]) -> list[Rate]:
     return [
         _rate("single effect: first named right, or in a set of three at most", right["single"], 0.90),
         _rate("pair: both found", right["pair"], 0.80),
-        _rate(f"pair, of which each alone moves the residual to {SHOWS}: both found", visible, 0.80),
+        _rate(f"both of a pair found, where each alone moves the residual to {SHOWS}", visible, 0.80),
         _rate("driven by a logged channel: named", right["channel"], 0.90),
         _rate("driven by nothing logged: `unexplained`, no name", right["unlogged"], 0.95),
         _rate("clean: `none`", right["clean"], 0.98),
