@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy.stats
@@ -134,7 +135,9 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         linear, accepted = exchanged(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
-    if uneven or _left_over(before, linear) or any(comes_and_goes(linear, i) for i in range(len(accepted))):
+    goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
+    apart = any(_apart(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
+    if uneven or goes or apart or _left_over(before, linear):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
@@ -227,8 +230,9 @@ def _twice_to_blame(candidate: Candidate, accepted: Sequence[Named]) -> bool:
 
 
 def _apart(one: Term, other: Term) -> bool:
-    """Return whether one term ends well before the other begins: farther than an edge that is badly placed reaches."""
-    return bool(one.end + STRETCH < other.begin or other.end + STRETCH < one.begin)
+    """Return whether terms of one place act one well before the other: farther apart than an edge that is badly placed reaches."""
+    apart = one.end + STRETCH < other.begin or other.end + STRETCH < one.begin
+    return bool(apart and one.effect.place == other.effect.place)
 
 
 def _finished(
