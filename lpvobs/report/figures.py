@@ -21,7 +21,7 @@ TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 WIDE, TALL = (7.4, 4.5), (7.4, 5.2)
-COLUMNS = 300
+COLUMNS = 250
 """Pixel columns that a time series is drawn with."""
 DETAIL = 40.0
 """[s], the stretch shown enlarged."""
