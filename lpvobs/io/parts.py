@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from lpvobs import __version__
 from lpvobs.errors import DataError
-from lpvobs.io.atomic import replacing
 from lpvobs.observer.parts import LogPart, LogRun, StateGain
 from lpvobs.records import Defects, Finding
 
@@ -124,8 +123,14 @@ class PartsFolder:
             raise DataError(
                 f"{self.path}: cannot be made ({error.strerror}); parts of many logs wait there: name a writable folder in --out"
             ) from None
-        with replacing(self._file(sha256)) as temporary:
+        # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
+        file = self._file(sha256)
+        temporary = file.with_name(f".{file.name}{ENDING}")
+        try:
             temporary.write_bytes(data)
+            temporary.replace(file)
+        except OSError as error:
+            raise DataError(f"{file}: writing failed ({error.strerror or error}); finished logs are kept") from None
 
     def read(self, sha256: str) -> StoredPart:
         """Return the part of a log that is known to be there."""
