@@ -52,7 +52,7 @@ class PublishedSettings:
     """Settings of the observer as the paper used it (Sec. 4).
 
     The proof of the paper takes a_1 and a_2 for constants. With the temperatures of a real drive in them, the published L is
-    unstable most of the time (it needs a_1/a_2 between 0.065 and 0.139), so they are constants here, too.
+    unstable most of the time (it needs a_1/a_2 between 0.064 and 0.139), so they are constants here, too.
 
     Attributes
     ----------
