@@ -50,8 +50,8 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
     """
     for name, channel in channels.items():
         _refuse_channel(path, name, values[name], channel)
-    for name, channel in channels.items():
-        _refuse_below(path, name, values, channel)
+    for name in channels:
+        _refuse_below(path, name, values, channels)
 
 
 def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
@@ -123,7 +123,7 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
             f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected between {low:g} and {high:g}; "
             f"its unit or sign is probably wrong"
         )
-    outside = float(np.mean((finite < channel.low) | (finite > channel.high)))
+    outside = float(np.mean(~_possible(finite, channel)))
     if outside > MOST_IMPOSSIBLE:
         raise DataError(
             f"{path}: channel '{name}' has {100 * outside:.0f} % of its readings outside {channel.low:g} to {channel.high:g} "
@@ -141,18 +141,24 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
         )
 
 
-def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channel: Channel) -> None:
+def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
     """Refuse a channel that reads less than what bounds it, such as exhaust gas that is colder than the air outside."""
+    channel = channels[name]
     if channel.above is None:
         return
     other, slack = channel.above
-    with np.errstate(invalid="ignore"):
-        below = float(np.mean(values[name] < values[other] - slack))  # False for NaN
+    both = _possible(values[name], channel) & _possible(values[other], channels[other])  # what is not is dropped later
+    below = np.count_nonzero(values[name][both] < values[other][both] - slack) / max(np.count_nonzero(both), 1)
     if below > MOST_BELOW:
         raise DataError(
             f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log, "
             f"which no engine does; the unit of one of them is probably wrong"
         )
+
+
+def _possible(column: Array, channel: Channel) -> Mask:
+    """Return which samples are readings that a working sensor can give; False for NaN."""
+    return (column >= channel.low) & (column <= channel.high)
 
 
 def _stuck(time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel], name: str) -> NDArray[np.int64]:

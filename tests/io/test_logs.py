@@ -328,6 +328,14 @@ def test_samples_that_cannot_be_are_dropped_and_counted(write, columns, read, ba
     assert log.defects.samples_read == 200
 
 
+@pytest.mark.parametrize("name", ["p_em", "T_em"])
+@pytest.mark.parametrize("bad", [-np.inf, 0.0])
+def test_a_sensor_that_fails_low_is_not_taken_for_a_wrong_unit(write, columns, read, name, bad):
+    """Exhaust gas is never colder than the air outside: but what the sensor cannot read says nothing about that."""
+    columns[name][20:38] = bad  # 9 %, within the share that a fault of the sensor explains
+    assert read(write(columns)).defects.dropped == {name: 18}
+
+
 def test_null_is_not_a_number(write, columns, read):
     columns["T_em"] = pa.array([None if k == 5 else float(v) for k, v in enumerate(columns["T_em"])])
     assert read(write(columns)).defects.dropped == {"T_em": 1}
