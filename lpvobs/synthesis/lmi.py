@@ -61,7 +61,7 @@ def free_gain(
     cascade : bool
         Keep the column of the map's output at zero.
     """
-    n, r = A.shape[1], C.shape[1]
+    _, r, n = C.shape
     P, Y, Z = cp.Variable((n, n), symmetric=True), cp.Variable((n, r)), cp.Variable((r, r), symmetric=True)
     allowed = linked.copy()
     if cascade:
@@ -91,7 +91,7 @@ def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -
     k : float
         eps_1 eps_2.
     """
-    n = closed.shape[1]
+    n, _ = L.shape
     P = cp.Variable((n, n), symmetric=True)
     column = L[:, [map_output]]
     beta, constraints = _vertices(P, [P @ f for f in closed], P @ column, C_2, k, not column.any())
@@ -101,7 +101,7 @@ def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -
 
 def _vertices(P: Any, halves: list[Any], PLG: Any, C_2: Array, k: float, cascade: bool) -> tuple[Any, list[Any]]:
     """Return beta and the constraints at the vertices; `halves` are P (A - L C); a cascade keeps beta at its bound."""
-    n = P.shape[0]
+    _, n = C_2.shape
     longest = float((C_2**2).sum(axis=1).max())
     least = 0.25 / longest if longest > 0.0 else 1.0
     if cascade:
