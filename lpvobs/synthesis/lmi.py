@@ -62,7 +62,8 @@ def free_gain(
         Keep the column of the map's output at zero.
     """
     _, r, n = C.shape
-    P, Y, Z = cp.Variable((n, n), symmetric=True), cp.Variable((n, r)), cp.Variable((r, r), symmetric=True)
+    P, Y = cp.Variable((n, n), symmetric=True), cp.Variable((n, r))
+    Z = cp.Variable((r, r), symmetric=True)
     allowed = linked.copy()
     if cascade:
         allowed[:, n + map_output] = False
@@ -72,7 +73,7 @@ def free_gain(
     halves = [P @ a - Y @ c for a, c in zip(A, C, strict=True)]
     beta, more = _vertices(P, halves, Y[:, [map_output]], C[:, map_output], k, cascade)
     word = _solve(cp.trace(P) + cp.trace(Z), constraints + more)
-    if P.value is None or Y.value is None:
+    if P.value is None:
         return word
     P_value, Y_value = np.where(allowed[:, :n], P.value, 0.0), np.where(allowed[:, n:], Y.value, 0.0)
     return _usable(P_value, lambda: np.linalg.solve(P_value, Y_value), beta, word)
