@@ -61,9 +61,10 @@ def _rate(largest_A: Array) -> float:
 def _units(largest_A: Array, largest_C: Array, rate: float) -> Array:
     """Return the diagonals of T and S, (n + r,), by least squares; of least norm where a scale is free."""
     r, n = largest_C.shape
-    couplings = np.vstack((largest_A / rate, largest_C)) * (1.0 - np.eye(n + r, n))  # but none of a state with itself
+    couplings = np.vstack((largest_A / rate, largest_C))
     i, j = np.nonzero(couplings)
     nodes = np.eye(n + r)
+    # The row of a state with itself is zero: it asks for nothing.
     logarithms = np.linalg.lstsq(nodes[j] - nodes[i], -np.log(couplings[i, j]), rcond=None)[0]
     return np.asarray(np.exp(logarithms))
 

@@ -7,7 +7,7 @@ All positive is a proof.
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def check(
     if reason:
         return verdict(reason, 0.0)
     exact_P, exact_Q = fractions(P), fractions(Q)
-    smallest = 1.0  # of any pivot over its diagonal entry
+    smallest = inf
     for name, matrix in (("P", exact_P), ("Q", exact_Q)):
         smallest = min(smallest, smallest_pivot(matrix))
         if smallest <= 0:

@@ -39,8 +39,10 @@ def smallest_pivot(matrix: Matrix) -> float:
     diagonal = [row[k] for k, row in enumerate(work)]
     before, smallest = 1, inf
     for k, pivot_row in enumerate(work):
+        if diagonal[k] <= 0:
+            return -1.0
         minor = pivot_row[k]
-        ratio = Fraction(minor, before * diagonal[k]) if diagonal[k] > 0 else Fraction(-1)
+        ratio = Fraction(minor, before * diagonal[k])
         if ratio <= 0:
             return float(max(ratio, Fraction(-1)))
         smallest = min(smallest, float(ratio) or TINY)

@@ -62,9 +62,11 @@ def bent_block(problem: Problem) -> tuple[str, ...] | None:
     over the whole and over the first third mean affine, for any polynomial without coefficients made to deceive.
     """
     blocks = problem.region.blocks()
-    rest = {name: value for names, corners in blocks for name, value in zip(names, _inside(corners, 1), strict=True)}
+    rest: dict[str, Fraction] = {}
     for names, corners in blocks:
-        end = dict(rest) | dict(zip(names, _inside(corners, 2), strict=True))
+        rest |= _inside(names, corners, 1)
+    for names, corners in blocks:
+        end = rest | _inside(names, corners, 2)
         third = {name: rest[name] + (end[name] - rest[name]) / 3 for name in rest}
         start, short, long = (_flat(problem, place) for place in (rest, third, end))
         if any(c - a != 3 * (b - a) for a, b, c in zip(start, short, long, strict=True)):
@@ -72,10 +74,10 @@ def bent_block(problem: Problem) -> tuple[str, ...] | None:
     return None
 
 
-def _inside(corners: tuple[Point, ...], power: int) -> Point:
+def _inside(names: Sequence[str], corners: Sequence[Point], power: int) -> dict[str, Fraction]:
     """Return an uneven mixture of a block's corners; another power is another mixture."""
     weights = [Fraction(k**power) for k in range(1, len(corners) + 1)]
-    return tuple(value / sum(weights) for value in product([weights], corners)[0])
+    return {name: value / sum(weights) for name, value in zip(names, product([weights], corners)[0], strict=True)}
 
 
 def _flat(problem: Problem, place: dict[str, Fraction]) -> list[Fraction]:

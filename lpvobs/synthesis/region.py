@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain, product
+from itertools import chain, pairwise, product
 from math import isfinite
 
 import numpy as np
@@ -123,13 +123,12 @@ def _clip(x: tuple[Fraction, ...], y: tuple[Fraction, ...]) -> tuple[Point, ...]
     """Return the corners of the rectangle x by y where the sum of the coordinates is not negative."""
     ring = list(dict.fromkeys(((x[0], y[0]), (x[-1], y[0]), (x[-1], y[-1]), (x[0], y[-1]))))
     corners: list[Point] = []
-    for here, there in zip(ring, ring[1:] + ring[:1], strict=True):
+    for here, there in pairwise([*ring, ring[0]]):
         sum_here, sum_there = here[0] + here[1], there[0] + there[1]
         if sum_here >= 0:
             corners.append(here)
         if sum_here * sum_there < 0:  # the edge crosses the cut
-            way = sum_here / (sum_here - sum_there)
-            corners.append(tuple(p + way * (q - p) for p, q in zip(here, there, strict=True)))
+            corners.append((here[0], -here[0]) if here[0] == there[0] else (-here[1], here[1]))
     return tuple(dict.fromkeys(corners))
 
 

@@ -81,14 +81,14 @@ def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], co
 
 def prove(problem: Problem, L: Array, P: Array, tau: tuple[float, float]) -> SensorState:
     """Return the proof for given numbers; raises NotProven where it fails. Needs no solver."""
-    exact_P, exact_L = fractions(P), fractions(L)
+    exact_P = fractions(P)
+    Y = product(exact_P, fractions(L))
     smallest, count = smallest_pivot(exact_P), 0
     for vertex in problem.region.vertices():
         for slowness in (Fraction(1.0 / tau[1]), Fraction(1.0 / tau[0])):
             A, C = augmented(problem, vertex, slowness)
-            closed = _minus(A, product(exact_L, C))
-            half = product(exact_P, closed)
-            falls = [[-(half[i][j] + half[j][i]) for j in range(len(half))] for i in range(len(half))]
+            PA, YC = product(exact_P, A), product(Y, C)
+            falls = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] for j in range(len(A))] for i in range(len(A))]
             smallest, count = min(smallest, smallest_pivot(falls)), count + 1
             if smallest <= 0:
                 place = problem.region.place(vertex)
@@ -119,7 +119,3 @@ def _weight(problem: Problem, gain: Gain, slowness: float, correction: float) ->
     pushed = np.einsum("ni,nij,nj->n", drive, np.linalg.inv(falls), drive)
     worst = float(pushed.max()) * slowness**2 / (2.0 * (slowness + correction))
     return 0.5 / max(worst, 1e-300)
-
-
-def _minus(left: Matrix, right: Matrix) -> Matrix:
-    return [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)]

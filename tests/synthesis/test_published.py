@@ -103,6 +103,12 @@ def test_the_far_end_itself_is_looked_at():
     assert (low, 3.999 < high < 4.0) == (0.25, True)
 
 
+def test_what_is_as_close_as_asked_for_is_not_halved():
+    edge = scalar(lambda x: x - 3)
+    assert hurwitz_interval(edge, NOTHING, 1.0, reach=4.0, resolution=float(np.log(4.0)))[1] == 1.0
+    assert hurwitz_interval(edge, NOTHING, 1.0, reach=4.0, resolution=1.38)[1] == 2.0  # ln 4 = 1.386...
+
+
 def test_a_start_outside_is_refused_with_its_value():
     with pytest.raises(UsageError, match="not Hurwitz at 4; expected a value inside"):
         hurwitz_interval(scalar(lambda x: x - 4), NOTHING, 4.0)

@@ -108,6 +108,16 @@ def test_two_states_and_a_sensor_by_hand():
     assert found.smallest_pivot == pytest.approx(0.5, rel=1e-12)  # rounding
 
 
+def test_a_full_P_by_hand():
+    # P (A - L C) = -[[2 a, 3], [a, 9]], so V loses [[4 a, 3 + a], [3 + a, 18]]; at a = 1 its inverse begins with 18/56, and
+    # 18/56 times 100 / (2 * 15) is 15/14.
+    problem = engine([3], [[1, 0], [1, 0]], 1)
+    found = with_sensor_state(problem, made(problem, np.zeros((2, 2)), [[2.0, 1.0], [1.0, 3.0]]), (0.1, 0.5), 5.0)
+    np.testing.assert_allclose(
+        found.P, [[2.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 7.0 / 15.0]], rtol=1e-14
+    )  # rounding
+
+
 def test_a_sensor_that_hears_of_no_state_is_proven_with_any_weight():
     deaf = engine([], [[0]], 0)
     found = with_sensor_state(deaf, made(deaf, [[0.0]], [[3.0]]), (0.1, 0.5), 0.0)

@@ -241,7 +241,9 @@ def test_the_largest_part_ends_where_the_hidden_state_stops_to_decay():
     assert found.problem.map_output == 0
 
 
-@pytest.mark.parametrize(("resolution", "scale", "refused"), [(0.5, 0.0, 0.5), (0.4, 0.25, 0.5), (0.2, 0.25, 0.375)])
+@pytest.mark.parametrize(
+    ("resolution", "scale", "refused"), [(1.0, 0.0, 1.0), (0.5, 0.0, 0.5), (0.4, 0.25, 0.5), (0.2, 0.25, 0.375)]
+)
 def test_bisection_stops_at_the_resolution_asked_for(resolution, scale, refused):
     found = largest_feasible(edge_at(2.0), (-1.0,), falling_gain=True, cascade=True, resolution=resolution)
     assert (found.scale, found.refused) == (scale, refused)
