@@ -61,7 +61,6 @@ PRELOADED = {
     "pandas",
     "msgspec",
     "pint",
-    "hypothesis",
 }
 """Libraries that are loaded once, for all mutants; nothing of the package is."""
 

@@ -44,7 +44,7 @@ def balance(A: Array, C: Array) -> Balance:
     Each entry counts with its largest magnitude over the N vertices.
     """
     largest_A, largest_C = np.abs(A).max(axis=0), np.abs(C).max(axis=0)
-    n = largest_A.shape[0]
+    n = len(largest_A)
     first = _units(largest_A, largest_C, 1.0)
     rate = _rate(largest_A * first[:n] / first[:n, None])
     units = _units(largest_A, largest_C, rate)
@@ -55,30 +55,25 @@ def _rate(largest_A: Array) -> float:
     """Return the plant's fastest rate, the Perron root: no units of the states change it; 1/s where there is none."""
     root = float(np.abs(np.linalg.eigvals(largest_A)).max())
     # A chain of integrators has none (nilpotent), and its computed eigenvalues are rounding, enlarged by the n-th root.
-    return root if np.linalg.matrix_power(largest_A, largest_A.shape[0]).any() else 1.0
+    return root if np.linalg.matrix_power(largest_A, len(largest_A)).any() else 1.0
 
 
 def _units(largest_A: Array, largest_C: Array, rate: float) -> Array:
     """Return the diagonals of T and S, (n + r,), by least squares; of least norm where a scale is free."""
-    n, r = largest_A.shape[0], largest_C.shape[0]
+    r, n = largest_C.shape
+    couplings = np.vstack((largest_A / rate, largest_C))
+    i, j = np.nonzero(couplings)
     nodes = np.eye(n + r)
-    rows, sides = [np.zeros(n + r)], [0.0]
-    for i, j in zip(*np.nonzero(largest_A), strict=True):
-        if i != j:
-            rows.append(nodes[j] - nodes[i])
-            sides.append(-np.log(largest_A[i, j] / rate))
-    for o, j in zip(*np.nonzero(largest_C), strict=True):
-        rows.append(nodes[j] - nodes[n + o])
-        sides.append(-np.log(largest_C[o, j]))
-    return np.asarray(np.exp(np.linalg.lstsq(np.array(rows), np.array(sides), rcond=None)[0]))
+    # The row of a state with itself is zero: it asks for nothing.
+    logarithms = np.linalg.lstsq(nodes[j] - nodes[i], -np.log(couplings[i, j]), rcond=None)[0]
+    return np.asarray(np.exp(logarithms))
 
 
 def _linked(largest_A: Array, largest_C: Array) -> NDArray[np.bool_]:
-    n, r = largest_A.shape[0], largest_C.shape[0]
+    r, n = largest_C.shape
     reach = np.eye(n + r, dtype=bool)
-    reach[:n, :n] |= (largest_A != 0) | (largest_A.T != 0)
-    reach[n:, :n] |= largest_C != 0
-    reach[:n, n:] |= largest_C.T != 0
+    reach[:, :n] |= np.vstack((largest_A, largest_C)) != 0
+    reach = reach | reach.T
     for _ in range(n + r):
         reach = reach @ reach
     return reach[:n]

@@ -7,15 +7,14 @@ All positive is a proof.
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import inf, isfinite, lcm
+from math import inf, isfinite
 
 import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.records import Array
-from lpvobs.synthesis.problem import Matrix, Problem, bent_block
-
-TINY = 5e-324  # stands for a positive pivot too small for a float, which must not read as zero
+from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
+from lpvobs.synthesis.problem import Problem, bent_block
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def check(
     if not (isfinite(eps_1) and isfinite(eps_2)):
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers: synthesise the gain again")
     e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
-    falls = e_1 > 0 and e_2 > 0 and 1 - e_1 - e_2 > 0
+    falls = 1 - e_1 - e_2 > 0
 
     def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
         where = None if failed is None else tuple(float(value) for value in failed)
@@ -93,51 +92,20 @@ def check(
     reason = _about_scalars(e_1, e_2, falling_gain) or _about_system(problem) or _about_symmetry(P, Q)
     if reason:
         return verdict(reason, 0.0)
-    exact_P, exact_Q = _fractions(P), _fractions(Q)
+    exact_P, exact_Q = fractions(P), fractions(Q)
     smallest = inf
     for name, matrix in (("P", exact_P), ("Q", exact_Q)):
         smallest = min(smallest, smallest_pivot(matrix))
         if smallest <= 0:
             return verdict(f"{name} is not positive definite", smallest)
-    Y = _product(exact_P, _fractions(L))
+    Y = product(exact_P, fractions(L))
     for vertex in vertices:
         A, C = problem.at(vertex)
         minus_M = _minus_M(A, C, problem.map_output, exact_P, Y, exact_Q, e_1, e_2)
         smallest = min(smallest, smallest_pivot(minus_M))
         if smallest <= 0:
-            place = ", ".join(f"{k} = {float(v):.6g}" for k, v in zip(problem.region.names, vertex, strict=True))
-            return verdict(f"M is not negative definite at {place}", smallest, vertex)
+            return verdict(f"M is not negative definite at {problem.region.place(vertex)}", smallest, vertex)
     return verdict("", smallest)
-
-
-def smallest_pivot(matrix: Matrix) -> float:
-    """Return the smallest pivot of LDL^T over its diagonal entry, or the first that is not positive.
-
-    Parameters
-    ----------
-    matrix : nested lists of Fraction, n x n
-        Symmetric. Positive definite if and only if the value returned is positive.
-
-    Notes
-    -----
-    On whole numbers by Bareiss' elimination, whose diagonal holds the leading minors; a pivot is the ratio of two of
-    them.
-    """
-    scale = lcm(*(entry.denominator for row in matrix for entry in row))
-    work = [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix]
-    diagonal = [row[k] for k, row in enumerate(work)]
-    before, smallest = 1, inf
-    for k, pivot_row in enumerate(work):
-        minor = pivot_row[k]
-        ratio = Fraction(minor, before * diagonal[k]) if diagonal[k] > 0 else Fraction(-1)
-        if ratio <= 0:
-            return float(max(ratio, Fraction(-1)))
-        smallest = min(smallest, float(ratio) or TINY)
-        for row in work[k + 1 :]:
-            for j in range(len(row) - 1, k - 1, -1):
-                row[j] = (row[j] * minor - row[k] * pivot_row[j]) // before
-        before = minor
-    return smallest
 
 
 def _minus_M(
@@ -145,7 +113,7 @@ def _minus_M(
 ) -> Matrix:
     """Return -M of Eq. (27), (n + 2) x (n + 2), with Y = P L."""
     n = len(A)
-    PA, YC = _product(P, A), _product(Y, C)
+    PA, YC = product(P, A), product(Y, C)
     zero = Fraction(0)
     rows = [
         [*(YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)), -Y[i][map_output], -C[map_output][i]]
@@ -154,15 +122,6 @@ def _minus_M(
     PLG = [-Y[i][map_output] for i in range(n)]
     C_2 = [-entry for entry in C[map_output]]
     return [*rows, [*PLG, eps_1, zero], [*C_2, zero, eps_2]]
-
-
-def _product(left: Matrix, right: Matrix) -> Matrix:
-    columns = list(zip(*right, strict=True))
-    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in left]
-
-
-def _fractions(values: Array) -> Matrix:
-    return [[Fraction(float(value)) for value in row] for row in values]
 
 
 def _sizes(problem: Problem) -> tuple[int, int]:

@@ -61,8 +61,9 @@ def free_gain(
     cascade : bool
         Keep the column of the map's output at zero.
     """
-    n, r = A.shape[1], C.shape[1]
-    P, Y, Z = cp.Variable((n, n), symmetric=True), cp.Variable((n, r)), cp.Variable((r, r), symmetric=True)
+    _, r, n = C.shape
+    P, Y = cp.Variable((n, n), symmetric=True), cp.Variable((n, r))
+    Z = cp.Variable((r, r), symmetric=True)
     allowed = linked.copy()
     if cascade:
         allowed[:, n + map_output] = False
@@ -72,7 +73,7 @@ def free_gain(
     halves = [P @ a - Y @ c for a, c in zip(A, C, strict=True)]
     beta, more = _vertices(P, halves, Y[:, [map_output]], C[:, map_output], k, cascade)
     word = _solve(cp.trace(P) + cp.trace(Z), constraints + more)
-    if P.value is None or Y.value is None:
+    if P.value is None:
         return word
     P_value, Y_value = np.where(allowed[:, :n], P.value, 0.0), np.where(allowed[:, n:], Y.value, 0.0)
     return _usable(P_value, lambda: np.linalg.solve(P_value, Y_value), beta, word)
@@ -91,7 +92,7 @@ def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -
     k : float
         eps_1 eps_2.
     """
-    n = closed.shape[1]
+    n, _ = L.shape
     P = cp.Variable((n, n), symmetric=True)
     column = L[:, [map_output]]
     beta, constraints = _vertices(P, [P @ f for f in closed], P @ column, C_2, k, not column.any())
@@ -101,7 +102,7 @@ def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -
 
 def _vertices(P: Any, halves: list[Any], PLG: Any, C_2: Array, k: float, cascade: bool) -> tuple[Any, list[Any]]:
     """Return beta and the constraints at the vertices; `halves` are P (A - L C); a cascade keeps beta at its bound."""
-    n = P.shape[0]
+    _, n = C_2.shape
     longest = float((C_2**2).sum(axis=1).max())
     least = 0.25 / longest if longest > 0.0 else 1.0
     if cascade:

@@ -10,9 +10,9 @@ import numpy as np
 
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
+from lpvobs.synthesis.exact import Matrix, product
 from lpvobs.synthesis.region import Point, Region
 
-Matrix = list[list[Fraction]]
 System = Callable[[Sequence[Fraction]], tuple[Sequence[Sequence[Any]], Sequence[Sequence[Any]]]]
 
 
@@ -62,9 +62,11 @@ def bent_block(problem: Problem) -> tuple[str, ...] | None:
     over the whole and over the first third mean affine, for any polynomial without coefficients made to deceive.
     """
     blocks = problem.region.blocks()
-    rest = {name: value for names, corners in blocks for name, value in zip(names, _inside(corners, 0), strict=True)}
+    rest: dict[str, Fraction] = {}
     for names, corners in blocks:
-        end = dict(rest) | dict(zip(names, _inside(corners, 1), strict=True))
+        rest |= _inside(names, corners, 1)
+    for names, corners in blocks:
+        end = rest | _inside(names, corners, 2)
         third = {name: rest[name] + (end[name] - rest[name]) / 3 for name in rest}
         start, short, long = (_flat(problem, place) for place in (rest, third, end))
         if any(c - a != 3 * (b - a) for a, b, c in zip(start, short, long, strict=True)):
@@ -72,12 +74,10 @@ def bent_block(problem: Problem) -> tuple[str, ...] | None:
     return None
 
 
-def _inside(corners: tuple[Point, ...], shift: int) -> Point:
-    """Return an uneven mixture of a block's corners; another shift is another mixture."""
-    weights = [Fraction(7 + (5 * (k + 3 * shift)) % 11) for k in range(len(corners))]
-    total = sum(weights)
-    mixed = (sum(w * x for w, x in zip(weights, axis, strict=True)) for axis in zip(*corners, strict=True))
-    return tuple(value / total for value in mixed)
+def _inside(names: Sequence[str], corners: Sequence[Point], power: int) -> dict[str, Fraction]:
+    """Return an uneven mixture of a block's corners; another power is another mixture."""
+    weights = [Fraction(k**power) for k in range(1, len(corners) + 1)]
+    return {name: value / sum(weights) for name, value in zip(names, product([weights], corners)[0], strict=True)}
 
 
 def _flat(problem: Problem, place: dict[str, Fraction]) -> list[Fraction]:

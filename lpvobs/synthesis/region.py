@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from itertools import chain, pairwise, product
 from math import isfinite
 
 import numpy as np
@@ -56,15 +56,11 @@ class Region:
 
     def vertices(self) -> tuple[Point, ...]:
         """Return every vertex as exact fractions, in the order of `names`, none twice."""
-        points = []
-        for choice in product(*(corners for _, corners in self.blocks())):
-            place = dict(
-                pair
-                for (names, _), corner in zip(self.blocks(), choice, strict=True)
-                for pair in zip(names, corner, strict=True)
-            )
-            points.append(tuple(place[name] for name in self.names))
-        return tuple(points)
+        blocks = self.blocks()
+        blockwise = [name for names, _ in blocks for name in names]
+        order = [blockwise.index(name) for name in self.names]
+        points = (list(chain(*choice)) for choice in product(*(corners for _, corners in blocks)))
+        return tuple(tuple(point[k] for k in order) for point in points)
 
     def blocks(self) -> tuple[tuple[tuple[str, ...], tuple[Point, ...]], ...]:
         """Return the factors of the product: the parameters of each block and its corners."""
@@ -104,9 +100,13 @@ class Region:
                 "values within the bounds: choose another centre"
             )
         # Rounding must not push a bound past the original one: the regions are promised to be nested.
-        lower = tuple(max(low, c + s * (low - c)) for c, low in zip(centre, self.lower, strict=True))
-        upper = tuple(min(high, c + s * (high - c)) for c, high in zip(centre, self.upper, strict=True))
-        return Region(self.names, lower, upper, self.nonnegative_sums)
+        point, low, high = np.array([centre, self.lower, self.upper], dtype=float)
+        lower, upper = np.maximum(low, point + s * (low - point)), np.minimum(high, point + s * (high - point))
+        return Region(self.names, tuple(lower.tolist()), tuple(upper.tolist()), self.nonnegative_sums)
+
+    def place(self, point: Sequence[Fraction]) -> str:
+        """Return a point as one line of text; raises ValueError where it has not one value per name."""
+        return ", ".join(f"{name} = {float(value):.6g}" for name, value in zip(self.names, point, strict=True))
 
     def __str__(self) -> str:
         """Return the bounds as one line of text."""
@@ -123,13 +123,12 @@ def _clip(x: tuple[Fraction, ...], y: tuple[Fraction, ...]) -> tuple[Point, ...]
     """Return the corners of the rectangle x by y where the sum of the coordinates is not negative."""
     ring = list(dict.fromkeys(((x[0], y[0]), (x[-1], y[0]), (x[-1], y[-1]), (x[0], y[-1]))))
     corners: list[Point] = []
-    for here, there in zip(ring, ring[1:] + ring[:1], strict=True):
+    for here, there in pairwise([*ring, ring[0]]):
         sum_here, sum_there = here[0] + here[1], there[0] + there[1]
         if sum_here >= 0:
             corners.append(here)
         if sum_here * sum_there < 0:  # the edge crosses the cut
-            way = sum_here / (sum_here - sum_there)
-            corners.append(tuple(p + way * (q - p) for p, q in zip(here, there, strict=True)))
+            corners.append((here[0], -here[0]) if here[0] == there[0] else (-here[1], here[1]))
     return tuple(dict.fromkeys(corners))
 
 

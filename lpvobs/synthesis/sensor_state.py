@@ -18,9 +18,9 @@ import numpy as np
 
 from lpvobs.errors import NotProven
 from lpvobs.records import Array
-from lpvobs.synthesis.certificate import smallest_pivot
+from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Matrix, Problem
+from lpvobs.synthesis.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +70,10 @@ def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], co
         raise NotProven(
             "gain: the sensor corrects the state, expected a cascade; synthesise with cascade = true in [gain]"
         )
-    n = gain.L.shape[0]
-    L = np.zeros((n + 1, gain.L.shape[1]))
+    n, r = gain.L.shape
+    L = np.zeros((n + 1, r))
     L[:n], L[n, problem.map_output] = gain.L, correction
-    ends = [1.0 / tau[1], 1.0 / tau[0]]
-    k = _weight(problem, gain, ends, correction)
+    k = _weight(problem, gain, 1.0 / tau[0], correction)
     P = np.zeros((n + 1, n + 1))
     P[:n, :n], P[n, n] = gain.P, k
     return prove(problem, L, P, tau)
@@ -82,19 +81,17 @@ def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], co
 
 def prove(problem: Problem, L: Array, P: Array, tau: tuple[float, float]) -> SensorState:
     """Return the proof for given numbers; raises NotProven where it fails. Needs no solver."""
-    exact_P, exact_L = _fractions(P), _fractions(L)
+    exact_P = fractions(P)
+    Y = product(exact_P, fractions(L))
     smallest, count = smallest_pivot(exact_P), 0
     for vertex in problem.region.vertices():
         for slowness in (Fraction(1.0 / tau[1]), Fraction(1.0 / tau[0])):
             A, C = augmented(problem, vertex, slowness)
-            closed = _minus(A, _product(exact_L, C))
-            half = _product(exact_P, closed)
-            falls = [[-(half[i][j] + half[j][i]) for j in range(len(half))] for i in range(len(half))]
+            PA, YC = product(exact_P, A), product(Y, C)
+            falls = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] for j in range(len(A))] for i in range(len(A))]
             smallest, count = min(smallest, smallest_pivot(falls)), count + 1
             if smallest <= 0:
-                place = ", ".join(
-                    f"{name} = {float(v):.6g}" for name, v in zip(problem.region.names, vertex, strict=True)
-                )
+                place = problem.region.place(vertex)
                 raise NotProven(f"sensor state: V does not fall at {place}, tau = {1.0 / float(slowness):.4g} s")
     return SensorState(L, P, tau, count, smallest)
 
@@ -110,25 +107,15 @@ def augmented(problem: Problem, vertex: Sequence[Fraction], slowness: Fraction) 
     return larger, outputs
 
 
-def _weight(problem: Problem, gain: Gain, ends: Sequence[float], correction: float) -> float:
-    """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them."""
+def _weight(problem: Problem, gain: Gain, slowness: float, correction: float) -> float:
+    """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them.
+
+    The fastest sensor is the worst: what drives it grows with the square of 1/tau, what calms it with 1/tau + l.
+    """
     A, C = problem.matrices()
     half = gain.P @ (A - gain.L @ C)
     falls = -(half + half.swapaxes(1, 2))
     drive = C[:, problem.map_output, :]
     pushed = np.einsum("ni,nij,nj->n", drive, np.linalg.inv(falls), drive)
-    worst = max(float(pushed.max()) * s**2 / (2.0 * (s + correction)) for s in ends)
+    worst = float(pushed.max()) * slowness**2 / (2.0 * (slowness + correction))
     return 0.5 / max(worst, 1e-300)
-
-
-def _fractions(values: Array) -> Matrix:
-    return [[Fraction(float(value)) for value in row] for row in values]
-
-
-def _product(left: Matrix, right: Matrix) -> Matrix:
-    columns = list(zip(*right, strict=True))
-    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in left]
-
-
-def _minus(left: Matrix, right: Matrix) -> Matrix:
-    return [[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)]

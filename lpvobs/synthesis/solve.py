@@ -115,8 +115,9 @@ def certify_fixed_gain(
     eps_1, eps_2 = _epsilon(epsilon, falling_gain)
     A, C = problem.matrices()
     L = np.array(L, dtype=float)
-    if L.shape != (A.shape[1], C.shape[1]) or not np.all(np.isfinite(L)):
-        raise DataError(f"gain: L has the shape {L.shape}, expected finite numbers in {(A.shape[1], C.shape[1])}")
+    _, r, n = C.shape
+    if L.shape != (n, r) or not np.all(np.isfinite(L)):
+        raise DataError(f"gain: L has the shape {L.shape}, expected finite numbers in {(n, r)}")
     closed = A - L @ C
     units = balance(closed, C)
     T, S, rate = units.states, units.outputs, units.rate

@@ -43,3 +43,44 @@ def test_parts_that_do_not_meet_are_told_apart():
     C = np.array([[[0.0, 0.0, 1.0], [0.0, 4.0, 0.0]]])
     expected = [[1, 0, 1, 1, 0], [0, 1, 0, 0, 1], [1, 0, 1, 1, 0]]
     assert balance(A, C).linked.tolist() == np.array(expected, dtype=bool).tolist()
+
+
+def test_one_state_by_hand():
+    # |A| = 4 is the rate; T / S = 1 / 3, and T S = 1 where nothing else sets the scale
+    units = balance(np.array([[[-4.0]]]), np.array([[[3.0]]]))
+    assert units.rate == pytest.approx(4.0, rel=1e-12)  # rounding, here and below
+    assert units.states == pytest.approx([1.0 / np.sqrt(3.0)], rel=1e-12)
+    assert units.outputs == pytest.approx([np.sqrt(3.0)], rel=1e-12)
+
+
+def test_a_chain_by_hand_counts_the_largest_magnitude_of_all_vertices():
+    A = np.array([[[-2.0, 1.0], [0.0, -0.5]], [[0.5, -8.0], [0.0, 1.0]]])
+    units = balance(A, np.array([[[0.0, 0.0]], [[-1.0, 0.0]]]))
+    assert units.rate == pytest.approx(2.0, rel=1e-12)
+    # The coupling of 8 1/s is 4 of that rate, so T_2 / T_1 = 1/4; T_1 = S; and T_1 T_2 S = 1.
+    assert units.states == pytest.approx([4.0 ** (1 / 3), 4.0 ** (-2 / 3)], rel=1e-12)
+    assert units.outputs == pytest.approx([4.0 ** (1 / 3)], rel=1e-12)
+
+
+def test_a_ring_by_hand():
+    # The rate is sqrt(4 * 16) = 8; in it the couplings are 1/2 and 2, which T_2 / T_1 = 2 makes one.
+    units = balance(np.array([[[0.0, 4.0], [16.0, 0.0]]]), np.array([[[0.0, 0.0]]]))
+    assert units.rate == pytest.approx(8.0, rel=1e-12)
+    assert units.states == pytest.approx([np.sqrt(0.5), np.sqrt(2.0)], rel=1e-12)
+    assert units.outputs.tolist() == [1.0]
+
+
+def test_states_that_nothing_touches_keep_their_units():
+    units = balance(np.diag([-1.0, -3.0])[None], np.zeros((1, 2, 2)))
+    assert units.rate == pytest.approx(3.0, rel=1e-12)
+    assert units.states.tolist() == [1.0, 1.0]
+    assert units.outputs.tolist() == [1.0, 1.0]
+    assert units.linked.tolist() == [[True, False, False, False], [False, True, False, False]]
+
+
+def test_ties_go_along_a_chain_in_either_direction():
+    A = np.zeros((1, 4, 4))
+    A[0, 0, 1], A[0, 2, 1], A[0, 2, 3] = 0.5, 0.25, 7.0  # 1 - 2 - 3 - 4, arrows both ways
+    C = np.zeros((1, 3, 4))
+    C[0, 1, 3] = 0.1
+    assert balance(A, C).linked.tolist() == [[True] * 4 + [False, True, False]] * 4

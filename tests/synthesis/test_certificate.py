@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.synthesis.certificate import check, smallest_pivot
+from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem, bent_block
 from lpvobs.synthesis.region import Region
@@ -29,53 +29,6 @@ def gain(wide) -> Gain:
 def verdict(problem, gain, **changes):
     g = replace(gain, **changes)
     return check(problem, g.L, g.P, g.Q, g.eps_1, g.eps_2, falling_gain=True)
-
-
-def pivots_by_the_textbook(matrix):
-    """LDL^T in fractions, column by column."""
-    rest, ratios = [row[:] for row in matrix], []
-    for k in range(len(rest)):
-        d = rest[k][k]
-        ratios.append(d / matrix[k][k])
-        if d <= 0:
-            break
-        for i in range(k + 1, len(rest)):
-            factor = rest[i][k] / d
-            for j in range(len(rest)):
-                rest[i][j] -= factor * rest[k][j]
-    return ratios
-
-
-def test_pivots_are_those_of_the_textbook():
-    rng = np.random.default_rng(2)
-    for size in (1, 2, 3, 5):
-        for _ in range(20):
-            root = rng.integers(-9, 10, (size, size + 1))
-            matrix = [[Fraction(int(v), 7) for v in row] for row in root @ root.T + np.eye(size, dtype=int)]
-            assert smallest_pivot(matrix) == pytest.approx(float(min(pivots_by_the_textbook(matrix))), rel=1e-15)
-
-
-def test_the_sign_of_pivots_is_that_of_eigenvalues():
-    rng = np.random.default_rng(3)
-    verdicts = set()
-    for _ in range(200):
-        root = rng.standard_normal((3, 3))
-        matrix = root + root.T + 2.0 * np.eye(3)
-        positive = smallest_pivot([[Fraction(v) for v in row] for row in matrix]) > 0
-        assert positive == (np.linalg.eigvalsh(matrix).min() > 0)  # random: never within rounding of zero
-        verdicts.add(positive)
-    assert verdicts == {True, False}
-
-
-def test_what_floats_cannot_see_is_seen():
-    hilbert = [[Fraction(1, i + j + 1) for j in range(15)] for i in range(15)]
-    assert smallest_pivot(hilbert) > 0
-    assert np.linalg.eigvalsh(np.array(hilbert, dtype=float)).min() < 1e-16  # floats cannot tell
-    ulp = Fraction(1, 2**200)
-    assert smallest_pivot([[Fraction(1), Fraction(1)], [Fraction(1), 1 + ulp]]) > 0
-    assert smallest_pivot([[Fraction(1), Fraction(1)], [Fraction(1), Fraction(1)]]) <= 0
-    assert smallest_pivot([[Fraction(1), Fraction(1)], [Fraction(1), 1 - ulp]]) <= 0
-    assert smallest_pivot([[Fraction(0)]]) <= 0
 
 
 def scalar_problem():
@@ -201,3 +154,164 @@ def test_checking_needs_neither_solver_nor_scipy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def minus_M(A, C, m, L, P, Q, eps_1, eps_2):
+    """Eq. (27) in floats, with the sign that makes it positive definite."""
+    closed, column, row = A - L @ C, P @ L[:, [m]], C[[m]]
+    corner = np.diag([eps_1, eps_2])
+    side = np.hstack((column, row.T))
+    return -np.block([[closed.T @ P + P @ closed + Q, side], [side.T, -corner]])
+
+
+def pivots(matrix):
+    """Pivots over diagonal entries from a Cholesky factor."""
+    return np.diag(np.linalg.cholesky(matrix)) ** 2 / np.diag(matrix)
+
+
+def constant(A, C, m):
+    return Problem(lambda _: (A.tolist(), C.tolist()), Region(("a",), (1.0,), (1.0,)), m)
+
+
+def whole_plant(seed):
+    """Three states in whole numbers, diagonally dominant, two outputs; a small gain, and P and Q of no shape in particular."""
+    rng = np.random.default_rng(seed)
+    A = rng.integers(-3, 4, (3, 3)) - 20 * np.eye(3, dtype=int)
+    root = rng.standard_normal((2, 3, 3))
+    P, Q = 4.0 * np.eye(3) + 0.1 * (root + root.swapaxes(1, 2))
+    return A, rng.integers(-2, 3, (2, 3)), 0.3 * rng.standard_normal((3, 2)), P, Q
+
+
+@pytest.mark.parametrize("map_output", [0, 1])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_smallest_pivot_is_that_of_the_theorem_s_matrices(seed, map_output):
+    A, C, L, P, Q = whole_plant(seed)
+    found = check(constant(A, C, map_output), L, P, Q, 0.6, 0.7)
+    least = min(pivots(m).min() for m in (P, Q, minus_M(A, C, map_output, L, P, Q, 0.6, 0.7)))
+    assert found.proven
+    assert (found.vertices, found.failed_vertex, found.reason, found.falling_gain) == (1, None, "", False)
+    assert found.smallest_pivot == pytest.approx(least, rel=1e-12)  # the floats' rounding
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_verdict_turns_where_an_eigenvalue_does(seed):
+    A, C, L, P, Q = whole_plant(seed)
+    verdicts = []
+    for eps_1 in np.geomspace(0.003, 1.0, 20):
+        proven = check(constant(A, C, 1), L, P, Q, eps_1, 0.7).proven
+        assert proven == (np.linalg.eigvalsh(minus_M(A, C, 1, L, P, Q, eps_1, 0.7)).min() > 0.0)
+        verdicts.append(proven)
+    assert verdicts == sorted(verdicts)  # more eps_1, more room
+    assert set(verdicts) == {False, True}
+
+
+def test_pivots_of_one_state_by_hand():
+    # A = -a, C = L = P = 1, Q = 1/2: the first entry is 2 a + 3/2; eps = (1/2, 1). At a = 1 the pivots over their diagonals are
+    # 1, (1/2 - 2/7) / (1/2) = 3/7, and 1 - 1 / (7/2 - 2) = 1/3; at a = 2 they are larger.
+    found = check(scalar_problem(), ONE, ONE, ONE * 0.5, 0.5, 1.0)
+    assert found.smallest_pivot == pytest.approx(1.0 / 3.0, rel=1e-15)  # a fraction, rounded once
+    assert (found.vertices, found.failed_vertex, found.reason) == (2, None, "")
+
+
+def test_the_least_pivot_may_be_that_of_P_or_of_Q():
+    A, C, L = np.array([[-108, 100], [100, -108]]), np.eye(2, dtype=int), np.zeros((2, 2))  # damps what P sees least
+    narrow = np.array([[1.0, 0.9375], [0.9375, 1.0]])  # second pivot 1 - 225/256
+    for P, Q in ((narrow, 0.125 * np.eye(2)), (np.eye(2), 0.125 * narrow)):
+        assert check(constant(A, C, 0), L, P, Q, 0.5, 0.9).smallest_pivot == pytest.approx(31 / 256, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("eps_1", "eps_2", "falling_gain", "reason"),
+    [
+        (0.0, 1.0, False, "eps_1 and eps_2 must be positive"),
+        (1.0, 0.0, False, "eps_1 and eps_2 must be positive"),
+        (-0.25, 0.5, True, "eps_1 and eps_2 must be positive"),
+        (0.5, -0.25, True, "eps_1 and eps_2 must be positive"),
+        (1.25, 0.75, False, "2 - eps_1 - eps_2 > 0 does not hold"),
+        (0.75, 1.5, False, "2 - eps_1 - eps_2 > 0 does not hold"),
+        (0.25, 0.75, True, "1 - eps_1 - eps_2 > 0 does not hold"),
+        (0.75, 0.5, True, "1 - eps_1 - eps_2 > 0 does not hold"),
+    ],
+)
+def test_epsilon_outside_the_conditions_proves_nothing(eps_1, eps_2, falling_gain, reason):
+    found = check(scalar_problem(), ONE, ONE, ONE * 0.1, eps_1, eps_2, falling_gain=falling_gain)
+    assert not found.proven
+    assert not found.falling_gain
+    assert found.reason == reason
+    assert (found.vertices, found.smallest_pivot, found.failed_vertex) == (2, 0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("eps_1", "eps_2", "falls"),
+    [
+        (0.5, 0.5, False),  # the sum is one: the edge itself is not enough
+        (0.5, np.nextafter(0.5, 0.0), True),
+        (0.25, 1.5, False),
+        (1.25, 0.25, False),
+        (0.125, 0.25, True),
+    ],
+)
+def test_falling_gains_are_covered_where_the_sum_is_under_one(eps_1, eps_2, falls):
+    # A small gain and a large P leave room for any of these; falling gains were not asked for.
+    found = check(scalar_problem(), ONE * 2.0**-6, ONE * 8.0, ONE, eps_1, eps_2)
+    assert found.proven
+    assert found.falling_gain is falls
+
+
+def test_the_first_vertex_that_fails_is_named():
+    problem = Problem(lambda p: ([[p[0] - p[1]]], [[1]]), Region(("a", "b"), (-4.0, 0.5), (3.0, 2.0)), 0)
+    found = check(problem, ONE * 0.0, ONE, ONE * 0.125, 0.9, 0.9)
+    assert found.failed_vertex == (3.0, 0.5)
+    assert found.reason == "M is not negative definite at a = 3, b = 0.5"
+    assert found.smallest_pivot == -1.0  # the entry itself is negative
+    assert found.vertices == 4
+
+
+def test_no_vertex_is_named_where_P_or_Q_fails():
+    A, C = -8 * np.eye(2, dtype=int), np.eye(2, dtype=int)
+    flat, good = np.ones((2, 2)), np.eye(2)
+    for name, P, Q in (("P", flat, good), ("Q", good, flat), ("P", flat, flat)):
+        found = check(constant(A, C, 0), np.zeros((2, 2)), P, Q, 0.5, 0.9)
+        assert (found.proven, found.smallest_pivot, found.failed_vertex) == (False, 0.0, None)
+        assert found.reason == f"{name} is not positive definite"
+
+
+@pytest.mark.parametrize(
+    ("P", "Q", "name"), [([[1, 0.5], [0.25, 1]], [[1, 0], [0, 1]], "P"), ([[1, 0], [0, 1]], [[1, 0], [1, 2]], "Q")]
+)
+def test_lopsided_matrices_are_named(P, Q, name):
+    A, C = -8 * np.eye(2, dtype=int), np.eye(2, dtype=int)
+    found = check(constant(A, C, 0), np.zeros((2, 2)), np.array(P, dtype=float), np.array(Q, dtype=float), 0.5, 0.9)
+    assert (found.proven, found.reason, found.smallest_pivot) == (False, f"{name} is not symmetric", 0.0)
+
+
+def test_a_system_that_bends_is_refused_by_the_names_of_what_bends_it():
+    region = Region(("x", "y", "z"), (1.0, 1.0, 1.0), (2.0, 2.0, 2.0), (("y", "z"),))
+    found = check(Problem(lambda p: ([[-p[1] * p[2]]], [[1]]), region, 0), ONE * 0, ONE, ONE * 0.1, 0.9, 0.9)
+    assert (found.proven, found.smallest_pivot, found.vertices) == (False, 0.0, 8)
+    assert found.reason == "the system is not affine in y and z, so vertices prove nothing"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"L": np.ones((1, 2))}, "L has the shape \\(1, 2\\), expected \\(1, 1\\)"),
+        ({"P": np.ones((2, 2))}, "P has the shape"),
+        ({"Q": np.ones(1)}, "Q has the shape \\(1,\\)"),
+        ({"L": ONE * np.nan}, "L holds NaN or infinity"),
+        ({"P": ONE * np.inf}, "P holds NaN or infinity"),
+        ({"Q": -ONE * np.inf}, "Q holds NaN or infinity"),
+        ({"eps_1": np.inf}, "eps_1 = inf, eps_2 = 0.5, expected finite"),
+        ({"eps_2": np.nan}, "eps_1 = 0.5, eps_2 = nan, expected finite"),
+    ],
+)
+def test_the_refusal_of_numbers_says_why(changes, words):
+    numbers = {"L": ONE, "P": ONE, "Q": ONE, "eps_1": 0.5, "eps_2": 0.5} | changes
+    with pytest.raises(DataError, match=words):
+        check(scalar_problem(), **numbers)
+
+
+def test_one_entry_that_is_no_number_is_enough():
+    A, C, eye = -8 * np.eye(2, dtype=int), np.eye(2, dtype=int), np.eye(2)
+    with pytest.raises(DataError, match="P holds NaN"):
+        check(constant(A, C, 0), 0 * eye, np.array([[1.0, 0.0], [0.0, np.nan]]), eye, 0.5, 0.5)

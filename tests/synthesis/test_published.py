@@ -1,12 +1,14 @@
 """The one check of the paper's own number that anyone can make."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.synthesis.gain import hurwitz_at_vertices
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import EPSILON, TABLE_1, hull, hurwitz_interval, published_gain
+from lpvobs.synthesis.published import EPSILON, OUTPUTS, TABLE_1, hull, hurwitz_interval, published_gain
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import certify_fixed_gain
 
@@ -67,7 +69,80 @@ def test_far_inside_there_is_no_limit_to_find_and_far_outside_no_start(diesel):
         hurwitz_interval(problem, published_gain(), 1.0)
 
 
-def test_table_1_is_in_order_and_its_hull_covers_it():
+def scalar(entry):
+    """A system of one state with one number in it, and a gain of zero."""
+    return lambda x: Problem(lambda _: ([[entry(Fraction(x))]], [[1]]), Region(("a",), (0.0,), (0.0,)), 0)
+
+
+NOTHING = np.zeros((1, 1))
+
+
+def test_limits_are_found_from_below_and_from_above():
+    # x - 4 < 0 and 1/2 - x < 0, starting at 1: two systems, each with one limit
+    low, high = hurwitz_interval(scalar(lambda x: x - 4), NOTHING, 1.0)
+    assert low == 0.01  # nothing in the way down to a hundredth
+    assert 4.0 * (1.0 - 1e-4) <= high < 4.0
+    low, high = hurwitz_interval(scalar(lambda x: Fraction(1, 2) - x), NOTHING, 1.0)
+    assert 0.5 < low <= 0.5 * (1.0 + 1e-4)
+    assert high == 100.0
+    # (x - 4)(x - 1/2) < 0: both at once
+    low, high = hurwitz_interval(scalar(lambda x: (x - 4) * (x - Fraction(1, 2))), NOTHING, 1.0, resolution=0.01)
+    assert 0.5 < low <= 0.5 * np.exp(0.01)
+    assert 4.0 * np.exp(-0.01) <= high < 4.0
+
+
+def test_limits_are_as_close_as_asked_for_by_default():
+    for edge in np.linspace(1.5, 60.0, 40):  # bisection alone would often come closer by luck
+        high = hurwitz_interval(scalar(lambda x, edge=edge: x - Fraction(edge)), NOTHING, 1.0)[1]
+        assert edge * (1.0 - 1.0001e-4) <= high < edge
+
+
+def test_the_far_end_itself_is_looked_at():
+    assert hurwitz_interval(scalar(lambda x: x - 4), NOTHING, 1.0, reach=3.5) == (1.0 / 3.5, 3.5)
+    low, high = hurwitz_interval(scalar(lambda x: x - 4), NOTHING, 1.0, reach=4.0)  # there it is not Hurwitz any more
+    assert (low, 3.999 < high < 4.0) == (0.25, True)
+
+
+def test_what_is_as_close_as_asked_for_is_not_halved():
+    edge = scalar(lambda x: x - 3)
+    assert hurwitz_interval(edge, NOTHING, 1.0, reach=4.0, resolution=float(np.log(4.0)))[1] == 1.0
+    assert hurwitz_interval(edge, NOTHING, 1.0, reach=4.0, resolution=1.38)[1] == 2.0  # ln 4 = 1.386...
+
+
+def test_a_start_outside_is_refused_with_its_value():
+    with pytest.raises(UsageError, match="not Hurwitz at 4; expected a value inside"):
+        hurwitz_interval(scalar(lambda x: x - 4), NOTHING, 4.0)
+
+
+def test_table_1_is_as_printed():
+    """The paper's page, in its units of 1e-7 (rho_5: one), but for the lower bound 146 of FTP75 that stands above the upper one."""
+    printed = {
+        "ETC": "19 150  -1.65 1.6  1.09 6.4  0.61 6.01  0 3.15",
+        "FTP75": "46 110  -0.56 1.15  1.18 6  0.75 5.4  0 2.78",
+        "NEDC": "49 130  -0.003 1.0  1.1 5.4  0.62 4.7  0 2.67",
+    }
+    assert list(TABLE_1) == list(printed)
+    for column, row in printed.items():
+        expected = np.array(row.split(), dtype=float).reshape(5, 2)
+        units = np.array([[1e-7]] * 4 + [[1.0]])
+        # a product with 1e-7 rounds once, a literal with its exponent does, too
+        np.testing.assert_allclose(TABLE_1[column], expected * units, rtol=1e-15)
+        assert (expected[:, 0] < expected[:, 1]).all()
+
+
+def test_the_hull_is_the_etc_column_which_holds_the_others():
+    assert hull() == TABLE_1["ETC"]
     for column in TABLE_1.values():
         for (low, high), (hull_low, hull_high) in zip(column, hull(), strict=True):
             assert hull_low <= low <= high <= hull_high
+
+
+def test_the_published_gain_is_as_printed():
+    """Eq. (38) and what stands before it, digit by digit."""
+    assert published_gain().tolist() == [
+        [float("1635.83"), -float("124.95"), float("6.52e-7")],
+        [-float("16063.4"), float("3135.43"), float("1.67e-7")],
+        [float("4.2"), float("29.7"), float("4.55e-20")],
+    ]
+    assert EPSILON == (0.25, 0.11)
+    assert OUTPUTS == ("p_im", "omega_t", "W_maf")

@@ -1,0 +1,53 @@
+"""Matrices of fractions: what the proofs are worked out in."""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import inf, lcm
+
+from lpvobs.records import Array
+
+Matrix = list[list[Fraction]]
+TINY = 5e-324  # stands for a positive pivot too small for a float, which must not read as zero
+
+
+def fractions(values: Array) -> Matrix:
+    """Return the exact values of a matrix of floats."""
+    return [[Fraction(float(value)) for value in row] for row in values]
+
+
+def product(left: Sequence[Sequence[Fraction]], right: Sequence[Sequence[Fraction]]) -> Matrix:
+    """Return the product of two matrices; raises ValueError where they do not fit."""
+    columns = list(zip(*right, strict=True))
+    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction()) for column in columns] for row in left]
+
+
+def smallest_pivot(matrix: Matrix) -> float:
+    """Return the smallest pivot of LDL^T over its diagonal entry, or the first that is not positive.
+
+    Parameters
+    ----------
+    matrix : nested lists of Fraction, n x n
+        Symmetric. Positive definite if and only if the value returned is positive.
+
+    Notes
+    -----
+    On whole numbers by Bareiss' elimination, whose diagonal holds the leading minors; a pivot is the ratio of two of
+    them.
+    """
+    scale = lcm(*(entry.denominator for row in matrix for entry in row))
+    work = [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix]
+    diagonal = [row[k] for k, row in enumerate(work)]
+    before, smallest = 1, inf
+    for k, pivot_row in enumerate(work):
+        if diagonal[k] <= 0:
+            return -1.0
+        minor = pivot_row[k]
+        ratio = Fraction(minor, before * diagonal[k])
+        if ratio <= 0:
+            return float(max(ratio, Fraction(-1)))
+        smallest = min(smallest, float(ratio) or TINY)
+        for row in work[k + 1 :]:
+            for j in range(k + 1, len(row)):
+                row[j] = (row[j] * minor - row[k] * pivot_row[j]) // before
+        before = minor
+    return smallest
