@@ -148,7 +148,8 @@ def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channels: 
         return
     other, slack = channel.above
     both = _possible(values[name], channel) & _possible(values[other], channels[other])  # what is not is dropped later
-    below = np.count_nonzero(values[name][both] < values[other][both] - slack) / max(np.count_nonzero(both), 1)
+    lower = np.count_nonzero(values[name][both] < values[other][both] - slack)
+    below = lower / max(int(np.count_nonzero(both)), 1)
     if below > MOST_BELOW:
         raise DataError(
             f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log, "
