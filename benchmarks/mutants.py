@@ -73,6 +73,15 @@ EQUIVALENT = {
     ("observer/balance_errors.py:116", "1", "2"): "NumPy takes any negative length for the one that it finds itself",
     ("observer/estimate.py:144", "True", "False"): "both sequences are made from one",
     ("observer/rivals.py:56", "0", "1"): "a column that nothing is added to, and nobody reads",
+    ("synthesis/balance.py:48", "1.0", "2.0"): "no units change the fastest rate; these keep rounding small",
+    ("synthesis/lmi.py:66", "True", "False"): "only the symmetric part counts, in the trace and in the inequality",
+    ("synthesis/lmi.py:110", "True", "False"): "only the symmetric part counts in either inequality",
+    ("synthesis/problem.py:69", "2", "3"): "another uneven mixture",
+    ("synthesis/problem.py:80", "True", "False"): "a corner has a value for each name",
+    ("synthesis/published.py:34", "True", "False"): "all columns of the table have five rows",
+    ("synthesis/region.py:113", "True", "False"): "a region of other lengths is refused",
+    ("synthesis/region.py:142", "True", "False"): "other lengths have been refused",
+    ("synthesis/sensor_state.py:121", "1e-300", "2e-300"): "where no state is heard any weight will do",
 }
 """Mutants that do what the original does, by place, before and after: the reason."""
 
