@@ -249,6 +249,20 @@ def test_bisection_stops_at_the_resolution_asked_for(resolution, scale, refused)
     assert (found.scale, found.refused) == (scale, refused)
 
 
+def test_no_part_is_tried_twice(monkeypatch):
+    solved, original = [], lmi.free_gain
+
+    def counted(A, *others):
+        solved.append(A)
+        return original(A, *others)
+
+    monkeypatch.setattr(lmi, "free_gain", counted)
+    for resolution, parts in ((1.0, 2), (0.5, 3), (0.25, 4)):  # the whole, the centre, and so many halves
+        solved.clear()
+        largest_feasible(edge_at(2.0), (-1.0,), falling_gain=True, cascade=True, resolution=resolution)
+        assert len(solved) == parts
+
+
 def test_a_region_that_can_be_had_is_not_shrunk():
     problem = edge_at(-0.25)
     found = largest_feasible(problem, (-0.5,), falling_gain=True, cascade=True)
