@@ -48,9 +48,6 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             fail(str(error), error.exit_code)
         except Stopped as stop:
             fail(f"{stop.word}; no file was changed by the unfinished step", stop.exit_code)
-        except BrokenPipeError:
-            sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115 keeps the interpreter quiet at exit
-            raise typer.Exit(0) from None
         except OSError as error:
             if error.errno not in DISK_FAILURES:
                 _fault(error)

@@ -24,6 +24,8 @@ from lpvobs.cli import (
     verify,
 )
 from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
+from lpvobs.cli.streams import Outlet, take_streams
+from lpvobs.errors import DataError
 
 app = typer.Typer(
     name="lpvobs",
@@ -69,11 +71,24 @@ def run() -> None:
         # Whatever the environment says: threads sum in another order, so their number would show in the bytes of the results.
         # The matrices are small, and threads would cost more than they gain.
         os.environ[f"{library}_NUM_THREADS"] = "1"
+    out = take_streams()
     catch_signals()
     try:
         app()
     except Stopped as stop:
         sys.exit(stop.exit_code)
+    except SystemExit as end:
+        sys.exit(end.code or _flushed(out))
     finally:
         ignore_signals()
+        sys.stdout.flush()
         gc.freeze()  # all goes now: to look for what nobody refers to would take a fifth of a short verb's time
+
+
+def _flushed(out: Outlet) -> int:
+    """Return the exit code of a verb that has done its work: not 0 where nobody could read what it said."""
+    sys.stdout.flush()
+    if out.lost is None:
+        return 0
+    print(f"lpvobs: stdout: {out.lost.strerror}; the verb has ended, its files are whole; make room", file=sys.stderr)
+    return DataError.exit_code
