@@ -47,7 +47,7 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
         except LpvobsError as error:
             fail(str(error), error.exit_code)
         except Stopped as stop:
-            fail(f"{stop.word}; no file was changed by the unfinished step", stop.exit_code)
+            fail(str(stop), stop.exit_code)
         except OSError as error:
             if error.errno not in DISK_FAILURES:
                 _fault(error)

@@ -66,7 +66,7 @@ def main(
 
 
 def run() -> None:
-    """Run the command line; the console script."""
+    """Run the command line."""
     for library in ("OPENBLAS", "OMP", "MKL"):
         # Whatever the environment says: threads sum in another order, so their number would show in the bytes of the results.
         # The matrices are small, and threads would cost more than they gain.
@@ -75,7 +75,8 @@ def run() -> None:
     catch_signals()
     try:
         app()
-    except Stopped as stop:
+    except Stopped as stop:  # before or after the verb, which says so itself
+        print(f"lpvobs: {stop}", file=sys.stderr)
         sys.exit(stop.exit_code)
     except SystemExit as end:
         sys.exit(end.code or _flushed(out))

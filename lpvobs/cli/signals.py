@@ -16,6 +16,9 @@ class Stopped(BaseException):
     exit_code: ClassVar[int]
     word: ClassVar[str]
 
+    def __str__(self) -> str:
+        return f"{self.word}; no file was changed by the unfinished step"
+
 
 class Interrupted(Stopped):
     """SIGINT arrived."""
