@@ -15,7 +15,7 @@ from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
-from lpvobs.cli.signals import Stopped
+from lpvobs.cli.signals import Stopped, ignore_signals, received
 from lpvobs.errors import LpvobsError, UsageError
 
 P = ParamSpec("P")
@@ -44,21 +44,31 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             return verb(*args, **kwargs)
         except typer.Exit:
             raise
-        except LpvobsError as error:
-            fail(str(error), error.exit_code)
         except Stopped as stop:
             fail(str(stop), stop.exit_code)
+        except LpvobsError as error:
+            _stopped(received())
+            fail(str(error), error.exit_code)
         except OSError as error:
+            _stopped(received())
             if error.errno not in DISK_FAILURES:
                 _fault(error)
             where = f"{error.filename}: " if error.filename else ""
             fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
-        except (Exception, MemoryError) as error:
+        except Exception as error:
+            _stopped(received())
             _fault(error)
         finally:
             _release_claims()
 
     return run
+
+
+def _stopped(stop: Stopped | None) -> None:
+    """Leave if a signal has arrived, whatever has come of it on the way."""
+    if stop is not None:
+        ignore_signals()  # one line, not a second one when it is repeated
+        fail(str(stop), stop.exit_code)
 
 
 def _fault(error: BaseException) -> NoReturn:
