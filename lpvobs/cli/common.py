@@ -31,6 +31,8 @@ ConfigOption = Annotated[
 ]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
+REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
+"""What the system says of a name, a right, or too many open files: nothing that the program has done wrong."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 
@@ -51,10 +53,12 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             fail(str(error), error.exit_code)
         except OSError as error:
             _stopped(received())
-            if error.errno not in DISK_FAILURES:
-                _fault(error)
             where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
+            if error.errno in DISK_FAILURES:
+                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
+            if error.errno in REFUSALS:
+                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; mend that and try again", 3)
+            _fault(error)
         except Exception as error:
             _stopped(received())
             _fault(error)
@@ -113,8 +117,10 @@ def load_compiler() -> None:
 
 def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
     """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
+    from lpvobs.io.atomic import is_same
+
     for path in inputs:
-        if out.exists() and path.exists() and out.samefile(path):
+        if is_same(out, path):
             raise UsageError(f"{option} {out}: is also an input and would be lost; name another file")
     claim(out)
 

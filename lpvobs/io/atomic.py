@@ -80,6 +80,14 @@ def claim(target: Path) -> None:
                 left.unlink(missing_ok=True)
 
 
+def is_same(target: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file, by whatever links; what is not there is no file."""
+    try:
+        return target.samefile(other)
+    except (OSError, ValueError):
+        return False
+
+
 def release(target: Path) -> None:
     """Let others write a target that was claimed."""
     target = target.resolve()
