@@ -25,6 +25,7 @@ ConfigOption = Annotated[
     Path | None,
     typer.Option(
         "--config",
+        readable=False,
         metavar="TOML",
         help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
     ),

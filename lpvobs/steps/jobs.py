@@ -91,8 +91,7 @@ def _in_processes(
     try:
         while True:
             while len(under_way) < ahead and (following := next(waiting, None)) is not None:
-                with _no_interrupt():
-                    under_way[pool.submit(function, following[1])] = following[0]
+                under_way[_submitted(pool, function, following[1])] = following[0]
             if not under_way:
                 break
             for future in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -101,6 +100,14 @@ def _in_processes(
         raise DataError(
             "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
         ) from None
+
+
+def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+    try:
+        with _no_interrupt():
+            return pool.submit(function, task)
+    except OSError as error:
+        raise DataError(f"a worker process cannot be started ({error.strerror}); run again with --jobs 1") from None
 
 
 @contextmanager
