@@ -136,6 +136,8 @@ class PartsFolder:
             temporary.write_bytes(data)
             temporary.replace(file)
         except OSError as error:
+            with suppress(OSError):
+                temporary.unlink()  # half a part would take room that the disk does not have
             raise DataError(f"{file}: writing failed ({error.strerror or error}); finished logs are kept") from None
 
     def read(self, sha256: str) -> StoredPart:

@@ -55,6 +55,17 @@ def test_a_folder_whose_name_is_too_long_or_taken_is_refused(tmp_path):
             parts.keep(NAME, b"")
 
 
+def test_a_full_disk_keeps_no_half_part(folder, monkeypatch):
+    def full(path, data):
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(DataError, match="No space left on device"):
+        folder.keep("b" * 64, b"")
+    assert [path.name for path in folder.path.iterdir()] == [f"{NAME}.part"]
+
+
 def sealed(heading: bytes) -> bytes:
     """Return a part with this heading and a digest that is right."""
     body = len(heading).to_bytes(8, "little") + heading + bytes(8)
