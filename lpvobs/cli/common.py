@@ -6,6 +6,7 @@ import gc
 import json
 import math
 import os
+import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 import typer
 
 from lpvobs.cli.signals import Stopped, ignore_signals, received
-from lpvobs.errors import LpvobsError, UsageError
+from lpvobs.errors import DataError, LpvobsError, UsageError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,6 +36,9 @@ DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO
 REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
 """What the system says of a name, a right, or too many open files: nothing that the program has done wrong."""
 
+LEAST_ADDRESSES = 2**30
+"""[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 
 
@@ -44,6 +48,7 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(verb)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
+            _expect_room()
             return verb(*args, **kwargs)
         except typer.Exit:
             raise
@@ -67,6 +72,15 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             _release_claims()
 
     return run
+
+
+def _expect_room() -> None:
+    """Raise DataError where the shell grants so few addresses that compiled libraries would abort, or look for some for ever."""
+    granted, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if granted != resource.RLIM_INFINITY and granted < LEAST_ADDRESSES:
+        raise DataError(
+            f"the limit on memory (ulimit -v) is {granted >> 20} MiB; expected at least {LEAST_ADDRESSES >> 20}: raise it"
+        )
 
 
 def _stopped(stop: Stopped | None) -> None:

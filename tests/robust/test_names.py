@@ -49,6 +49,16 @@ def test_what_the_system_refuses_is_no_fault_of_the_program(code, capsys):
     assert said.count("\n") == 1
 
 
+def test_too_little_memory_for_the_libraries_is_one_line_before_they_are_loaded(monkeypatch, capsys):
+    monkeypatch.setattr("resource.getrlimit", lambda which: (300 << 20, -1))
+    ran = []
+    with pytest.raises(typer.Exit) as end:
+        guarded(lambda: ran.append(1))()
+    assert end.value.exit_code == 3
+    assert "ulimit -v) is 300 MiB; expected at least 1024" in capsys.readouterr().err
+    assert not ran
+
+
 def test_a_pipe_in_the_place_of_an_old_map_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "old.dcm")
     with pytest.raises(DataError, match="not a regular file"):
