@@ -535,8 +535,10 @@ def _paths(files: File | Iterable[File]) -> list[Path]:
 @contextmanager
 def _writing(out: Path, read: Iterable[Path]) -> Iterator[Path]:
     """Yield the file to write, which nobody else writes meanwhile; raise UsageError if it is one of those that are read."""
+    from lpvobs.io.atomic import is_same
+
     for path in read:
-        if out.exists() and path.exists() and out.samefile(path):
+        if is_same(out, path):
             raise UsageError(f"{out}: is also an input and would be lost; name another file to write")
     with _claimed(out):
         yield out

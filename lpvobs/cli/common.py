@@ -6,6 +6,7 @@ import gc
 import json
 import math
 import os
+import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,8 +16,8 @@ from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
-from lpvobs.cli.signals import Stopped
-from lpvobs.errors import LpvobsError, UsageError
+from lpvobs.cli.signals import Stopped, ignore_signals, received
+from lpvobs.errors import DataError, LpvobsError, UsageError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -25,12 +26,18 @@ ConfigOption = Annotated[
     Path | None,
     typer.Option(
         "--config",
+        readable=False,
         metavar="TOML",
         help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
     ),
 ]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
+REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
+"""What the system says of a name, a right, or too many open files: nothing that the program has done wrong."""
+
+LEAST_ADDRESSES = 2**30
+"""[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 
@@ -41,27 +48,46 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(verb)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
+            _expect_room()
             return verb(*args, **kwargs)
         except typer.Exit:
             raise
-        except LpvobsError as error:
-            fail(str(error), error.exit_code)
         except Stopped as stop:
-            fail(f"{stop.word}; no file was changed by the unfinished step", stop.exit_code)
-        except BrokenPipeError:
-            sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115 keeps the interpreter quiet at exit
-            raise typer.Exit(0) from None
+            fail(str(stop), stop.exit_code)
+        except LpvobsError as error:
+            _stopped(received())
+            fail(str(error), error.exit_code)
         except OSError as error:
-            if error.errno not in DISK_FAILURES:
-                _fault(error)
+            _stopped(received())
             where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
-        except (Exception, MemoryError) as error:
+            if error.errno in DISK_FAILURES:
+                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
+            if error.errno in REFUSALS:
+                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; mend that and try again", 3)
+            _fault(error)
+        except Exception as error:
+            _stopped(received())
             _fault(error)
         finally:
             _release_claims()
 
     return run
+
+
+def _expect_room() -> None:
+    """Raise DataError where the shell grants so few addresses that compiled libraries would abort, or look for some for ever."""
+    granted, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if granted != resource.RLIM_INFINITY and granted < LEAST_ADDRESSES:
+        raise DataError(
+            f"the limit on memory (ulimit -v) is {granted >> 20} MiB; expected at least {LEAST_ADDRESSES >> 20}: raise it"
+        )
+
+
+def _stopped(stop: Stopped | None) -> None:
+    """Leave if a signal has arrived, whatever has come of it on the way."""
+    if stop is not None:
+        ignore_signals()  # one line, not a second one when it is repeated
+        fail(str(stop), stop.exit_code)
 
 
 def _fault(error: BaseException) -> NoReturn:
@@ -106,8 +132,10 @@ def load_compiler() -> None:
 
 def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
     """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
+    from lpvobs.io.atomic import is_same
+
     for path in inputs:
-        if out.exists() and path.exists() and out.samefile(path):
+        if is_same(out, path):
             raise UsageError(f"{option} {out}: is also an input and would be lost; name another file")
     claim(out)
 

@@ -24,11 +24,14 @@ from lpvobs.cli.common import (
 
 @guarded
 def estimate(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs, patterns, or folders of logs.")],
-    out: Annotated[Path, typer.Option(metavar="RESULT.h5", help="The result to write.")],
+    logs: Annotated[
+        list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, patterns, or folders of logs.")
+    ],
+    out: Annotated[Path, typer.Option(readable=False, metavar="RESULT.h5", help="The result to write.")],
     gain: Annotated[
         Path | None,
         typer.Option(
+            readable=False,
             metavar="GAIN.h5",
             help="A gain made by synth-gain; without it, one is made and proven first.",
         ),

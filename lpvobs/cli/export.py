@@ -12,11 +12,11 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwritin
 
 @guarded
 def export(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
+    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
     file_format: Annotated[
         str, typer.Option("--format", metavar="FORMAT", autocompletion=offer(FORMATS), help="dcm, csv or netcdf.")
     ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write.")],
+    out: Annotated[Path, typer.Option(readable=False, metavar="FILE", help="The file to write.")],
     source: Annotated[
         str,
         typer.Option("--values", metavar="GROUP", help="map or extrapolation; by default the latter if there is one."),
@@ -26,7 +26,11 @@ def export(
     ] = False,
     old: Annotated[
         Path | None,
-        typer.Option(metavar="OLD.dcm", help="The map as it was: its axes, units and kind stay, changes are listed."),
+        typer.Option(
+            readable=False,
+            metavar="OLD.dcm",
+            help="The map as it was: its axes, units and kind stay, changes are listed.",
+        ),
     ] = None,
     name: Annotated[str, typer.Option(metavar="LABEL", help="Label of the map, also in the old file.")] = "delta_W_c",
     kind: Annotated[str, typer.Option(metavar="KIND", help="KENNFELD (default) or GRUPPENKENNFELD.")] = "",

@@ -11,7 +11,10 @@ from lpvobs.cli.common import JsonOption, claim, guarded, print_json, say, table
 @guarded
 def extrapolate(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written.")
+        Path,
+        typer.Argument(
+            readable=False, metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written."
+        ),
     ],
     as_json: JsonOption = False,
 ) -> None:

@@ -13,7 +13,9 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwritin
 def ingest(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="SOURCE...", help="CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
+        typer.Argument(
+            readable=False, metavar="SOURCE...", help="CSV, Parquet, MAT or MDF4 files of one drive, on one clock."
+        ),
     ],
     profile: Annotated[
         str,
@@ -23,7 +25,7 @@ def ingest(
             help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.",
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
+    out: Annotated[Path, typer.Option(readable=False, metavar="LOG.parquet", help="The log to write.")],
     as_json: JsonOption = False,
 ) -> None:
     """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.

@@ -11,11 +11,12 @@ from lpvobs.cli.common import JsonOption, folder_config, guarded, print_json, sa
 
 @guarded
 def inspect(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
+    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs.")],
     config: Annotated[
         Path | None,
         typer.Option(
             "--config",
+            readable=False,
             metavar="TOML",
             help="Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
         ),

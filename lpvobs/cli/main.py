@@ -23,7 +23,10 @@ from lpvobs.cli import (
     trace,
     verify,
 )
+from lpvobs.cli.common import visible
 from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
+from lpvobs.cli.streams import Outlet, take_streams
+from lpvobs.errors import DataError, UsageError
 
 app = typer.Typer(
     name="lpvobs",
@@ -64,16 +67,47 @@ def main(
 
 
 def run() -> None:
-    """Run the command line; the console script."""
+    """Run the command line."""
     for library in ("OPENBLAS", "OMP", "MKL"):
         # Whatever the environment says: threads sum in another order, so their number would show in the bytes of the results.
         # The matrices are small, and threads would cost more than they gain.
         os.environ[f"{library}_NUM_THREADS"] = "1"
+    out = take_streams()
     catch_signals()
     try:
-        app()
-    except Stopped as stop:
+        sys.exit(app(prog_name="lpvobs", standalone_mode=False))
+    except Stopped as stop:  # before or after the verb, which says so itself
+        print(f"lpvobs: {stop}", file=sys.stderr)
         sys.exit(stop.exit_code)
+    except SystemExit as end:
+        sys.exit(end.code or _flushed(out))
+    except Exception as error:
+        sys.exit(_misused(error))
     finally:
         ignore_signals()
+        sys.stdout.flush()
         gc.freeze()  # all goes now: to look for what nobody refers to would take a fifth of a short verb's time
+
+
+def _misused(error: Exception) -> int:
+    """Print why a command line cannot be understood, in one line, and return the exit code; raise again what is nothing of that."""
+    says = getattr(error, "format_message", None)
+    if says is None:
+        raise error
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "lpvobs"
+    if not context or context.get_help() != says():  # without any argument the message is the help
+        words = " ".join(visible(says()).split())
+        print(f"lpvobs: {words.rstrip('.')}; see `{command} --help`", file=sys.stderr)
+    else:
+        print(says(), file=sys.stderr)
+    return UsageError.exit_code
+
+
+def _flushed(out: Outlet) -> int:
+    """Return the exit code of a verb that has done its work: not 0 where nobody could read what it said."""
+    sys.stdout.flush()
+    if out.lost is None:
+        return 0
+    print(f"lpvobs: stdout: {out.lost.strerror}; the verb has ended, its files are whole; make room", file=sys.stderr)
+    return DataError.exit_code

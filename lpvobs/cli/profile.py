@@ -10,8 +10,12 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwritin
 
 @guarded
 def profile(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="A CSV, Parquet, MAT or MDF4 recording.")],
-    out: Annotated[Path | None, typer.Option(metavar="TOML", help="The profile to write; else it is printed.")] = None,
+    source: Annotated[
+        Path, typer.Argument(readable=False, metavar="SOURCE", help="A CSV, Parquet, MAT or MDF4 recording.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(readable=False, metavar="TOML", help="The profile to write; else it is printed.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.

@@ -11,13 +11,14 @@ from lpvobs.cli.trace import MapOption, show
 
 @guarded
 def refine(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs.")],
-    out: Annotated[Path, typer.Option(metavar="REFINED.h5", help="The refined result to write.")],
+    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
+    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs.")],
+    out: Annotated[Path, typer.Option(readable=False, metavar="REFINED.h5", help="The refined result to write.")],
     hold_out: Annotated[
         list[Path] | None,
         typer.Option(
             "--hold-out",
+            readable=False,
             metavar="LOG",
             help="A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
         ),

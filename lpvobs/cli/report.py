@@ -10,21 +10,27 @@ from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwritin
 
 @guarded
 def report(
-    result: Annotated[Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate.")],
+    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
     further: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[LOG|RESULT]...", help="Logs that the results were made from (time series), and further results."
+            readable=False,
+            metavar="[LOG|RESULT]...",
+            help="Logs that the results were made from (time series), and further results.",
         ),
     ] = None,
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write one self-contained page.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(readable=False, metavar="FILE", help="Write one self-contained page.")
+    ] = None,
     gate: Annotated[
         list[str] | None,
         typer.Option(metavar="EXPR", help="metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
     ] = None,
     junit: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write every gate's verdict on every log as JUnit XML, for CI systems."),
+        typer.Option(
+            readable=False, metavar="FILE", help="Write every gate's verdict on every log as JUnit XML, for CI systems."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

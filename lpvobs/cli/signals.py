@@ -16,6 +16,9 @@ class Stopped(BaseException):
     exit_code: ClassVar[int]
     word: ClassVar[str]
 
+    def __str__(self) -> str:
+        return f"{self.word}; no file was changed by the unfinished step"
+
 
 class Interrupted(Stopped):
     """SIGINT arrived."""
@@ -32,6 +35,7 @@ class Terminated(Stopped):
 MOMENT = 0.02  # s
 
 _KINDS: dict[int, type[Stopped]] = {signal.SIGINT: Interrupted, signal.SIGTERM: Terminated}
+_received: list[Stopped] = []
 
 
 def catch_signals() -> None:
@@ -43,7 +47,13 @@ def catch_signals() -> None:
 
 def _stop(number: int, frame: FrameType | None) -> None:
     ignore_signals()
-    raise _KINDS[number]
+    _received[:] = [_KINDS[number]()]
+    raise _received[0]
+
+
+def received() -> Stopped | None:
+    """Return the signal that has arrived, if one has: code that lost it, as a callback does, may fail for that reason."""
+    return _received[0] if _received else None
 
 
 def _again(lost: "UnraisableHookArgs") -> None:
@@ -69,5 +79,6 @@ def _late(number: int, alarm: int, frame: FrameType | None) -> None:
 
 def ignore_signals() -> None:
     """Finish what little is left undisturbed."""
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number in _KINDS:
         signal.signal(number, signal.SIG_IGN)

@@ -28,10 +28,11 @@ def simulate(
             help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="LOG.parquet", help="The log to write.")],
+    out: Annotated[Path, typer.Option(readable=False, metavar="LOG.parquet", help="The log to write.")],
     effects: Annotated[
         Path | None,
         typer.Option(
+            readable=False,
             metavar="TOML",
             help="What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
             "another error surface: configs/surfaces.",

@@ -19,9 +19,10 @@ from lpvobs.cli.common import (
 
 @guarded
 def synth_gain(
-    out: Annotated[Path, typer.Option(metavar="GAIN.h5", help="The gain to write.")],
+    out: Annotated[Path, typer.Option(readable=False, metavar="GAIN.h5", help="The gain to write.")],
     logs: Annotated[
-        list[Path] | None, typer.Argument(metavar="[LOG]...", help="Logs whose range the gain is to cover.")
+        list[Path] | None,
+        typer.Argument(readable=False, metavar="[LOG]...", help="Logs whose range the gain is to cover."),
     ] = None,
     published: Annotated[
         str | None,

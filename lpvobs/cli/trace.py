@@ -25,9 +25,12 @@ MOST_SHOWN = 6
 @guarded
 def trace(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT.h5", help="A result of estimate or refine; its /trace is written.")
+        Path,
+        typer.Argument(
+            readable=False, metavar="RESULT.h5", help="A result of estimate or refine; its /trace is written."
+        ),
     ],
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Parquet logs, pooled.")],
+    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, pooled.")],
     freeze_map: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:

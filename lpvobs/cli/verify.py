@@ -10,7 +10,7 @@ from lpvobs.cli.common import JsonOption, guarded, print_json
 
 @guarded
 def verify(
-    gain: Annotated[Path, typer.Argument(metavar="GAIN.h5", help="A gain made by synth-gain.")],
+    gain: Annotated[Path, typer.Argument(readable=False, metavar="GAIN.h5", help="A gain made by synth-gain.")],
     as_json: JsonOption = False,
 ) -> None:
     """Prove the certificate of a gain again, in exact arithmetic and without the solver.

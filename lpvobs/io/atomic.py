@@ -7,10 +7,12 @@ however it ends, so no lock is ever stale: what a killed writer has left behind 
 import errno
 import fcntl
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from stat import S_ISREG
 
 from lpvobs.errors import DataError
 
@@ -69,10 +71,21 @@ def claim(target: Path) -> None:
         raise DataError(
             f"{target}: cannot be written ({error.strerror}); name a folder that exists and is writable"
         ) from None
-    prefix = f".{target.name}."
-    for left in target.parent.iterdir():
-        if left.name.startswith(prefix) and left.name.endswith(".part") and left.is_file():
-            left.unlink(missing_ok=True)
+    ours = re.compile(
+        re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part"
+    )  # `map` is not to sweep what `map.h5` writes
+    with suppress(OSError):
+        for left in target.parent.iterdir():
+            if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
+                left.unlink(missing_ok=True)
+
+
+def is_same(target: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file, by whatever links; what is not there is no file."""
+    try:
+        return target.samefile(other)
+    except (OSError, ValueError):
+        return False
 
 
 def release(target: Path) -> None:

@@ -128,6 +128,8 @@ def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield number and words of every line that says something, after the line that every DCM begins with."""
     begun = False
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise DataError(f"{path}: is not a regular file; name a DCM file")
         with path.open(encoding=ENCODING) as stream:
             for number, line in enumerate(iter(lambda: stream.readline(LONGEST_LINE), ""), 1):
                 words = line.split()

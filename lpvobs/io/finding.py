@@ -16,15 +16,14 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
     Raises
     ------
     UsageError
-        If a pattern or a folder holds no log.
+        If a pattern or a folder holds no log, or a pattern means nothing.
     """
     found: list[Path] = []
     for path in named:
         if path.is_dir():
             matches = sorted(file for file in path.rglob(f"*{ENDING}") if file.is_file())
-        elif not path.exists() and any(sign in str(path) for sign in WILD):
-            start = Path(path.anchor) if path.is_absolute() else Path()
-            matches = sorted(start.glob(str(path.relative_to(path.anchor)) if path.is_absolute() else str(path)))
+        elif any(sign in str(path) for sign in WILD) and not path.exists():
+            matches = _matches(path)
         else:
             found.append(path)
             continue
@@ -32,6 +31,15 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
             raise UsageError(f"{path}: no log there; expected Parquet files, name them, their folder or a pattern")
         found += matches
     return found
+
+
+def _matches(pattern: Path) -> list[Path]:
+    start = Path(pattern.anchor) if pattern.is_absolute() else Path()
+    try:
+        found = sorted(start.glob(str(pattern.relative_to(pattern.anchor)) if pattern.is_absolute() else str(pattern)))
+    except ValueError as error:
+        raise UsageError(f"{pattern}: {error}; name logs, their folder or a pattern such as logs/*.parquet") from None
+    return [path for path in found if not path.is_dir()]
 
 
 def find_config(folder: Path) -> Path | None:

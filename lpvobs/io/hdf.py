@@ -1,5 +1,6 @@
 """HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -114,6 +115,15 @@ def _image(file: h5py.File) -> bytes:
     return bytes(file.id.get_file_image())
 
 
+def is_hdf5(path: Path) -> bool:
+    """Return whether a file begins as HDF5 does; raises DataError if it may not be read."""
+    try:
+        return bool(h5py.is_hdf5(path))
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else error
+        raise DataError(f"{path}: cannot be read ({reason}); check the file's rights") from None
+
+
 @contextmanager
 def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     """Yield an open HDF5 file whose root attribute `schema` is `lpvobs/<kind>/1`.
@@ -125,7 +135,7 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; {remedy}")
-    if not h5py.is_hdf5(path):
+    if not is_hdf5(path):
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}")
     expect_sound(path, remedy)
     try:

@@ -8,9 +8,11 @@ version are not taken for this run's; it appears whole or not at all.
 import hashlib
 import json
 import math
+import re
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from stat import S_ISREG
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,10 @@ from lpvobs.records import Defects, Finding
 
 FORMAT = 2
 ENDING = ".part"
+OWN = re.compile(r"[0-9a-f]{64}\.part")
+UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
+MOST_BYTES = 2**29
+"""Of a part; that of 10^9 samples has a quarter of it."""
 ARRAYS = ("cells", "gram", "H", "h", "coupling")
 
 
@@ -92,7 +98,7 @@ def part_of_bytes(data: bytes) -> tuple[StoredPart, str]:
             share_certified=head["share_certified"],
         )
         return StoredPart(LogPart(run, *named), tuple(kept)), str(head["key"])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError, OverflowError, RecursionError, SyntaxError) as error:
         raise ValueError(f"not a part ({error})") from None
 
 
@@ -113,7 +119,7 @@ class PartsFolder:
 
     def found(self) -> frozenset[str]:
         """Return the digests of the logs that an earlier run has done."""
-        return frozenset(file.stem for file in self.path.glob(f"*{ENDING}") if self._usable(file))
+        return frozenset(file.stem for file in self._own(OWN) if self._usable(file))
 
     def keep(self, sha256: str, data: bytes) -> None:
         """Store the part of a log."""
@@ -130,6 +136,8 @@ class PartsFolder:
             temporary.write_bytes(data)
             temporary.replace(file)
         except OSError as error:
+            with suppress(OSError):
+                temporary.unlink()  # half a part would take room that the disk does not have
             raise DataError(f"{file}: writing failed ({error.strerror or error}); finished logs are kept") from None
 
     def read(self, sha256: str) -> StoredPart:
@@ -141,17 +149,25 @@ class PartsFolder:
 
     def remove(self) -> None:
         """Delete the parts, what a killed writer left of them, and the folder, unless there is something else in it."""
-        for pattern in (f"*{ENDING}", f".*{ENDING}.lock"):
-            for file in self.path.glob(pattern):
+        with suppress(OSError):  # the result has been written: what cannot be removed costs nothing
+            for file in (*self._own(OWN), *self._own(UNFINISHED)):
                 file.unlink()
-        with suppress(OSError):
             self.path.rmdir()
+
+    def _own(self, name: re.Pattern[str]) -> list[Path]:
+        """Return the files of this kind; what has another name, or is a link, folder or pipe, is somebody else's."""
+        try:
+            return [file for file in self.path.iterdir() if name.fullmatch(file.name) and S_ISREG(file.lstat().st_mode)]
+        except OSError:  # no such folder, or none that may be read: making a part will tell
+            return []
 
     def _file(self, sha256: str) -> Path:
         return self.path / f"{sha256}{ENDING}"
 
     def _usable(self, file: Path) -> bool:
         try:
+            if file.stat().st_size > MOST_BYTES:
+                return False
             stored, key = part_of_bytes(file.read_bytes())
         except (OSError, ValueError):
             return False

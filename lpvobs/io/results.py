@@ -10,9 +10,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.errors import DataError
 from lpvobs.io.agreement import read_agreement
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.hdf import Field, changing, creating, flags, number, numbers, reading, text, texts, write_group
+from lpvobs.io.parquet import state_of
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
@@ -80,7 +82,7 @@ class LogSummary:
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A result as read back; the extrapolation is None until `extrapolate` has run."""
+    """A result as read back; the extrapolation is None until `extrapolate` has run, `state` is what the file was then."""
 
     path: Path
     air_path: str
@@ -102,6 +104,7 @@ class StoredResult:
     outer_coverage: float
     provenance: Provenance
     agreement: tuple[Agreement, ...] = ()
+    state: tuple[int, ...] = ()
 
 
 def write_result(
@@ -134,7 +137,7 @@ def write_result(
             further(file)
 
 
-def add_extrapolation(path: Path, fitted: QuadraticFit, outer_coverage: float) -> None:
+def add_extrapolation(stored: StoredResult, fitted: QuadraticFit, outer_coverage: float) -> None:
     """Write `/extrapolation` into a result, all or nothing; `/map` stays as it is.
 
     `outer_coverage` is the share of outer estimated nodes that the quadratic of the others predicts within their interval.
@@ -197,15 +200,34 @@ def add_extrapolation(path: Path, fitted: QuadraticFit, outer_coverage: float) -
             },
         )
 
-    update(path, change)
+    update(stored, change)
 
 
-def update(path: Path, change: Callable[[h5py.File], None]) -> None:
-    """Apply a change to a copy of a result that then takes its place."""
-    with reading(path, KIND, REMEDY):
+def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
+    """Apply a change to a copy of a result that then takes its place.
+
+    Raises
+    ------
+    DataError
+        If the file is no longer the one that was read.
+    """
+    refuse_replaced(stored)
+    with reading(stored.path, KIND, REMEDY):
         pass
-    with changing(path, path) as file:
+    with changing(stored.path, stored.path) as file:
         change(file)
+        refuse_replaced(stored)
+
+
+def refuse_replaced(stored: StoredResult) -> None:
+    """Raise DataError if a result has been written to since it was read: what was found does not belong to what is there now.
+
+    Claims keep this program's other verbs away, but not other programs.
+    """
+    if state_of(stored.path) != stored.state:
+        raise DataError(
+            f"{stored.path}: was replaced while this verb worked on the result of before; it stays as it is now; run the verb again"
+        )
 
 
 def read_result(path: Path) -> StoredResult:
@@ -216,6 +238,7 @@ def read_result(path: Path) -> StoredResult:
     DataError
         If the file is not a complete result.
     """
+    state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
         fuel, speed = _axis_names(file)
         stored = file["map"]
@@ -244,6 +267,7 @@ def read_result(path: Path) -> StoredResult:
             outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
             agreement=read_agreement(file),
+            state=state,
         )
 
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-import h5py
-
 from lpvobs.airpath.base import AirPath
 from lpvobs.airpath.engines import AIR_PATHS
 from lpvobs.errors import DataError
-from lpvobs.io.hdf import reading
+from lpvobs.io.hdf import is_hdf5, reading
 from lpvobs.io.logs import LogPolicies, References, file_digest, read_log, read_references
 from lpvobs.io.provenance import table_of
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result
@@ -66,7 +64,7 @@ def load(paths: Sequence[Path]) -> Loaded:
     """
     first, *further = paths
     _refuse_absent(further)
-    inner = [path for path in further if h5py.is_hdf5(path)]
+    inner = [path for path in further if is_hdf5(path)]
     results = tuple(read_result(path) for path in (first, *inner))
     for result in results:
         air_path_of(result)

@@ -1,5 +1,6 @@
 """Content and figures into one self-contained HTML page."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
@@ -28,6 +29,8 @@ from lpvobs.report.tables import (
 )
 
 TEMPLATE = "report.html.j2"
+_NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def page(report: Report) -> str:
     )
     named = [(view.name, view.stored) for view in report.results]
     fits = [(view.name, view.stored.extrapolation) for view in report.results if view.stored.extrapolation is not None]
-    return template.render(
+    text = template.render(
         version=__version__,
         verdicts=[
             *(verdict(view) for view in report.results),
@@ -75,6 +78,12 @@ def page(report: Report) -> str:
         defects=defect_rows(report),
         origins=[(view.name, view.origin, view.stored.provenance) for view in report.results],
     )
+    return legible(text)
+
+
+def legible(text: str) -> str:
+    """Return text without what a browser or an editor would obey instead of showing it."""
+    return _NOT_SHOWN.sub("\ufffd", text)
 
 
 def verdict(view: ResultView) -> str:

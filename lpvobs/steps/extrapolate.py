@@ -25,5 +25,5 @@ def extrapolate_result(path: Path) -> tuple[QuadraticFit, float]:
     covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
     fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
     held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
-    add_extrapolation(path, fitted, held)
+    add_extrapolation(stored, fitted, held)
     return fitted, held

@@ -221,7 +221,10 @@ def refuse_copies(paths: Sequence[Path]) -> None:
         for path in same if len(same) > 1 else ():
             if not path.is_file():
                 continue
-            digest = file_digest(path)
+            try:
+                digest = file_digest(path)
+            except OSError:  # whoever reads it tells why it cannot be
+                continue
             if digest in seen:
                 raise UsageError(
                     f"{path}: same bytes as {seen[digest]}; the same drive would count twice, leave one out"

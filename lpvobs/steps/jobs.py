@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import TypeVar
 
 from lpvobs.errors import DataError, UsageError
@@ -90,7 +91,7 @@ def _in_processes(
     try:
         while True:
             while len(under_way) < ahead and (following := next(waiting, None)) is not None:
-                under_way[pool.submit(function, following[1])] = following[0]
+                under_way[_submitted(pool, function, following[1])] = following[0]
             if not under_way:
                 break
             for future in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -99,6 +100,24 @@ def _in_processes(
         raise DataError(
             "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
         ) from None
+
+
+def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+    try:
+        with _no_interrupt():
+            return pool.submit(function, task)
+    except OSError as error:
+        raise DataError(f"a worker process cannot be started ({error.strerror}); run again with --jobs 1") from None
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Hold interrupts back for a moment; processes that start in it hold them back, too, and are left to the parent."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _belong_to_the_parent() -> None:

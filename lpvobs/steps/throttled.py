@@ -24,7 +24,7 @@ from lpvobs.io.refinements import (
     write_refinement,
     write_structure,
 )
-from lpvobs.io.results import KIND, REMEDY, StoredResult, update
+from lpvobs.io.results import KIND, REMEDY, StoredResult, refuse_replaced, update
 from lpvobs.records import Log
 
 Progress = Callable[[float], None]
@@ -45,7 +45,7 @@ def trace_throttled(
         write_structure(group, {"before": closed.before, "after": closed.after}, closed.balances)
         write_ranking(group, closed.trace.ranking)
 
-    update(stored.path, change)
+    update(stored, change)
     return closed.trace, stands
 
 
@@ -62,6 +62,7 @@ def refine_throttled(
     if not closed.trace.findings:
         with replacing(out) as temporary:
             shutil.copyfile(stored.path, temporary)
+            refuse_replaced(stored)
         return closed.trace, stands
     found = StoredRefinement(closed.standing, {}, {}, {}, stands, _content(closed, stands, refined=True))
     with changing(stored.path, out) as file:
@@ -71,6 +72,7 @@ def refine_throttled(
         structure = {"before": closed.before, "after": closed.after}
         write_refinement(file, found, closed.comparisons, structure, closed.balances)
         write_ranking(file["refinement"], closed.trace.ranking)
+        refuse_replaced(stored)
     return closed.trace, stands
 
 

@@ -33,7 +33,7 @@ from lpvobs.io.refinements import (
     write_sensor_state,
     write_structure,
 )
-from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, update, write_result
+from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
 from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
@@ -84,7 +84,7 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[T
             del file["trace"]
         closed.write_trace(file)
 
-    update(sources.result, change)
+    update(closed.stored, change)
     return closed.refinement.trace, closed.frozen
 
 
@@ -103,6 +103,7 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     if not found.trace.findings:
         with replacing(out) as temporary:
             shutil.copyfile(sources.result, temporary)
+            refuse_replaced(stored)
     elif closed.frozen:
         _write_beside(sources.result, out, closed)
     else:
@@ -123,6 +124,7 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
         closed.write(file, found.standing)
         if proven is not None:
             write_sensor_state(file["refinement"], proven, stored.gain)
+        refuse_replaced(stored)
 
 
 def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:

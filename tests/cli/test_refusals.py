@@ -141,3 +141,25 @@ def test_one_bad_log_among_good_ones_is_listed_by_inspect(lpvobs, chain, tmp_pat
 @pytest.mark.parametrize("arguments", [("--version",), ("--help",)])
 def test_top_level(lpvobs, arguments):
     assert lpvobs(*arguments).code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("estimat",), ("'estimat'", "'estimate'", "`lpvobs --help`")),
+        (("estimate",), ("LOG...", "`lpvobs estimate --help`")),
+        (("estimate", "x", "--jobs", "many", "--out", "y"), ("--jobs", "integer")),
+        (("verify", "a", "b"), ("b", "`lpvobs verify --help`")),
+        (("inspect", "--no\nsuch\x1b[31m"), ("--no",)),
+    ],
+)
+def test_a_command_line_that_means_nothing_is_one_line_too(lpvobs, arguments, words):
+    done = lpvobs(*arguments)
+    refused(done, 2, "lpvobs: ", *words)
+    assert "\x1b" not in done.err
+
+
+def test_no_argument_at_all_is_answered_with_the_help(lpvobs):
+    done = lpvobs()
+    assert done.code == 2
+    assert "synth-gain" in done.err

@@ -21,6 +21,7 @@ from lpvobs.steps.estimate import estimate_logs
 from lpvobs.steps.extrapolate import extrapolate_result
 
 EVIL = "<img src=x onerror=alert(1)>\"'&<script>alert(2)<\u0338script>]]>"
+CONTROLS = "\x1b[2J\x07\u202e"  # a terminal or a browser would obey them; TOML does not take them
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +38,9 @@ def hostile(samples, tmp_path_factory):
     estimate_logs(config, text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None)
     extrapolate_result(result)
     with changing(result, result) as file:
-        file["provenance"].attrs["command_line"] = EVIL
+        file["provenance"].attrs["command_line"] = EVIL + CONTROLS
         file["provenance"].attrs["versions"] = '{"<u>numpy</u>": "<script>alert(4)</script>"}'
-        file["gain"].attrs["origin"] = EVIL
+        file["gain"].attrs["origin"] = EVIL + CONTROLS
         file.attrs["method"] = EVIL
     return result, log
 
@@ -63,6 +64,8 @@ def test_no_string_of_a_file_becomes_markup(hostile, with_log):
     reader.feed(text)
     assert reader.handlers == set()
     assert not reader.tags & {"script", "img", "b", "u", "iframe", "object", "embed", "link"}
+    assert text.count("\ufffd[2J\ufffd\ufffd") > 0  # where they were: otherwise nothing was tried
+    assert not [sign for sign in text if not sign.isprintable() and sign not in "\n\t\xa0\u2009\u202f"]
 
 
 def test_nothing_in_the_package_unpickles_evaluates_or_runs_a_shell():

@@ -85,6 +85,15 @@ def test_writers_of_different_files_do_not_meet(tmp_path):
     assert names(tmp_path) == ["a", "b"]
 
 
+def test_a_writer_does_not_sweep_away_what_another_is_writing_under_a_longer_name(tmp_path):
+    with replacing(tmp_path / "map.h5") as temporary:
+        temporary.write_text("of map.h5")
+        for name in ("map", "map.h", "ma"):
+            claim(tmp_path / name)
+        release_all()
+    assert (tmp_path / "map.h5").read_text() == "of map.h5"
+
+
 def test_a_lock_that_vanishes_between_opening_and_locking_is_made_again(tmp_path, monkeypatch):
     target = tmp_path / "result.h5"
     lock, real, calls = tmp_path / ".result.h5.lock", fcntl.flock, []
