@@ -80,6 +80,11 @@ EQUIVALENT = {
     ("synthesis/problem.py:80", "True", "False"): "a corner has a value for each name",
     ("synthesis/published.py:34", "True", "False"): "all columns of the table have five rows",
     ("synthesis/region.py:113", "True", "False"): "a region of other lengths is refused",
+    (
+        "synthesis/region.py:130",
+        "sum_here * sum_there < 0",
+        "sum_here * sum_there <= 0",
+    ): "a corner on the cut comes twice, and none is kept twice",
     ("synthesis/region.py:142", "True", "False"): "other lengths have been refused",
     ("synthesis/sensor_state.py:121", "1e-300", "2e-300"): "where no state is heard any weight will do",
 }
