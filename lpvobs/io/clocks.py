@@ -1,6 +1,5 @@
 """Time columns as seconds: units of time, times of day as text, dates, nights that pass, stamps that run backward."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DAY = 86400.0
+SLAB = 1 << 16
 MOST_BACKWARD = 0.1
 """Share of the stamps that may be dropped for running backward; more is not a repair."""
 
@@ -56,10 +56,10 @@ def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") ->
     """
     import pyarrow as pa
 
-    if unit == "clock":
-        return _clock([_text(item) for item in data.to_pylist()])
-    if unit == "datetime":
-        return _dates(data)
+    if unit in ("clock", "datetime"):
+        if pa.types.is_integer(data.type) or pa.types.is_floating(data.type):
+            raise ValueError(f"holds {data.type}, expected text or time stamps as its unit '{unit}' says")
+        return _clock(data) if unit == "clock" else _dates(data)
     if pa.types.is_timestamp(data.type) or pa.types.is_time(data.type):
         raise ValueError(f"holds {data.type}; expected numbers in {unit}, or the unit 'datetime'")
     numbers = as_numbers(data, decimal)
@@ -85,13 +85,17 @@ def seconds_of_day(text: str) -> float:
     return 3600.0 * hours + 60.0 * minutes + seconds if hours < 24 and minutes < 60 and seconds < 61 else np.nan
 
 
-def _clock(words: Sequence[str]) -> Stamps:
+def _clock(data: "pa.Array | pa.ChunkedArray") -> Stamps:
     """Return times of day as seconds that go on past midnight: a step back of more than half a day is the next day."""
-    time = np.array([seconds_of_day(word) for word in words])
+    slabs, unreadable = [np.empty(0)], 0
+    for start in range(0, len(data), SLAB):  # as Python's own text, all of a long recording would not fit into memory
+        words = [_text(item) for item in data.slice(start, SLAB).to_pylist()]
+        slabs.append(np.array([seconds_of_day(word) for word in words]))
+        unreadable += sum(1 for word, value in zip(words, slabs[-1], strict=True) if word.strip() and np.isnan(value))
+    time = np.concatenate(slabs)
     known = np.flatnonzero(np.isfinite(time))
     nights = np.cumsum(np.diff(time[known]) < -0.5 * DAY)
     time[known[1:]] += DAY * nights
-    unreadable = sum(1 for word, value in zip(words, time, strict=True) if word.strip() and not np.isfinite(value))
     return Stamps(time, unreadable, int(nights[-1]) if nights.size else 0)
 
 
@@ -99,8 +103,12 @@ def _dates(data: "pa.Array | pa.ChunkedArray") -> Stamps:
     """Return ISO 8601 text or time stamps as seconds since 1970; a zone is converted, none is taken for UTC."""
     import pandas as pd
 
-    found = pd.to_datetime(data.to_pandas(), errors="coerce", utc=True, format="ISO8601")
-    time = (found - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
+    slabs = [np.empty(0)]
+    for start in range(0, len(data), SLAB):
+        slab = data.slice(start, SLAB).to_pandas()
+        found = pd.to_datetime(slab, errors="coerce", utc=True, format="ISO8601")
+        slabs.append((found - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float))
+    time = np.concatenate(slabs)
     return Stamps(time, int(np.count_nonzero(np.isnan(time)) - data.null_count))
 
 

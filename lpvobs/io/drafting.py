@@ -161,7 +161,7 @@ def _head(path: Path) -> str:
             f"# Drafted from {_comment(path.name)}. What is not a comment seemed sure; read the rest and uncomment what is right.",
             "# What every key means: docs/ingest.md.",
             "schema = 1",
-            f"description = {_text('recordings like ' + path.name)}",
+            f"description = {_text('recordings like ' + _comment(path.name))}",
         ]
     )
 

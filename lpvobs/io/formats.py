@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lpvobs.errors import DataError
 from lpvobs.io.profiles import SourceRules
-from lpvobs.io.recordings import Recording
+from lpvobs.io.recordings import MOST_COLUMNS, Recording
 
 
 def open_recording(path: Path, rules: SourceRules) -> Recording:
@@ -18,7 +18,13 @@ def open_recording(path: Path, rules: SourceRules) -> Recording:
     """
     if not path.is_file():
         raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
-    return _opener(rules.format or sniff(path))(path, rules)
+    found = sniff(path)
+    recording = _opener(rules.format or found)(path, rules)
+    if len(recording.heads) > MOST_COLUMNS:
+        raise DataError(
+            f"{path}: has {len(recording.heads)} columns, expected at most {MOST_COLUMNS}; export fewer channels"
+        )
+    return recording
 
 
 def sniff(path: Path) -> str:

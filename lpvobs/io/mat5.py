@@ -80,6 +80,8 @@ def read_mat5(path: Path) -> dict[str, Any]:
                 inner = next(_elements(_inflated(element.data, order), order))
             if inner.kind == _MATRIX:
                 name, value = _matrix(inner.data, order, 0)
+                if name in found:
+                    raise ValueError(f"variable '{name}' is there twice")
                 found[name] = value
     except (struct.error, zlib.error, StopIteration, IndexError, UnicodeDecodeError) as error:
         raise ValueError(f"damaged variable: {error}") from None

@@ -45,9 +45,10 @@ def on_raster(samples: Mapping[str, Samples], profile: Profile) -> tuple[Array, 
         span = max(item.time[-1] for item in samples.values()) - min(item.time[0] for item in samples.values())
         needed = 8.0 * (span * rate + 1) * (len(samples) + 1)
         if needed > MOST_BYTES:
+            file = next(iter(samples.values())).record["file"]
             raise DataError(
-                f"{span:.6g} s at {rate:g} Hz would take {needed / 2**30:.1f} GiB, expected at most {MOST_BYTES / 2**30:.0f}; "
-                f"check the unit of time, or lower rate in the profile's [raster]"
+                f"{file}: {span:.6g} s at {rate:g} Hz would take {needed / 2**30:.3g} GiB, expected at most "
+                f"{MOST_BYTES / 2**30:.0f}; check the unit of time, or lower rate in the profile's [raster]"
             )
         at = resample.raster([item.time for item in samples.values()], rate, profile.raster.gap)
     values = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}

@@ -3,10 +3,11 @@
 Exit code 0 if everything in it can be read; otherwise the reason stands on stdout, or the process has died of it.
 """
 
-import resource
 import sys
 
 import h5py
+
+from lpvobs.io.apart import limit
 
 
 def read_everything(path: str) -> None:
@@ -24,9 +25,7 @@ def read_everything(path: str) -> None:
 
 def main(path: str, seconds: str, most_bytes: str) -> int:
     """Read the file within limits; return the exit code."""
-    resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (int(most_bytes), int(most_bytes)))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit(int(seconds), int(most_bytes))
     try:
         read_everything(path)
     except Exception as error:

@@ -3,7 +3,7 @@
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,37 +12,42 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.io.mat5 import HEADER, read_mat5, unpacked_size
 from lpvobs.io.profiles import SourceRules
-from lpvobs.io.recordings import Column, Head, check_size
-from lpvobs.io.seal import expect_sound
+from lpvobs.io.recordings import Column, Head, check_samples, check_size
+from lpvobs.io.seal import expect_readable
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
+UNPACKING = 3.0
+"""Times the unpacked size that unpacking takes: pieces, put together, with their head."""
+LONGEST_UNIT = 40
+HDF_FAILURES = (OSError, KeyError, ValueError, RuntimeError, TypeError)
 
 
 @dataclass(frozen=True)
 class MatRecording:
-    """A MAT file; `vectors` holds the numbers of version 5, and is empty for 7.3, which is read column by column."""
+    """A MAT file; `vectors` holds the numbers of version 5, `places` the paths of those of 7.3, which are read when wanted."""
 
     path: Path
     heads: Mapping[str, Head]
     vectors: Mapping[str, Any]
+    places: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return vectors as they are stored."""
         import pyarrow as pa
 
+        check_samples(self.path, [self.heads[name].size for name in names])
         vectors = self.vectors or self._read_hdf(names)
         return {name: Column(pa.array(_native(vectors[name]))) for name in names}
 
     def _read_hdf(self, names: Sequence[str]) -> Mapping[str, Any]:
         import h5py
 
-        check_size(self.path, 16.0 * sum(self.heads[name].size for name in names))
         try:
             with h5py.File(self.path, "r") as file:
-                return {name: file[name.replace(".", "/")][()] for name in names}
-        except (OSError, KeyError, ValueError, RuntimeError) as error:
+                return {name: file[self.places[name]][()] for name in names}
+        except HDF_FAILURES as error:
             raise _unreadable(self.path, error) from None
 
 
@@ -60,11 +65,13 @@ def open_mat(path: Path, rules: SourceRules) -> MatRecording:
 
 def _open_v5(path: Path) -> MatRecording:
     try:
-        check_size(path, 2.0 * unpacked_size(path))
-        document = read_mat5(path)
+        check_size(path, UNPACKING * unpacked_size(path))
+        flat = list(_flat(read_mat5(path), ""))
+        vectors = {name: (unit, values) for name, unit, values in flat}
+        if len(vectors) < len(flat):
+            raise ValueError("two variables have the same name once their structures are named before it")
     except (OSError, ValueError, struct.error, zlib.error) as error:
         raise _unreadable(path, error) from None
-    vectors = {name: (unit, values) for name, unit, values in _flat(document, "")}
     heads = {name: Head(name, unit, values.size) for name, (unit, values) in vectors.items()}
     return MatRecording(path, heads, {name: values for name, (_, values) in vectors.items()})
 
@@ -79,45 +86,67 @@ def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, 
             for number, item in enumerate(value, 1):
                 yield from _flat(item, f"{prefix}{key}({number}).")
         elif isinstance(value, np.ndarray) and value.size > 1:
-            yield f"{prefix}{key}", "" if key in TIMES else unit, value
+            yield f"{prefix}{key}", "" if key in TIMES else unit[:LONGEST_UNIT], value
 
 
 def _open_hdf(path: Path) -> MatRecording:
     import h5py
 
     heads: dict[str, Head] = {}
+    places: dict[str, str] = {}
+    units: dict[str, str] = {}
+    odd: list[str | bytes] = []
 
-    def look(name: str, item: Any) -> None:
+    def look(name: str | bytes, item: Any) -> None:
+        if not isinstance(name, str) or not name.isprintable():
+            odd.append(name)
+            return
         if name.startswith("#") or not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
             return  # '#refs#' holds what cells point to; other files are not followed
-        number = item.dtype.kind in "iufb" and "MATLAB_empty" not in item.attrs and _class(item) != "char"
-        if number and item.size == max(item.shape, default=0) and item.size > 1:
+        if item.shape is None or "MATLAB_empty" in item.attrs:
+            return
+        folder, _, own = name.rpartition("/")
+        if _class(item) == "char":
+            if own in UNIT_FIELDS and item.dtype.kind == "u" and 0 < item.size <= LONGEST_UNIT:
+                units.setdefault(folder, "".join(map(_letter, item[()].ravel())))
+        elif item.dtype.kind in "iufb" and item.dtype.itemsize <= 8 and item.size == max(item.shape, default=0) > 1:
             dotted = name.replace("/", ".")
-            is_time = dotted.rsplit(".", 1)[-1] in TIMES
-            heads[dotted] = Head(dotted, "" if is_time else _hdf_unit(item), item.size)
+            if dotted in heads:
+                raise ValueError(f"two variables are called '{dotted}'")
+            heads[dotted], places[dotted] = Head(dotted, "" if own in TIMES else _own_unit(item), item.size), name
 
-    expect_sound(path, "export it again")
+    expect_readable(path, "export it again")
     try:
         with h5py.File(path, "r") as file:
-            file.visititems(look)
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
+            file.visititems(look)  # goes along hard links alone
+    except HDF_FAILURES as error:
         raise _unreadable(path, error) from None
-    return MatRecording(path, heads, {})
+    for dotted, name in places.items():
+        folder, _, own = name.rpartition("/")
+        if folder in units and own not in TIMES:
+            heads[dotted] = replace(heads[dotted], unit=units[folder])
+    notes = {"names": f"{len(odd)} objects whose names are no text, left out"} if odd else {}
+    return MatRecording(path, heads, {}, places, notes)
 
 
 def _class(item: Any) -> str:
-    found = item.attrs.get("MATLAB_class", b"")
-    return found.decode(errors="replace") if isinstance(found, bytes) else str(found)
+    return _word(item.attrs.get("MATLAB_class", b""))
 
 
-def _hdf_unit(item: Any) -> str:
-    """Return the unit of a dataset: the text beside it in its structure, or its own attribute."""
-    for key in UNIT_FIELDS:
-        beside = item.parent.get(key)
-        if beside is not None and _class(beside) == "char" and 0 < beside.size <= 40:
-            return "".join(map(chr, beside[()].ravel()))
-    own = item.attrs.get("units", item.attrs.get("unit", ""))
-    return own.decode(errors="replace") if isinstance(own, bytes) else str(own)
+def _own_unit(item: Any) -> str:
+    """Return the unit in a dataset's own attribute."""
+    return _word(item.attrs.get("units", item.attrs.get("unit", "")))
+
+
+def _word(found: object) -> str:
+    """Return an attribute as text, nothing for one that is something else."""
+    text = found.decode(errors="replace") if isinstance(found, bytes) else found if isinstance(found, str) else ""
+    return text.encode(errors="replace").decode()
+
+
+def _letter(code: int) -> str:
+    """Return a character of MATLAB's text, which is UTF-16."""
+    return chr(code) if code < 0xD800 or 0xE000 <= code < 0x10000 else "\ufffd"
 
 
 def _native(values: Any) -> Any:

@@ -1,20 +1,34 @@
-"""MDF recordings of measurement systems: many groups of channels, each with a time base of its own."""
+"""MDF recordings of measurement systems: many groups of channels, each with a time base of its own.
 
-import logging
+Their library is large, partly C, and made for files that one trusts. It runs in a process of its own, within limits.
+"""
+
+import json
+import subprocess
+import tempfile
+import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import IO, Any
 
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.apart import call, environment
 from lpvobs.io.profiles import SourceRules
-from lpvobs.io.recordings import Column, Head, check_size
+from lpvobs.io.recordings import Column, Head, check_samples
 
 MAGIC = (b"MDF     ", b"UnFinMF ")
+SECONDS, BYTES, PATIENCE = 8, 2 << 30, 10
+"""What the library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""
+PER_SECOND = 4 << 20
+"""[bytes] of a file for which it may compute a second longer."""
+FAILED = "its library fails on it, or takes too long"
+
+Place = tuple[int, int]
+"""Group, and index in it, of a channel."""
 
 
 @dataclass(frozen=True)
@@ -23,102 +37,94 @@ class MdfRecording:
 
     path: Path
     heads: Mapping[str, Head]
-    places: Mapping[str, tuple[int, int]]
+    places: Mapping[str, Place]
     notes: dict[str, str] = field(default_factory=dict)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return channels in physical values with their own stamps; samples marked invalid are empty."""
-        check_size(self.path, 16.0 * sum(self.heads[name].size for name in names))
-        with _opened(self.path, self.notes) as file:
-            return {name: self._column(file, name) for name in names}
-
-    def _column(self, file: Any, name: str) -> Column:
         import pyarrow as pa
 
-        group, index = self.places[name]
-        signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
-        samples = np.asarray(signal.samples)
-        if samples.ndim != 1 or samples.dtype.kind not in "iufbSU":
-            raise DataError(
-                f"{self.path}: channel '{name}' holds {samples.dtype} of {samples.ndim} axes, expected a number per stamp"
-            )
-        if samples.dtype.kind in "SU":  # a conversion to text; ingest says so with an example
-            return Column(pa.array([_text(item) for item in samples]), np.asarray(signal.timestamps, dtype=float))
-        mask = np.asarray(signal.invalidation_bits, dtype=bool) if signal.invalidation_bits is not None else None
-        if mask is not None and mask.any():
-            self.notes[f"invalid in {name}"] = f"{np.count_nonzero(mask)} samples that the file marks so"
-        native = np.ascontiguousarray(samples.astype(samples.dtype.newbyteorder("="), copy=False))
-        return Column(pa.array(native, mask=mask), np.asarray(signal.timestamps, dtype=float))
+        check_samples(self.path, [self.heads[name].size for name in names])
+        found: dict[Place, Column] = {}
+        with _asked(self.path, [self.places[name] for name in names], self.notes) as (lines, stream):
+            for line in lines:
+                with pa.ipc.open_stream(stream) as samples:
+                    table = samples.read_all()
+                found[_place(line)] = Column(table["values"], table["time"].to_numpy())
+        return {name: found[self.places[name]] for name in names}
 
 
 def open_mdf(path: Path, rules: SourceRules) -> MdfRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
     notes: dict[str, str] = {}
-    with _opened(path, notes) as file:
-        found = [
-            (number, index, channel.name, _unit(channel), int(group.channel_group.cycles_nr))
-            for number, group in enumerate(file.groups)
-            for index, channel in enumerate(group.channels)
-            if index != file.masters_db.get(number)
-        ]
-    often = Counter(name for _, _, name, _, _ in found)
+    with _asked(path, None, notes) as (lines, _):
+        found = list(lines)
+    often = Counter(line["name"] for line in found)
     heads, places = {}, {}
-    for group, index, name, unit, size in found:
-        full = name if often[name] == 1 else f"{group}:{name}"
-        heads[full], places[full] = Head(name, unit, size), (group, index)
+    for line in found:
+        name, place = line["name"], _place(line)
+        full = name if often[name] == 1 else f"{place[0]}:{name}"
+        heads[full], places[full] = Head(name, line["unit"], line["size"]), place
     return MdfRecording(path, heads, places, notes)
 
 
-class _Said(logging.Handler):
-    """Gathers what the library would print on stderr."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the message in one line."""
-        self.lines.append(" ".join(record.getMessage().split())[:200])
+def _place(line: Mapping[str, Any]) -> Place:
+    group, index = line["place"]
+    return group, index
 
 
 @contextmanager
-def _listening() -> Iterator[list[str]]:
-    """Yield the list that the library's messages go to while the block runs."""
-    logger, said = logging.getLogger("asammdf"), _Said()
-    handlers, propagate = logger.handlers, logger.propagate
-    logger.handlers, logger.propagate = [said], False
-    try:
-        yield said.lines
-    finally:
-        logger.handlers, logger.propagate = handlers, propagate
+def _asked(
+    path: Path, wanted: Sequence[Place] | None, notes: dict[str, str]
+) -> Iterator[tuple[Iterator[dict[str, Any]], IO[bytes]]]:
+    """Yield the lines that the reading process says of a file, and the stream in which samples follow them."""
+    import pyarrow as pa
 
-
-@contextmanager
-def _opened(path: Path, notes: dict[str, str]) -> Iterator[Any]:
-    """Yield an open MDF file; what its library raises becomes an error of the data, what it says a note."""
-    try:
-        from asammdf import MDF
-    except ImportError:
-        raise UsageError(
-            f"{path}: MDF needs the library asammdf, which is not installed; pip install 'lpvobs[mdf]'"
-        ) from None
+    if find_spec("asammdf") is None:
+        raise UsageError(f"{path}: MDF needs the library asammdf, which is not installed; pip install 'lpvobs[mdf]'")
     _check_kind(path)
-    file = None
-    with _listening() as said:
-        try:
-            file = MDF(path, process_bus_logging=False)
-            yield file
-        except DataError:
-            raise
-        except Exception as error:  # the library raises whatever a damaged byte leads to
-            _abandon(error)
-            reason = " ".join(str(error).split())[:200]
-            raise DataError(f"{path}: not a readable MDF file ({reason}); record or export it again") from None
-        finally:
-            if file is not None:
-                file.close()
-    if said:
-        notes["asammdf says"] = said[0]
+    size = path.stat().st_size
+    seconds = SECONDS + size // PER_SECOND
+    arguments = (str(path.absolute()), str(seconds), str(BYTES + size))
+    with tempfile.TemporaryDirectory() as folder:  # of the library's copies, which a killed process leaves behind
+        process = subprocess.Popen(
+            call("lpvobs.io.mdf_reader", *arguments),
+            env=environment(TMPDIR=folder),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        watch = threading.Timer(PATIENCE * seconds, process.kill)
+        watch.start()
+        with process:
+            try:
+                if process.stdin is None or process.stdout is None:
+                    raise _unreadable(path, "no pipe to its reader")
+                process.stdin.write(json.dumps(wanted).encode())
+                process.stdin.close()
+                yield _lines(path, process.stdout, notes), process.stdout
+            except (OSError, ValueError, pa.ArrowException):  # it ended in the middle of what it had to say
+                raise _unreadable(path, FAILED) from None
+            finally:
+                watch.cancel()
+                process.kill()
+
+
+def _lines(path: Path, stream: IO[bytes], notes: dict[str, str]) -> Iterator[dict[str, Any]]:
+    """Yield what is said of each channel, up to the last line, whose notes are kept."""
+    while line := stream.readline():
+        content = json.loads(line)
+        if "error" in content:
+            raise _unreadable(path, content["error"])
+        if "notes" in content:
+            notes.update(content["notes"])
+            return
+        yield content
+    raise _unreadable(path, FAILED)
+
+
+def _unreadable(path: Path, reason: str) -> DataError:
+    return DataError(f"{path}: not a readable MDF file ({reason}); record or export it again")
 
 
 def _check_kind(path: Path) -> None:
@@ -131,26 +137,3 @@ def _check_kind(path: Path) -> None:
         )
     if path.suffix.lower() in (".zip", ".mf4z", ".gzip", ".gz", ".bz2"):
         raise DataError(f"{path}: is an MDF file under an archive's name; rename it to .mf4")
-
-
-def _abandon(error: Exception) -> None:
-    """Close what the library left half open, whose destructor would otherwise complain on stderr."""
-    trace = error.__traceback__
-    while trace is not None:
-        owner: Any = trace.tb_frame.f_locals.get("self")
-        if hasattr(owner, "_closed"):
-            with suppress(
-                Exception
-            ):  # it lacks what it did not come to set; the second call, from the destructor, does nothing
-                owner.close()
-        trace = trace.tb_next
-
-
-def _unit(channel: Any) -> str:
-    """Return the unit of a channel; MDF 3 keeps it with the conversion."""
-    found = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
-    return _text(found).strip(" \0")
-
-
-def _text(item: Any) -> str:
-    return item.decode(errors="replace") if isinstance(item, bytes) else str(item)

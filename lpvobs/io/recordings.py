@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 2 << 30
 """What one source may take in memory; checked before it is read."""
+PER_SAMPLE, PER_ROW = 32.0, 64.0
+"""[bytes] of a sample on its way to the log (as recorded, as a float, repaired, with its stamp), and of a row meanwhile."""
+MOST_COLUMNS = 50_000
+LONGEST_EXAMPLE = 40
 
 _NUMBER = r"^[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|[nN][aA][nN]|[iI][nN][fF])$"
 _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]\s*")
@@ -137,11 +141,16 @@ def split_unit(header: str) -> tuple[str, str]:
     return (found.group(1), found.group(2).strip()) if found else (header.strip(), "")
 
 
+def check_samples(path: Path, sizes: Sequence[int], text: float = 0.0) -> None:
+    """Refuse so many samples of each column, and so many bytes of text, if making a log of them would take too much memory."""
+    check_size(path, PER_SAMPLE * sum(sizes) + PER_ROW * max(sizes, default=0) + text)
+
+
 def check_size(path: Path, needed: float) -> None:
     """Refuse what would take more memory than a source may."""
     if needed > MOST_BYTES:
         raise DataError(
-            f"{path}: reading it would take {needed / 2**30:.1f} GiB, expected at most {MOST_BYTES / 2**30:.0f} GiB; "
+            f"{path}: reading it would take {needed / 2**30:.3g} GiB, expected at most {MOST_BYTES / 2**30:.0f} GiB; "
             f"cut the recording into parts, or export fewer channels"
         )
 
@@ -177,7 +186,7 @@ def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Number
     good = pc.match_substring_regex(mended, _NUMBER)
     odd = data.filter(pc.and_(pc.invert(good), pc.not_equal(data, "")))
     numbers = pc.if_else(good, mended, "nan").cast(pa.float64())
-    return Numbers(_floats(numbers), len(odd), odd[0].as_py() if len(odd) else "")
+    return Numbers(_floats(numbers), len(odd), odd[0].as_py()[:LONGEST_EXAMPLE] if len(odd) else "")
 
 
 def _floats(data: "pa.Array | pa.ChunkedArray") -> Array:

@@ -10,19 +10,24 @@ off. Hence three cases, told apart before HDF5 sees the file, because HDF5 may c
 """
 
 import hashlib
-import os
 import subprocess
-import sys
 from functools import lru_cache
 from pathlib import Path
 
 from lpvobs.errors import DataError
+from lpvobs.io.apart import call, environment
 
 HEAD = b"\nlpvobs sha256 "
 LENGTH = len(HEAD) + 64 + 1
 SECONDS, BYTES, PATIENCE = 10, 2 * 2**30, 90
 """What reading a file without a seal may take before it counts as damaged: computing, memory, and time on a busy machine [s]."""
 BLOCK = 1 << 20
+
+
+def expect_readable(path: Path, remedy: str) -> None:
+    """Raise DataError for an HDF5 file of another program that cannot be read within limits; anybody can write a seal."""
+    if reason := _probe(str(path)):
+        raise DataError(f"{path}: damaged ({reason}); {remedy}")
 
 
 def sealed(content: bytes) -> bytes:
@@ -68,13 +73,10 @@ def _digest(path: Path, length: int) -> bytes:
 
 def _probe(path: str) -> str:
     """Return why a process of its own could not read the whole file, or nothing."""
-    root = str(Path(__file__).parents[2])
-    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")  # each would take memory from the limit
-    environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
-    call = [sys.executable, "-m", "lpvobs.io.probe", path, str(SECONDS), str(BYTES)]
+    line = call("lpvobs.io.probe", path, str(SECONDS), str(BYTES))
     try:
         done = subprocess.run(
-            call, env=environment, capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False
+            line, env=environment(), capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False
         )
     except subprocess.TimeoutExpired:
         return "HDF5 does not come to an end with it"

@@ -16,7 +16,9 @@ import resource
 import signal
 import tempfile
 import time
+import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,7 +26,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from robust import mutate
+from robust import foreign, mutate
 from robust.defects import UNITS, moving
 from robust.kill import CONFIGURED, prepare, start, warm
 from robust.samples import CONFIG, Samples, make
@@ -38,14 +40,19 @@ SECONDS, BYTES = 10.0, 2 * 2**30
 RESERVED = 12 * 2**30
 """[bytes] of addresses, so that what asks for terabytes fails at once."""
 SHARES = {
-    "parquet bytes": 0.36,
-    "parquet content": 0.25,
-    "toml": 0.25,
-    "hdf5 bytes": 0.08,
-    "hdf5 content": 0.0595,
+    "parquet bytes": 0.3,
+    "parquet content": 0.21,
+    "toml": 0.21,
+    "hdf5 bytes": 0.07,
+    "hdf5 content": 0.05,
     "hdf5 bare": 0.0005,
+    "csv": 0.09,
+    "mat": 0.0685,
+    "mat hdf5": 0.0005,
+    "mdf": 0.0005,
 }
-"""Of the inputs. A bare HDF5 file, without its seal, costs a process of its own."""
+"""Of the inputs. A bare HDF5 file, without its seal, costs a process of its own, and MDF two to four."""
+FOREIGN = ("csv", "mat", "mat hdf5", "mdf")
 
 
 @dataclass(frozen=True)
@@ -77,12 +84,38 @@ class Corpus:
         self.config = CONFIG.read_text(encoding="utf-8")
         self.effects = "".join(path.read_text() for path in sorted(CONFIG.parent.glob("surfaces/*.toml"))[:1])
         self.hdf = {"gain": samples.gain.read_bytes(), "result": samples.result.read_bytes()}
+        self.seeds: dict[str, list[foreign.Seed]] = {}
 
     def write(self, kind: str, number: int) -> Path:
         """Write an input; return its path."""
         rng = random.Random(f"{kind} {number}")
+        if kind in FOREIGN:
+            return self._write_foreign(kind, rng)
         suffix, content = self._content(kind, rng)
         path = self.folder / f"input{suffix}"
+        path.write_bytes(content)
+        return path
+
+    def _write_foreign(self, kind: str, rng: random.Random) -> Path:
+        """Write a foreign recording, and `foreign.toml` beside it, which ingests the one that it was made from."""
+        makers = {
+            "csv": foreign.csv_seeds,
+            "mat": foreign.mat_seeds,
+            "mat hdf5": foreign.hdf_seeds,
+            "mdf": foreign.mdf_seeds,
+        }
+        if kind not in self.seeds:
+            self.seeds[kind] = makers[kind]()
+        seed = rng.choice(self.seeds[kind])
+        change = {"csv": foreign.mutate_csv, "mat": foreign.mutate_mat, "mdf": foreign.mutate_mdf}
+        if kind in change:
+            content = change[kind](seed.content, rng)
+        elif rng.random() < 0.5:
+            content = mutate.mutate_bytes(seed.content, rng)
+        else:
+            content = mutate.mutate_hdf(seed.content, rng, seed.content[:128])
+        (self.folder / "foreign.toml").write_bytes(foreign.mutate_profile(seed.profile, rng))
+        path = self.folder / f"input{seed.suffix}"
         path.write_bytes(content)
         return path
 
@@ -113,7 +146,9 @@ def read(path: Path) -> None:
     from lpvobs.steps.gain import check_again
     from lpvobs.steps.inspect import inspect_log
 
-    if path.suffix == ".parquet":
+    if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
+        read_foreign(path)
+    elif path.suffix == ".parquet":
         found = inspect_log(path, Diesel.channels, LogPolicies(backward_time="drop"))
         found.as_content()
         read_references(path, found.log.rows)
@@ -126,6 +161,16 @@ def read(path: Path) -> None:
     else:
         loaded = load([path])
         report_content([(item.path.stem, item) for item in loaded.results])
+
+
+def read_foreign(path: Path) -> None:
+    """Draft a profile for a recording, and make a log of it by the one beside it, as `profile` and `ingest` do."""
+    from lpvobs.io.drafting import draft_profile
+    from lpvobs.steps.ingest import ingest_log
+
+    with suppress(LpvobsError):
+        tomllib.loads(draft_profile(path).encode("utf-8").decode("utf-8"))
+    ingest_log([path], str(path.with_name("foreign.toml")), path.with_name("made.parquet"))
 
 
 def show(kind: str, number: int) -> str:
@@ -252,8 +297,12 @@ COMMANDS = {
         ("trace", "{input}", "log.parquet"),
         ("estimate", *CONFIGURED, "--gain", "{input}", "log.parquet", "--out", "o.h5"),
     ),
+    **dict.fromkeys(
+        FOREIGN,
+        (("ingest", "{input}", "--profile", "foreign.toml", "--out", "o.parquet"), ("profile", "{input}", "--out", "o.toml")),
+    ),
 }  # fmt: skip
-LEFT = {"o.h5", "o.parquet", "o.html", "o.csv", "err.txt"}
+LEFT = {"o.toml", "o.h5", "o.parquet", "o.html", "o.csv", "err.txt"}
 
 
 def command(line: tuple[str, ...], folder: Path, *, in_shell: bool = False) -> str:
@@ -290,7 +339,7 @@ def fuzz_commands(number: int, seed: int, in_shell: int, say: Callable[[str], No
         corpus = Corpus(make_elsewhere(), folder)
         corpus.hdf = {kind: (folder / f"{kind}.h5").read_bytes() for kind in ("gain", "result")}
         warm()
-        kinds = random.Random(seed).choices(list(COMMANDS), (3, 4, 5, 1, 1, 4), k=number)
+        kinds = random.Random(seed).choices(list(COMMANDS), (30, 40, 50, 10, 10, 40, 12, 12, 2, 2), k=number)
         for place, kind in enumerate(kinds):
             at = seed * 10_000_000 + place
             path = corpus.write(kind, at)

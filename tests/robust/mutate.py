@@ -175,9 +175,12 @@ def _recast(values: pa.Array, rng: random.Random) -> pa.Array:
         return values
 
 
-def mutate_hdf(content: bytes, rng: random.Random) -> bytes:
-    """Return a sealed HDF5 file whose groups, datasets or attributes were changed with the means of HDF5 itself."""
-    with h5py.File(io.BytesIO(content[:-LENGTH]), "r+") as file:
+def mutate_hdf(content: bytes, rng: random.Random, head: bytes = b"") -> bytes:
+    """Return an HDF5 file whose groups, datasets or attributes were changed with the means of HDF5 itself.
+
+    It is sealed, unless it begins with the head of another program, a MAT file's.
+    """
+    with h5py.File(io.BytesIO(content if head else content[:-LENGTH]), "r+") as file:
         names: list[str] = []
         file.visit(names.append)
         for _ in range(rng.randint(1, 3)):
@@ -186,13 +189,13 @@ def mutate_hdf(content: bytes, rng: random.Random) -> bytes:
         image = file.id.get_file_image() if file.driver == "core" else None
         stream = io.BytesIO()
         if image is None:
-            with h5py.File(stream, "w") as copy:
+            with h5py.File(stream, "w", userblock_size=512 if head else 0) as copy:
                 for key in file:
                     file.copy(key, copy)
                 for key, value in file.attrs.items():
                     copy.attrs[key] = value
             image = stream.getvalue()
-    return sealed(bytes(image))
+    return head + bytes(image)[len(head) :] if head else sealed(bytes(image))
 
 
 def _spoil_object(file: h5py.File, name: str, rng: random.Random) -> None:

@@ -1,6 +1,7 @@
 """A small part of `make fuzz`, and what it found once."""
 
 import pytest
+from robust import foreign
 from robust.fuzz import SHARES, Corpus, fuzz_kind, read, show
 
 from lpvobs.errors import DataError, LpvobsError, UsageError
@@ -10,8 +11,11 @@ from lpvobs.simulation.cycles import load_cycle
 
 @pytest.mark.parametrize(
     ("kind", "number"),
-    [("parquet bytes", 150), ("parquet content", 150), ("toml", 150), ("hdf5 bytes", 40), ("hdf5 content", 40)],
-)
+    [
+        ("parquet bytes", 140), ("parquet content", 140), ("toml", 140), ("hdf5 bytes", 40), ("hdf5 content", 40),
+        ("csv", 80), ("mat", 60), ("mat hdf5", 4), ("mdf", 2),
+    ],
+)  # fmt: skip
 def test_no_input_is_a_fault_of_the_program(samples, kind, number):
     found = fuzz_kind(samples, kind, range(7_000_000, 7_000_000 + number), lambda line: None)
     assert found == []
@@ -37,6 +41,15 @@ def test_the_good_files_of_the_corpus_are_good(samples, tmp_path):
         copy = tmp_path / f"input.{path.stem if path.suffix == '.h5' else 'parquet'}"
         copy.write_bytes(path.read_bytes())
         read(copy)
+
+
+@pytest.mark.parametrize("make", [foreign.csv_seeds, foreign.mat_seeds, foreign.hdf_seeds, foreign.mdf_seeds])
+def test_the_good_recordings_of_the_corpus_are_good(make, tmp_path):
+    for seed in make():
+        path = tmp_path / f"input{seed.suffix}"
+        path.write_bytes(seed.content)
+        (tmp_path / "foreign.toml").write_text(seed.profile)
+        read(path)
 
 
 def test_mutated_inputs_reach_the_readers(samples, tmp_path):
