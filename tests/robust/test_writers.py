@@ -123,8 +123,8 @@ def test_a_file_system_without_locks_is_written_to_all_the_same(tmp_path, monkey
     assert names(tmp_path) == ["result.h5"]
 
 
-def test_a_folder_that_takes_no_file_is_named():
-    for target in ("/proc/result.h5", "/dev/null/result.h5", "/nowhere/result.h5"):
+def test_a_folder_that_takes_no_file_is_named(tmp_path):
+    for target in ("/proc/result.h5", "/dev/null/result.h5", tmp_path / "nowhere" / "result.h5"):
         with pytest.raises(DataError, match="cannot be written"):
             claim(Path(target))
 
