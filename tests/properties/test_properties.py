@@ -1,5 +1,6 @@
 """What holds for every log, unit, order and region, not only for the ones that somebody thought of."""
 
+import re
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -16,8 +17,8 @@ from robust.samples import make
 
 from lpvobs.airpath.base import Trajectory
 from lpvobs.airpath.diesel import Diesel
-from lpvobs.errors import NotProven
-from lpvobs.io.config import load_config
+from lpvobs.errors import NotProven, UsageError
+from lpvobs.io.config import config_of, load_config
 from lpvobs.io.logs import LogPolicies, read_log
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import estimate_default, merged
@@ -176,6 +177,32 @@ def test_a_configuration_is_what_it_was_after_a_round_trip(config, data):
     )
     plain = msgspec.json.decode(msgspec.json.encode(msgspec.to_builtins(changed)))
     assert msgspec.convert(plain, type(config)) == changed
+
+
+NUMBERS = [
+    (place, found)
+    for place, line in enumerate(CONFIG.read_text().splitlines())
+    if (found := re.match(r"(\w+ *= *)(-?[0-9][0-9.e+-]*)(.*)", line)) and not line.startswith("schema")
+]
+"""Lines of the shipped configuration that set a number, with the number."""
+BOUND = ("step", "period", "vgt_max")
+"""Numbers that are at a limit, or that another one has to be a multiple of: a change is refused."""
+
+
+@pytest.mark.parametrize(("place", "found"), NUMBERS, ids=lambda item: "" if isinstance(item, int) else item.group(1))
+def test_no_number_of_a_configuration_is_lost_between_its_text_and_what_is_computed_with(config, place, found):
+    """Every number in the text has its place in the configuration, and the text that a result keeps gives the same one again."""
+    start, number, rest = found.groups()
+    lines = CONFIG.read_text().splitlines()
+    changed = repr(float(number) * 1.001 or 0.001) if re.search(r"[.e]", number) else str(int(number) + 1)
+    lines[place] = f"{start}{changed}{rest}"
+    if start.split()[0] in BOUND:
+        with pytest.raises(UsageError, match=start.split()[0]):
+            config_of("\n".join(lines), CONFIG)
+    else:
+        assert config_of("\n".join(lines), CONFIG) != config
+    lines[place] = f"{start}{number}{rest}"
+    assert config_of("\n".join(lines), CONFIG) == config
 
 
 def test_a_result_is_what_was_written(tmp_path):
