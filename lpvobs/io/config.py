@@ -124,7 +124,7 @@ def config_of(text: str, path: Path) -> Config:
     """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
     document = _parse(text, path)
     kind = document.get("air_path", Diesel.name)
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise UsageError(f"{path}: air_path = {kind!r}, expected one of {', '.join(map(repr, KINDS))}")
     config = _convert(path, document, KINDS[kind])
     if config.schema != SCHEMA:

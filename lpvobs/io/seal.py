@@ -19,7 +19,7 @@ from lpvobs.io.apart import call, environment
 
 HEAD = b"\nlpvobs sha256 "
 LENGTH = len(HEAD) + 64 + 1
-SECONDS, BYTES, PATIENCE = 10, 2 * 2**30, 90
+SECONDS, BYTES, PATIENCE = 6, 2 * 2**30, 90
 """What reading a file without a seal may take before it counts as damaged: computing, memory, and time on a busy machine [s]."""
 BLOCK = 1 << 20
 

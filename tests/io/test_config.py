@@ -184,6 +184,7 @@ def test_a_wrong_type_is_refused_with_its_place(changed, old, new, place):
         ("stop = 56, step = 4 }", "stop = inf, step = 4 }", ("axis",)),
         ("schema = 1", "schema = 2", ("schema",)),
         ('air_path = "diesel"', 'air_path = "steam"', ("'steam'", "'diesel'")),
+        ('air_path = "diesel"', 'air_path.x = "diesel"', ("{'x': 'diesel'}", "'diesel'")),
         ("\nn_e = { start", "\nspeed = { start", ("speed", "n_e")),
     ],
 )
