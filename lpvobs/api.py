@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
+LONGEST_NAME = 255
+"""[bytes], of a file in its folder."""
 
 
 def simulate(
@@ -81,10 +83,10 @@ def simulate(
     """
     from lpvobs.steps.simulate import simulate_log
 
-    read = [Path(config), Path(cycle), *([Path(effects)] if effects else [])]
-    with _writing(Path(out), read) as target:
+    read = [_path(config), _path(cycle), *([_path(effects)] if effects else [])]
+    with _writing(_path(out), read) as target:
         return simulate_log(
-            Path(config), cycle, target, Path(effects) if effects else None, rate, seed, progress or _silent
+            _path(config), cycle, target, _path(effects) if effects else None, rate, seed, progress or _silent
         )
 
 
@@ -108,7 +110,7 @@ def draft_profile(source: File) -> str:
     """
     from lpvobs.io.drafting import draft_profile as draft
 
-    return draft(Path(source))
+    return draft(_path(source))
 
 
 def ingest(sources: File | Iterable[File], profile: File, out: File) -> dict[str, Any]:
@@ -137,8 +139,8 @@ def ingest(sources: File | Iterable[File], profile: File, out: File) -> dict[str
     """
     from lpvobs.steps.ingest import ingest_log
 
-    paths = _paths(sources)
-    with _writing(Path(out), [*paths, Path(profile)]) as target:
+    paths = _some(sources, "recording")
+    with _writing(_path(out), [*paths, _path(profile)]) as target:
         return ingest_log(paths, str(profile), target)
 
 
@@ -166,9 +168,9 @@ def inspect(log: File, config: File | None = None) -> "Inspection":
     from lpvobs.steps.inspect import inspect_log
 
     if config is None:
-        return inspect_log(Path(log), None, LogPolicies())
-    configuration, _ = load_config(Path(config))
-    return inspect_log(Path(log), configuration.engine_path().channels, configuration.policies)
+        return inspect_log(_path(log), None, LogPolicies())
+    configuration, _ = load_config(_path(config))
+    return inspect_log(_path(log), configuration.engine_path().channels, configuration.policies)
 
 
 def synth_gain(
@@ -211,8 +213,8 @@ def synth_gain(
     paths = _paths(logs)
     if published is not None and paths:
         raise UsageError("published: takes no logs, its region is a column of Table 1; drop one of them")
-    with _writing(Path(out), [Path(config), *paths]) as target:
-        configuration, text = load_config(Path(config))
+    with _writing(_path(out), [_path(config), *paths]) as target:
+        configuration, text = load_config(_path(config))
         if published is None:
             stored, digests = make_gain(configuration, paths)
         else:
@@ -234,7 +236,7 @@ def verify(gain: File) -> "Certificate":
     from lpvobs.io.gains import read_gain
     from lpvobs.steps.gain import check_again
 
-    certificate = check_again(read_gain(Path(gain)))
+    certificate = check_again(read_gain(_path(gain)))
     if not certificate.proven:
         raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with synth_gain")
     return certificate
@@ -294,10 +296,10 @@ def estimate(
     from lpvobs.io.finding import find_logs
     from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 
-    paths = find_logs(_paths(logs))
-    given = None if gain is None else Path(gain)
-    with _writing(Path(out), [Path(config), *paths, *([given] if given else [])]) as target:
-        configuration, text = load_config(Path(config))
+    paths = find_logs(_some(logs, "log"))
+    given = None if gain is None else _path(gain)
+    with _writing(_path(out), [_path(config), *paths, *([given] if given else [])]) as target:
+        configuration, text = load_config(_path(config))
         workplace = workplace_for(method, len(paths), jobs, scheduler)
         stored = gain_for(configuration, paths, given, method)
         return estimate_logs(configuration, text, stored, paths, target, method, progress or _silent, workplace)
@@ -320,7 +322,7 @@ def extrapolate(result: File) -> tuple["QuadraticFit", float]:
     """
     from lpvobs.steps.extrapolate import extrapolate_result
 
-    with _changing(Path(result)) as path:
+    with _changing(_path(result)) as path:
         return extrapolate_result(path)
 
 
@@ -354,8 +356,8 @@ def trace(
     """
     from lpvobs.steps.trace import Sources, trace_result
 
-    with _changing(Path(result)) as path:
-        return trace_result(Sources(path, _paths(logs), (), freeze_map), progress or _silent)[0]
+    with _changing(_path(result)) as path:
+        return trace_result(Sources(path, _some(logs, "log"), (), freeze_map), progress or _silent)[0]
 
 
 def refine(
@@ -392,9 +394,9 @@ def refine(
     """
     from lpvobs.steps.trace import Sources, refine_result
 
-    paths, unseen = _paths(logs), _paths(hold_out)
-    with _writing(Path(out), [Path(result), *paths, *unseen]) as target:
-        return refine_result(Sources(Path(result), paths, unseen, freeze_map), target, progress or _silent)[0]
+    paths, unseen = _some(logs, "log"), _paths(hold_out)
+    with _writing(_path(out), [_path(result), *paths, *unseen]) as target:
+        return refine_result(Sources(_path(result), paths, unseen, freeze_map), target, progress or _silent)[0]
 
 
 def export(
@@ -445,10 +447,10 @@ def export(
     """
     from lpvobs.steps.export import Request, export_result
 
-    before = None if old is None else Path(old)
+    before = None if old is None else _path(old)
     request = Request(file_format, values, only_estimated, before, name, kind.upper(), digits)
-    with _writing(Path(out), [Path(result), *([before] if before else [])]) as target:
-        return export_result(Path(result), target, request)
+    with _writing(_path(out), [_path(result), *([before] if before else [])]) as target:
+        return export_result(_path(result), target, request)
 
 
 def write_report(
@@ -489,14 +491,14 @@ def write_report(
     from lpvobs.report.tables import report_content
 
     conditions = [parse_gate(expression) for expression in gates]
-    paths = [Path(result), *_paths(further)]
+    paths = [_path(result), *_paths(further)]
     loaded = load(paths)
     names = distinct([item.path for item in loaded.results])
     content = report_content(list(zip(names, loaded.results, strict=True)))
     for item, found in zip(content["results"], loaded.discovered, strict=True):
         item.update(contents(found))
     if html is not None:
-        with _writing(Path(html), paths) as target:
+        with _writing(_path(html), paths) as target:
             write_page(target, gather(loaded))
     enforce(judge(conditions, content["logs"]))
     return content
@@ -524,12 +526,30 @@ def read_map(result: File, values: str = "") -> "Surface":
     """
     from lpvobs.io.surfaces import read_surface
 
-    return read_surface(Path(result), values)
+    return read_surface(_path(result), values)
 
 
 def _paths(files: File | Iterable[File]) -> list[Path]:
     """Return one or several files as a list."""
-    return [Path(files)] if isinstance(files, (str, os.PathLike)) else [Path(file) for file in files]
+    return [_path(files)] if isinstance(files, (str, os.PathLike)) else [_path(file) for file in files]
+
+
+def _some(files: File | Iterable[File], kind: str) -> list[Path]:
+    """Return files of which at least one is needed."""
+    paths = _paths(files)
+    if not paths:
+        raise UsageError(f"no {kind}; name at least one")
+    return paths
+
+
+def _path(file: File) -> Path:
+    """Return a name as a path; raises UsageError if no file can have it."""
+    path = Path(file)
+    if "\0" in str(path) or any(len(os.fsencode(part)) > LONGEST_NAME for part in path.parts):
+        raise UsageError(
+            f"{str(path)!r}: no file can have this name; expected at most {LONGEST_NAME} bytes, none of them 0"
+        )
+    return path
 
 
 @contextmanager

@@ -165,7 +165,7 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
     Raises
     ------
     UsageError
-        If both jobs and a scheduler are named, or either for a method that goes through the logs in turn.
+        If both jobs and a scheduler are named, jobs are less than one, or either for a method that goes through the logs in turn.
     """
     if jobs is not None and scheduler is not None:
         raise UsageError(
@@ -173,6 +173,8 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
         )
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
         raise UsageError(f"--method {method}: goes through the logs in turn; drop --jobs and --scheduler")
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"--jobs {jobs}: expected at least 1")
     if jobs is None:
         jobs = processors() if logs >= MANY else 1
     return Workplace(jobs, scheduler)

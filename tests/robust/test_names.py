@@ -27,12 +27,10 @@ def test_a_pattern_leaves_folders_out(tmp_path):
     assert find_logs([tmp_path / "a" / "*"]) == [tmp_path / "a" / "log.parquet"]
 
 
-def test_a_name_that_is_too_long_is_refused_everywhere(samples, tmp_path):
+def test_an_output_whose_name_is_too_long_is_refused(samples, tmp_path):
     out = tmp_path / LONG
     with pytest.raises(DataError, match="name too long"):
         refuse_overwriting(out, [samples.log])
-    with pytest.raises(DataError, match="name too long"):
-        lpvobs.export(samples.result, out, "csv")
 
 
 @pytest.mark.parametrize("code", [errno.ENAMETOOLONG, errno.EACCES, errno.EMFILE])
@@ -63,3 +61,33 @@ def test_a_pipe_in_the_place_of_an_old_map_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "old.dcm")
     with pytest.raises(DataError, match="not a regular file"):
         read_dcm_map(tmp_path / "old.dcm", "MAF")
+
+
+@pytest.mark.parametrize("name", [LONG, f"folder/{LONG}", "half\0name"])
+def test_a_name_that_no_file_can_have_is_refused_from_python(samples, tmp_path, name):
+    out = tmp_path / "out"
+    for call in (
+        lambda: lpvobs.estimate(samples.config, name, out, gain=samples.gain),
+        lambda: lpvobs.estimate(samples.config, samples.log, out, gain=name),
+        lambda: lpvobs.ingest(samples.log, name, out),
+        lambda: lpvobs.inspect(name),
+        lambda: lpvobs.extrapolate(name),
+        lambda: lpvobs.trace(samples.result, [samples.log, name]),
+        lambda: lpvobs.simulate(samples.config, f"{name}.csv", out),
+    ):
+        with pytest.raises(UsageError, match="no file can have this name"):
+            call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_to_work_on_is_named_from_python(samples, tmp_path):
+    for call in (
+        lambda: lpvobs.estimate(samples.config, [], tmp_path / "out", gain=samples.gain),
+        lambda: lpvobs.trace(samples.result, []),
+        lambda: lpvobs.refine(samples.result, [], tmp_path / "out"),
+        lambda: lpvobs.ingest([], "kit-obd", tmp_path / "out"),
+    ):
+        with pytest.raises(UsageError, match="name at least one"):
+            call()
+    with pytest.raises(UsageError, match="expected at least 1"):
+        lpvobs.estimate(samples.config, samples.log, tmp_path / "out", gain=samples.gain, jobs=0)
