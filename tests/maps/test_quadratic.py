@@ -217,6 +217,17 @@ def test_nodes_known_exactly_count_alike():
     assert exact.lack_of_fit == pytest.approx(alike.lack_of_fit, rel=1e-6)
 
 
+def test_one_node_known_exactly_makes_all_count_alike():
+    """Nothing can be weighted by the reciprocal of a variance of zero."""
+    small = Grid(np.linspace(0.0, 40.0, 5), np.linspace(1000.0, 3000.0, 5))
+    theta = on_nodes(small, EQ_40) + 1e-4 * np.random.default_rng(11).standard_normal(small.shape)
+    every, noise = np.ones(small.shape, dtype=bool), 1e-20 * np.eye(25)
+    noise[7, 7] = 0.0
+    found, alike = fit(small, theta, noise, every), fit(small, theta, 1e-20 * np.eye(25), every)
+    np.testing.assert_allclose(found.coefficients, alike.coefficients, rtol=1e-6)  # a lack of fit of 1e-4 hides 1e-10
+    assert found.lack_of_fit == pytest.approx(alike.lack_of_fit, rel=1e-6)
+
+
 def test_the_papers_two_fits_contradict_each_other_outside():
     u, n = 56.0, 2000.0
     assert evaluate(np.array(EQ_39), u, n) == pytest.approx(-7.0e-3, abs=5e-5)  # printed digits: 0.1 g/s
