@@ -87,8 +87,16 @@ EQUIVALENT = {
     ("observer/recursion.py:138", "12", "13"): "a buffer may be longer than what is used of it",
     ("observer/recursion.py:143", "0.0", "1.0"): "no cell yet: the first sample fetches its own values",
     ("observer/rivals.py:56", "0", "1"): "a column that nothing is added to, and nobody reads",
-    ("observer/smoothing.py:197", "k - first >= LEAST", "k - first > LEAST"): "one by one gives the bits of side by side",
-    ("observer/smoothing.py:198", "start - side >= low", "start - side > low"): "one by one gives the bits of side by side",
+    (
+        "observer/smoothing.py:197",
+        "k - first >= LEAST",
+        "k - first > LEAST",
+    ): "one by one gives the bits of side by side",
+    (
+        "observer/smoothing.py:198",
+        "start - side >= low",
+        "start - side > low",
+    ): "one by one gives the bits of side by side",
     ("observer/smoothing.py:255", "5", "6"): "a buffer may be longer than what is used of it",
     ("synthesis/balance.py:48", "1.0", "2.0"): "no units change the fastest rate; these keep rounding small",
     ("synthesis/lmi.py:66", "True", "False"): "only the symmetric part counts, in the trace and in the inequality",
