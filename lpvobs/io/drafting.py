@@ -54,8 +54,9 @@ def draft_profile(path: Path) -> str:
     DataError
         If the recording cannot be read.
     """
-    seen = _look(path)
-    guesses = [found for name, head in seen.recording.heads.items() for found in _guesses(name, head, seen)]
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
+        seen = _look(path)
+        guesses = [found for name, head in seen.recording.heads.items() for found in _guesses(name, head, seen)]
     sure = _sure(guesses)
     blocks = [_head(path), _source(seen), _time(seen), _raster(seen, sure)]
     blocks += [

@@ -85,6 +85,7 @@ def _placed(item: Samples, at: Array, rules: ChannelRules, profile: Profile) -> 
     else:
         width = 1.0 / profile.raster.rate if profile.raster.rate else resample.median_step(at)
         values = resample.mean(t, v, at, limit, width)
+    values = np.where(np.isfinite(values), values, np.nan)
     filled = (
         resample.bridged(t, at) & np.isfinite(values)
         if t.size > 1 and rule != "as recorded"

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lpvobs.io.foreign import ingest
 from lpvobs.io.ingest_record import KEY
 from lpvobs.io.logs import write_log
@@ -31,7 +33,10 @@ def ingest_log(sources: Sequence[Path], profile: str, out: Path) -> dict[str, An
         If the files cannot.
     """
     rules, name, text = load_profile(profile)
-    made = ingest(sources, rules)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # numbers at the end of what floats can hold: what overflows is no value
+        made = ingest(sources, rules)
     digest = hashlib.sha256(text.encode()).hexdigest()
     record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}
     write_log(out, made.channels, made.units, {KEY: json.dumps(record)})

@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.errors import DataError
@@ -22,6 +23,7 @@ from lpvobs.io.profiles import SourceRules, profile_of
 from lpvobs.io.recording_csv import open_csv
 from lpvobs.io.recording_mat import open_mat
 from lpvobs.io.recording_mdf import open_mdf
+from lpvobs.steps.ingest import ingest_log
 
 PROFILE = """
 schema = 1
@@ -74,6 +76,16 @@ def test_a_stamp_out_of_all_proportion_is_one_short_line(tmp_path):
     with pytest.raises(DataError, match=r"drive.csv: 1e\+300 s at 20 Hz") as failure:
         made(path, rate=20.0)
     assert len(str(failure.value)) < 300
+
+
+def test_numbers_at_the_end_of_what_floats_can_hold(tmp_path):
+    """Found by the fuzzer: they were warned of on stderr, with the place in the program."""
+    path, profile, out = tmp_path / "drive.csv", tmp_path / "mine.toml", tmp_path / "log.parquet"
+    path.write_text("t,p\n" + ROWS.replace(",105\n", ",1.7e308\n").replace(",106\n", ",-1.7e308\n"))
+    profile.write_text(PROFILE.format(source="p", rate=5.0, time=TIME).replace('"kPa"', '"Pa"') + 'rule = "mean"\n')
+    assert draft_profile(path)
+    assert ingest_log([path], str(profile), out)["channels"]["p_im"]["without_value"] > 0
+    assert not np.isinf(pq.read_table(out)["p_im"].to_numpy()).any()
 
 
 def test_an_unreadable_entry_is_quoted_in_short(tmp_path):
