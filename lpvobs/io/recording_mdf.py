@@ -21,7 +21,7 @@ from lpvobs.io.profiles import SourceRules
 from lpvobs.io.recordings import Column, Head, check_samples
 
 MAGIC = (b"MDF     ", b"UnFinMF ")
-SECONDS, BYTES, PATIENCE = 8, 2 << 30, 10
+SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
 """What the library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""
 PER_SECOND = 4 << 20
 """[bytes] of a file for which it may compute a second longer."""
