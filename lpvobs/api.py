@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from lpvobs.errors import NotProven, UsageError
 
 if TYPE_CHECKING:
-    from lpvobs.discovery.outcome import Trace
     from lpvobs.io.gains import StoredGain
     from lpvobs.io.surfaces import Surface
     from lpvobs.maps.quadratic import QuadraticFit
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from lpvobs.steps.estimate import Estimated
     from lpvobs.steps.export import Exported
     from lpvobs.steps.inspect import Inspection
+    from lpvobs.steps.pooled import Traced
     from lpvobs.synthesis.certificate import Certificate
 
 File: TypeAlias = str | os.PathLike[str]
@@ -328,7 +328,7 @@ def extrapolate(result: File) -> tuple["QuadraticFit", float]:
 
 def trace(
     result: File, logs: File | Iterable[File], *, freeze_map: bool | None = None, progress: Progress | None = None
-) -> "Trace":
+) -> "Traced":
     """Find what the model of a result lacks on logs, and write `/trace` into the result.
 
     Parameters
@@ -343,21 +343,21 @@ def trace(
 
     Returns
     -------
-    Trace
-        `verdict` is `none`, `effect` or `unexplained`; `findings` with sizes and intervals in the units they name, onset and end
-        [s]; `as_json(refined=False)` is the object of the command line.
+    Traced
+        `found`: its `verdict` is `none`, `effect` or `unexplained`, its `findings` have sizes and intervals in the units they name,
+        onset and end [s]; `map_frozen`; `refused`: why logs were left out.
 
     Raises
     ------
     UsageError
         If some logs made the map, others did not, and nothing says what holds; if a log is there twice.
     DataError
-        If the result or a log cannot be used.
+        If the result cannot be used, or no log can.
     """
     from lpvobs.steps.trace import Sources, trace_result
 
     with _changing(_path(result)) as path:
-        return trace_result(Sources(path, _some(logs, "log"), (), freeze_map), progress or _silent)[0]
+        return trace_result(Sources(path, _some(logs, "log"), (), freeze_map), progress or _silent)
 
 
 def refine(
@@ -368,7 +368,7 @@ def refine(
     hold_out: File | Iterable[File] = (),
     freeze_map: bool | None = None,
     progress: Progress | None = None,
-) -> "Trace":
+) -> "Traced":
     """Add the effects that the logs prove to the model, estimate again, and write the refined result.
 
     Parameters
@@ -382,8 +382,8 @@ def refine(
 
     Returns
     -------
-    Trace
-        As of `trace`, and with the error after; `as_json(refined=True)` is the object of the command line.
+    Traced
+        As of `trace`, and with the error after.
 
     Raises
     ------
@@ -396,7 +396,7 @@ def refine(
 
     paths, unseen = _some(logs, "log"), _paths(hold_out)
     with _writing(_path(out), [_path(result), *paths, *unseen]) as target:
-        return refine_result(Sources(_path(result), paths, unseen, freeze_map), target, progress or _silent)[0]
+        return refine_result(Sources(_path(result), paths, unseen, freeze_map), target, progress or _silent)
 
 
 def export(

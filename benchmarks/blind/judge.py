@@ -57,7 +57,7 @@ def main(folder: Path, share: int, of: int, what: str) -> None:
 def refined(result: Path, log: Path) -> dict[str, object]:
     """Return what `lpvobs refine --json` says."""
     out = log.with_suffix(".refined.h5")
-    found, _ = refine_result(Sources(result, [log]), out, lambda _: None)
+    found = refine_result(Sources(result, [log]), out, lambda _: None).found
     out.unlink()
     return found.as_json(refined=True)
 

@@ -270,3 +270,12 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def leave(refused: Iterable[str]) -> None:
+    """Name the logs that were left out; end with the contract's code if there are any."""
+    messages = list(refused)
+    for message in messages:
+        say(f"lpvobs: left out: {message}")
+    if messages:
+        raise typer.Exit(DataError.exit_code)

@@ -12,6 +12,7 @@ from lpvobs.cli.common import (
     JsonOption,
     chosen_config,
     guarded,
+    leave,
     load_compiler,
     loading,
     print_json,
@@ -70,7 +71,6 @@ def estimate(
     """
     with loading():
         load_compiler()
-        from lpvobs.errors import DataError
         from lpvobs.io.config import load_config
         from lpvobs.io.finding import find_logs
         from lpvobs.report.tables import agreement_rows, log_rows, logs_content
@@ -108,7 +108,4 @@ def estimate(
             say(
                 f"lpvobs: {item.name}: disagrees with the map of all logs by {1e3 * item.mean_difference:+.3g} g/s on average"
             )
-    for message in done.refused:
-        say(f"lpvobs: left out: {message}")
-    if done.refused:
-        raise typer.Exit(DataError.exit_code)
+    leave(done.refused)

@@ -1,12 +1,15 @@
 """`lpvobs refine`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, progress, refuse_overwriting, say
-from lpvobs.cli.trace import MapOption, show
+from lpvobs.cli.common import JsonOption, guarded, leave, print_json, progress, refuse_overwriting, say
+from lpvobs.cli.trace import MapOption, content, show
+
+if TYPE_CHECKING:
+    from lpvobs.steps.pooled import Traced
 
 
 @guarded
@@ -28,7 +31,8 @@ def refine(
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
 
-    Without a finding the model of before is written, byte for byte. A refined result can be refined again.
+    Without a finding the model of before is written, byte for byte. A refined result can be refined again. A log that cannot be
+    used is named and left out: exit code 3.
 
     Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5
 
@@ -39,11 +43,17 @@ def refine(
     unseen = hold_out or []
     refuse_overwriting(out, [result, *logs, *unseen])
     with progress("refining") as report:
-        found, frozen = refine_result(Sources(result, logs, unseen, freeze_map), out, report)
+        traced = refine_result(Sources(result, logs, unseen, freeze_map), out, report)
     if as_json:
-        print_json("refine", {"map_frozen": frozen, **found.as_json(refined=True)})
-        return
-    show(found, frozen, refined=True)
+        print_json("refine", content(traced, refined=True))
+    else:
+        _tell(traced, out)
+    leave(traced.refused)
+
+
+def _tell(traced: "Traced", out: Path) -> None:
+    found = traced.found
+    show(found, traced.map_frozen, refined=True)
     error = found.comparison
     low, high = error.ratio_ci90
     say(

@@ -2,14 +2,15 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, claim, guarded, print_json, progress, say, table, visible
+from lpvobs.cli.common import JsonOption, claim, guarded, leave, print_json, progress, say, table, visible
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Trace
+    from lpvobs.steps.pooled import Traced
 
 MapOption = Annotated[
     bool | None,
@@ -36,7 +37,8 @@ def trace(
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.
 
-    On the logs that made the map, map and effects are estimated together; on others the map stands.
+    On the logs that made the map, map and effects are estimated together; on others the map stands. A log that cannot be used is
+    named and left out: exit code 3.
 
     Example: lpvobs trace nedc.h5 nedc.parquet
 
@@ -47,12 +49,22 @@ def trace(
     if result.is_file():
         claim(result)
     with progress("tracing") as report:
-        found, frozen = trace_result(Sources(result, logs, (), freeze_map), report)
+        traced = trace_result(Sources(result, logs, (), freeze_map), report)
     if as_json:
-        print_json("trace", {"map_frozen": frozen, **found.as_json(refined=False)})
-        return
-    show(found, frozen, refined=False)
-    say(f"held-out residual {1e3 * found.comparison.before:.3f} g/s rms; /trace written into {result}")
+        print_json("trace", content(traced, refined=False))
+    else:
+        show(traced.found, traced.map_frozen, refined=False)
+        say(f"held-out residual {1e3 * traced.found.comparison.before:.3f} g/s rms; /trace written into {result}")
+    leave(traced.refused)
+
+
+def content(traced: "Traced", refined: bool) -> dict[str, Any]:
+    """Return the contract's object."""
+    return {
+        "map_frozen": traced.map_frozen,
+        "refused": list(traced.refused),
+        **traced.found.as_json(refined=refined),
+    }
 
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:

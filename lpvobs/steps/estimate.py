@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -25,6 +26,7 @@ from lpvobs.records import Log
 from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
 from lpvobs.steps.jobs import processors
 from lpvobs.steps.learning import engine_writer, learned_path
+from lpvobs.steps.pooled import contents, usable
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
@@ -139,24 +141,16 @@ def _one_after_another(
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
     grid = config.grid()
-    logs: dict[Path, Log] = {}
-    refused: list[str] = []
-    for done, path in enumerate(paths):
-        try:
-            logs[path] = read_log(path, air_path.channels, config.policies)
-        except DataError as error:
-            refused.append(str(error))
-        progress(0.5 * (done + 1) / len(paths))
-    if not logs:
-        raise DataError("; ".join(refused))
-    estimate = _estimate(config, air_path, grid, gain, list(logs.values()), method)
+    logs, refused = usable(paths, partial(read_log, channels=air_path.channels, policies=config.policies))
+    progress(0.5)
+    estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     refuse_empty(estimate)
     progress(0.9)
     summaries = tuple(
         summary_of(run, metrics_of(air_path, estimate, path, log))
-        for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
+        for (path, log), run in zip(logs, estimate.runs, strict=True)
     )
-    return Estimated(estimate, summaries, tuple(refused))
+    return Estimated(estimate, summaries, refused)
 
 
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workplace:

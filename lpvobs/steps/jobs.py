@@ -72,6 +72,8 @@ class Workers:
         if self.jobs == 1 or len(tasks) < 2:
             return ((number, function(task)) for number, task in enumerate(tasks))
         if self._pool is None:
+            # The working folder, where strangers' logs lie, is no place of modules, such as a file multiprocessing.py.
+            os.environ["PYTHONSAFEPATH"] = "1"
             # Processes that start afresh: a copy of this one could inherit a lock that a thread of a library holds.
             afresh = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self.jobs, afresh, _belong_to_the_parent)

@@ -3,13 +3,13 @@
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import h5py
 
 from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.throttled_closing import Closed, Nominal, close
-from lpvobs.discovery.throttled_outcome import ThrottledTrace
 from lpvobs.errors import DataError
 from lpvobs.io.atomic import replacing
 from lpvobs.io.config import ThrottledConfig, config_of
@@ -26,15 +26,14 @@ from lpvobs.io.refinements import (
 )
 from lpvobs.io.results import KIND, REMEDY, StoredResult, refuse_replaced, update
 from lpvobs.records import Log
+from lpvobs.steps.pooled import Traced, contents, usable
 
 Progress = Callable[[float], None]
 
 
-def trace_throttled(
-    stored: StoredResult, logs: Sequence[Path], frozen: bool | None, progress: Progress
-) -> tuple[ThrottledTrace, bool]:
-    """Judge logs one by one, write `/trace` into the result; return what was found, and whether the engine stood."""
-    closed, stands = _closed(stored, logs, (), frozen, progress)
+def trace_throttled(stored: StoredResult, logs: Sequence[Path], frozen: bool | None, progress: Progress) -> Traced:
+    """Judge logs one by one, and write `/trace` into the result."""
+    closed, stands, refused = _closed(stored, logs, (), frozen, progress)
 
     def change(file: h5py.File) -> None:
         if "trace" in file:
@@ -46,7 +45,7 @@ def trace_throttled(
         write_ranking(group, closed.trace.ranking)
 
     update(stored, change)
-    return closed.trace, stands
+    return Traced(closed.trace, stands, refused)
 
 
 def refine_throttled(
@@ -56,14 +55,15 @@ def refine_throttled(
     frozen: bool | None,
     out: Path,
     progress: Progress,
-) -> tuple[ThrottledTrace, bool]:
+) -> Traced:
     """Add the effects that logs prove to the model; map and curves stay, they are those of the healthy engine."""
-    closed, stands = _closed(stored, logs, hold_out, frozen, progress)
+    closed, stands, refused = _closed(stored, logs, hold_out, frozen, progress)
+    traced = Traced(closed.trace, stands, refused)
     if not closed.trace.findings:
         with replacing(out) as temporary:
             shutil.copyfile(stored.path, temporary)
             refuse_replaced(stored)
-        return closed.trace, stands
+        return traced
     found = StoredRefinement(closed.standing, {}, {}, {}, stands, _content(closed, stands, refined=True))
     with changing(stored.path, out) as file:
         for name in ("trace", "refinement"):
@@ -73,7 +73,7 @@ def refine_throttled(
         write_refinement(file, found, closed.comparisons, structure, closed.balances)
         write_ranking(file["refinement"], closed.trace.ranking)
         refuse_replaced(stored)
-    return closed.trace, stands
+    return traced
 
 
 def _content(closed: Closed, stands: bool, refined: bool) -> str:
@@ -84,7 +84,7 @@ def _content(closed: Closed, stands: bool, refined: bool) -> str:
 
 def _closed(
     stored: StoredResult, paths: Sequence[Path], hold_out: Sequence[Path], frozen: bool | None, progress: Progress
-) -> tuple[Closed, bool]:
+) -> tuple[Closed, bool, tuple[str, ...]]:
     config = config_of(stored.provenance.config, stored.path)
     if not isinstance(config, ThrottledConfig):
         raise DataError(f"{stored.path}: its configuration is not that of a throttled engine; {REMEDY} again")
@@ -94,9 +94,11 @@ def _closed(
     taught = {log.sha256: log.name for log in stored.logs}
     had = () if refined is None else refined.effects
     nominal = Nominal(config.engine, learned, healthy, config.trace, taught, had)
-    logs, unseen = ([read_what_is_there(path, config) for path in each] for each in (paths, hold_out))
-    closed = close(nominal, logs, unseen, frozen, progress)
-    return closed, bool(frozen) or not any(log.sha256 in taught for log in logs)
+    read = partial(read_what_is_there, config=config)
+    (used, refused), (unseen, refused_unseen) = (usable(each, read) for each in (paths, hold_out))
+    closed = close(nominal, contents(used), contents(unseen), frozen, progress)
+    stands = bool(frozen) or not any(log.sha256 in taught for _, log in used)
+    return closed, stands, refused + refused_unseen
 
 
 def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,7 +14,6 @@ from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.closing import Refinement, nominal_map, refine
 from lpvobs.discovery.heldout import Comparison
-from lpvobs.discovery.outcome import Trace
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.problem import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing, from_off
@@ -36,6 +36,7 @@ from lpvobs.io.refinements import (
 from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
+from lpvobs.steps.pooled import LogAt, Traced, contents, usable
 from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
@@ -62,15 +63,15 @@ class Sources:
     freeze_map: bool | None = None
 
 
-def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[Trace, bool]:
-    """Trace the residual of a stored model on logs, write `/trace` into the result; return it, and whether the map was frozen.
+def trace_result(sources: Sources, progress: Callable[[float], None]) -> Traced:
+    """Trace the residual of a stored model on logs, and write `/trace` into the result.
 
-    `progress` takes the fraction done.
+    A log that cannot be used is left out and named. `progress` takes the fraction done.
 
     Raises
     ------
     DataError
-        If the result or a log cannot be used.
+        If the result cannot be used, or no log can.
     UsageError
         If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
@@ -85,10 +86,10 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> tuple[T
         closed.write_trace(file)
 
     update(closed.stored, change)
-    return closed.refinement.trace, closed.frozen
+    return closed.traced
 
 
-def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]) -> tuple[Trace, bool]:
+def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]) -> Traced:
     """Add the effects that the logs prove to a stored model, estimate again, write the refined model.
 
     Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
@@ -107,9 +108,9 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     elif closed.frozen:
         _write_beside(sources.result, out, closed)
     else:
-        _write_anew(out, closed, sources.logs)
+        _write_anew(out, closed)
     progress(1.0)
-    return found.trace, closed.frozen
+    return closed.traced
 
 
 def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
@@ -127,16 +128,15 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
         refuse_replaced(stored)
 
 
-def _write_anew(out: Path, closed: "_Closed", paths: Sequence[Path]) -> None:
+def _write_anew(out: Path, closed: "_Closed") -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
     stored = closed.stored
     config = config_of(stored.provenance.config, stored.path)
-    logs = list(zip(paths, closed.logs, strict=True))
     effects = tuple(from_off(effect) for effect in closed.refinement.standing)
-    seen = estimate_refined(config, stored.gain, effects, closed.constants, logs)
+    seen = estimate_refined(config, stored.gain, effects, closed.constants, closed.used)
     air_path = config.engine_path()
     axes = (air_path.axes[0].channel, air_path.axes[1].channel)
-    provenance = Provenance({path.name: log.sha256 for path, log in logs}, stored.provenance.config)
+    provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
         closed.write(file, effects)
@@ -153,10 +153,20 @@ class _Closed:
 
     stored: StoredResult
     start: Start
-    logs: tuple[Log, ...]
-    hold_out: tuple[Log, ...]
+    used: tuple[LogAt, ...]
+    refused: tuple[str, ...]
     refinement: Refinement
     frozen: bool
+
+    @property
+    def logs(self) -> tuple[Log, ...]:
+        """What was learned from."""
+        return contents(self.used)
+
+    @property
+    def traced(self) -> Traced:
+        """What the verb tells."""
+        return Traced(self.refinement.trace, self.frozen, self.refused)
 
     @property
     def constants(self) -> dict[str, float]:
@@ -226,10 +236,9 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     with reading(path, KIND, REMEDY) as file:
         refined = read_refinement(file)
     config = config_of(stored.provenance.config, path)
-    logs, hold_out = (
-        tuple(read_log(item, config.engine_path().channels, config.policies, auxiliary=True) for item in items)
-        for items in (sources.logs, sources.hold_out)
-    )
+    read = partial(read_log, channels=config.engine_path().channels, policies=config.policies, auxiliary=True)
+    (used, refused), (unseen, refused_unseen) = (usable(items, read) for items in (sources.logs, sources.hold_out))
+    logs, hold_out = contents(used), contents(unseen)
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
     if anew and not frozen:
@@ -238,7 +247,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
     found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)
-    return _Closed(stored, start, logs, hold_out, found, frozen)
+    return _Closed(stored, start, used, refused + refused_unseen, found, frozen)
 
 
 def _refuse_copies(logs: Sequence[Log]) -> None:

@@ -161,7 +161,8 @@ def test_what_the_chain_does_not_show(validator, verb, refined):
     )
     for kind, log, left in ((Trace, LogPart(*part), LEFT), (ThrottledTrace, throttled, None)):
         found = kind("effect", (FINDING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (log,), ERROR, left)
-        content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, **json.loads(json.dumps(found.as_json(refined)))}
+        said = json.loads(json.dumps(found.as_json(refined)))
+        content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
         validator(verb).validate(content)
         assert ("after" in content["error"]) is refined
         assert {"standing", "error_on_held_out_logs"} <= set(content)

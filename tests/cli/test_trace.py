@@ -162,6 +162,23 @@ def test_a_log_that_is_there_twice_is_refused(lpvobs, chain, slow, tmp_path):
     assert "same bytes" in done.err
 
 
+def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined, slow, tmp_path):
+    result, bad = tmp_path / "result.h5", tmp_path / "bad.parquet"
+    result.write_bytes(chain.result.read_bytes())
+    bad.write_bytes(slow.read_bytes()[:5000])
+    alone = lpvobs("trace", result, bad)
+    assert alone.code == 3
+    assert result.read_bytes() == chain.result.read_bytes()
+    done = lpvobs("trace", result, bad, slow, "--json")
+    assert done.code == 3
+    assert done.json["effects"] == refined[1]["effects"]  # those of the good log
+    assert [str(bad) in message for message in done.json["refused"]] == [True]
+    assert f"lpvobs: left out: {bad}" in done.err
+    again = lpvobs("refine", chain.result, slow, "--hold-out", bad, "--out", tmp_path / "out.h5")
+    assert again.code == 3  # no log is left to judge the error on
+    assert not (tmp_path / "out.h5").exists()
+
+
 def test_trace_leaves_everything_but_its_own_group(lpvobs, chain, refined, slow, tmp_path):
     result = tmp_path / "result.h5"
     result.write_bytes(chain.result.read_bytes())

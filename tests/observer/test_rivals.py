@@ -101,7 +101,9 @@ def test_batch_without_noise_finds_the_map(air_path, grid, drive, target, settin
     assert np.abs(missed).max() < 1e-4
 
 
-@pytest.mark.parametrize("rival", [estimate_batch, lambda *of: estimate_ekf(*of[:4], TUNING, of[4])], ids=["batch", "ekf"])
+@pytest.mark.parametrize(
+    "rival", [estimate_batch, lambda *of: estimate_ekf(*of[:4], TUNING, of[4])], ids=["batch", "ekf"]
+)
 def test_every_log_is_kept_by_name_with_its_length(air_path, rival):
     logs = [replace(scattered(seed, length), name=name) for seed, length, name in ((41, 30, "a"), (42, 50, "b"))]
     found = rival(air_path, SMALL, outputs_of(*FOUR), logs, EstimateSettings(0.05, 0.01, 0.1))

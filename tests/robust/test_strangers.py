@@ -2,7 +2,10 @@
 
 import ast
 import html.parser
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -97,6 +100,27 @@ def test_a_period_that_no_step_counts_is_a_usage_error(tmp_path):
     assert odd.read_text() != text
     with pytest.raises(UsageError, match="proportion"):
         load_config(odd)
+
+
+WORK = """
+from lpvobs.steps.jobs import Workers
+if __name__ == "__main__":
+    with Workers(2) as workers:
+        print(sorted(workers.finished(abs, [-3, -4])))
+"""
+
+
+def test_workers_take_no_module_from_the_folder_of_the_logs(tmp_path):
+    script, folder = tmp_path / "work.py", tmp_path / "logs"
+    script.write_text(WORK)
+    folder.mkdir()
+    (folder / "multiprocessing.py").write_text("open('run', 'w').close()\n")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    environment["PYTHONPATH"] = str(Path(__file__).parents[2])
+    call = [sys.executable, str(script)]
+    done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.stdout, done.stderr) == ("[(0, 3), (1, 4)]\n", "")
+    assert not (folder / "run").exists()
 
 
 def test_objects_in_hdf5_that_h5py_would_unpickle_do_not_exist(samples):

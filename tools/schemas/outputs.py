@@ -107,6 +107,9 @@ THROTTLED: Mapping[str, Schema] = {
 }
 
 
+REFUSED: Mapping[str, Schema] = {"refused": described(array(TEXT), "Logs that were left out, with the reason.")}
+
+
 def found(error: str, extra: Mapping[str, Schema] | None = None) -> Schema:
     """Return the schema of what `trace` or `refine` found; `error` names the definition of its error."""
     part = record(
@@ -300,7 +303,7 @@ OUTPUTS: Mapping[str, tuple[str, Schema]] = {
                 "result": TEXT,
                 "method": TEXT,
                 "logs": array(record(LOG)),
-                "refused": described(array(TEXT), "Logs that were left out, with the reason."),
+                **REFUSED,
                 "map": record({"nodes": COUNT, "estimated": COUNT}),
                 "scatter": described(MEASURED, "kg/s, of a node between logs"),
                 "agreement": array(record(AGREEMENT)),
@@ -311,8 +314,8 @@ OUTPUTS: Mapping[str, tuple[str, Schema]] = {
         "The quadratic of Eq. (37).",
         record({"result": TEXT, "outer_coverage": FRACTION, **EXTRAPOLATION}),
     ),
-    "trace": ("What the model lacks.", found("before")),
-    "refine": ("What was added to the model, error before and after.", found("before_after")),
+    "trace": ("What the model lacks.", found("before", REFUSED)),
+    "refine": ("What was added to the model, error before and after.", found("before_after", REFUSED)),
     "export": (
         "A map for calibration tools, and what it changes.",
         record(

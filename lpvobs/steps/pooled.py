@@ -1,0 +1,54 @@
+"""Logs that are worked on together: a bad one is left out and named, the others go on."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lpvobs.discovery.outcome import Trace
+from lpvobs.errors import DataError
+from lpvobs.records import Log
+
+LogAt = tuple[Path, Log]
+
+
+@dataclass(frozen=True)
+class Traced:
+    """What came of `trace` or `refine`.
+
+    Attributes
+    ----------
+    found : Trace
+    map_frozen : bool
+        Whether the map stood; otherwise it was estimated together with the effects.
+    refused : tuple of str
+        Why logs were left out, one line each.
+    """
+
+    found: Trace
+    map_frozen: bool
+    refused: tuple[str, ...]
+
+
+def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:
+    """Return the logs that can be used with their paths, and why the others cannot.
+
+    Raises
+    ------
+    DataError
+        If there are logs, and none can be used.
+    """
+    logs: list[LogAt] = []
+    refused: list[str] = []
+    for path in paths:
+        try:
+            logs.append((path, read(path)))
+        except DataError as error:
+            refused.append(str(error))
+    if paths and not logs:
+        raise DataError("; ".join(refused))
+    return tuple(logs), tuple(refused)
+
+
+def contents(logs: Iterable[LogAt]) -> tuple[Log, ...]:
+    """Return logs without their paths."""
+    return tuple(log for _, log in logs)
