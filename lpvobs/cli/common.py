@@ -100,7 +100,7 @@ def _fault(error: BaseException) -> NoReturn:
 
 def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
-    print("lpvobs: " + visible(" ".join(message.split())), file=sys.stderr)
+    say("lpvobs: " + " ".join(message.split()))
     raise typer.Exit(code)
 
 
@@ -178,7 +178,8 @@ def _release_claims() -> None:
 
 
 def say(message: str) -> None:
-    """Print a message for a person to stderr."""
+    """Print a message for a person to stderr, after what stdout has been given: both may end in one file."""
+    sys.stdout.flush()
     print("\n".join(visible(line) for line in message.split("\n")), file=sys.stderr)
 
 

@@ -2,8 +2,10 @@
 
 import codecs
 import csv
+import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -49,7 +51,8 @@ class CsvRecording:
             return "skip" if len(broken) < MOST_LISTED else "error"
 
         try:
-            with self.path.open("rb") as stream:  # by name, Arrow opens none that is not UTF-8
+            # By name, Arrow opens no file whose name is not UTF-8.
+            with self.path.open("rb") as stream, _without_noise():
                 table = arrow.read_csv(
                     stream,
                     arrow.ReadOptions(
@@ -82,6 +85,22 @@ class CsvRecording:
                 f"{broken[0]}), expected {len(self.heads)}; check the delimiter, or export the file again"
             )
         self.notes["broken_lines"] = f"{len(broken)} with a wrong number of fields, left out"
+
+
+@contextmanager
+def _without_noise() -> Iterator[None]:
+    """Say nothing where Arrow cannot hand on a broken line that ends within a letter: it refuses the table itself."""
+    before = sys.unraisablehook
+
+    def others(lost: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(lost.exc_value, UnicodeDecodeError):
+            before(lost)
+
+    sys.unraisablehook = others
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,13 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from lpvobs.discovery.outcome import Trace
 from lpvobs.errors import DataError
 from lpvobs.records import Log
+
+if TYPE_CHECKING:  # `estimate` reads logs, too, and does without the room of discovery
+    from lpvobs.discovery.outcome import Trace
 
 LogAt = tuple[Path, Log]
 
@@ -24,7 +27,7 @@ class Traced:
         Why logs were left out, one line each.
     """
 
-    found: Trace
+    found: "Trace"
     map_frozen: bool
     refused: tuple[str, ...]
 

@@ -61,6 +61,15 @@ def test_a_quotation_that_is_left_open_swallows_no_rows(tmp_path):
     assert made(path).channels["time"].size == 100
 
 
+def test_a_line_that_ends_within_a_letter_is_named_and_nothing_else_is_said(tmp_path, capfd):
+    """Found by the fuzzer: Arrow cannot hand such a line on, and said so in a traceback."""
+    path = tmp_path / "cut.csv"
+    path.write_bytes(f"t,p\n{ROWS}10,200,".encode() + "°".encode()[:1])
+    with pytest.raises(DataError, match="Row #102"):
+        open_csv(path, RULES).read(["t", "p"])
+    assert capfd.readouterr().err == ""
+
+
 def test_a_doubled_column_is_not_chosen_silently(tmp_path):
     path = tmp_path / "drive.csv"
     path.write_text("t,p,p,p#2,p#2#\n1,2,3,4,5\n2,3,4,5,6\n")

@@ -610,7 +610,7 @@ def _(bench):
 
 @case("Outputs", "what a killed writer left", "swept away by the next one", "nothing")
 def _(bench):
-    left = [bench.folder / name for name in (".drive.parquet.lock", ".drive.parquet.x1y2.part")]
+    left = [bench.folder / name for name in (".drive.parquet.lock", ".drive.parquet.x1y2z3_4.part")]
     for path in left:
         path.write_bytes(b"half")
     with replacing(bench.path) as temporary:
