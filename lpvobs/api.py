@@ -182,7 +182,8 @@ def synth_gain(
     ----------
     config : path
     logs : path or several
-        Logs whose range of the scheduling parameters the gain is to cover; none: `[gain.bounds]` of the configuration.
+        Logs, patterns or folders whose range of the scheduling parameters the gain is to cover; none: `[gain.bounds]` of the
+        configuration.
     out : path
         The gain file to write.
     published : str, optional
@@ -335,7 +336,7 @@ def trace(
     ----------
     result : path
     logs : path or several
-        Pooled.
+        Parquet logs, patterns, or folders of logs; pooled.
     freeze_map : bool, optional
         Whether the map stands; by default on logs that did not make it, while on those that did it is estimated jointly.
     progress : callable, optional
@@ -354,10 +355,12 @@ def trace(
     DataError
         If the result cannot be used, or no log can.
     """
+    from lpvobs.io.finding import find_logs
     from lpvobs.steps.trace import Sources, trace_result
 
+    paths = find_logs(_some(logs, "log"))
     with _changing(_path(result)) as path:
-        return trace_result(Sources(path, _some(logs, "log"), (), freeze_map), progress or _silent)
+        return trace_result(Sources(path, paths, (), freeze_map), progress or _silent)
 
 
 def refine(
@@ -392,9 +395,10 @@ def refine(
     NotProven
         If an effect adds a state and the larger observer is not proven.
     """
+    from lpvobs.io.finding import find_logs
     from lpvobs.steps.trace import Sources, refine_result
 
-    paths, unseen = _some(logs, "log"), _paths(hold_out)
+    paths, unseen = find_logs(_some(logs, "log")), find_logs(_paths(hold_out))
     with _writing(_path(out), [_path(result), *paths, *unseen]) as target:
         return refine_result(Sources(_path(result), paths, unseen, freeze_map), target, progress or _silent)
 

@@ -31,6 +31,10 @@ ConfigOption = Annotated[
         help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
     ),
 ]
+LogsArgument = Annotated[
+    list[Path],
+    typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, patterns, or folders of logs."),
+]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
 REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)

@@ -10,6 +10,7 @@ from lpvobs.cli.choices import METHODS, offer
 from lpvobs.cli.common import (
     ConfigOption,
     JsonOption,
+    LogsArgument,
     chosen_config,
     guarded,
     leave,
@@ -25,9 +26,7 @@ from lpvobs.cli.common import (
 
 @guarded
 def estimate(
-    logs: Annotated[
-        list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, patterns, or folders of logs.")
-    ],
+    logs: LogsArgument,
     out: Annotated[Path, typer.Option(readable=False, metavar="RESULT.h5", help="The result to write.")],
     gain: Annotated[
         Path | None,

@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, folder_config, guarded, print_json, say, table, visible
+from lpvobs.cli.common import JsonOption, LogsArgument, folder_config, guarded, print_json, say, table, visible
 
 
 @guarded
 def inspect(
-    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs.")],
+    logs: LogsArgument,
     config: Annotated[
         Path | None,
         typer.Option(
@@ -30,6 +30,7 @@ def inspect(
     from lpvobs.airpath.base import Channel
     from lpvobs.errors import DataError
     from lpvobs.io.config import load_config
+    from lpvobs.io.finding import find_logs
     from lpvobs.io.logs import LogPolicies
     from lpvobs.steps.inspect import Inspection, inspect_log
 
@@ -41,7 +42,7 @@ def inspect(
         channels, policies = configuration.engine_path().channels, configuration.policies
     found: list[Inspection] = []
     refused: list[str] = []
-    for path in logs:
+    for path in find_logs(logs):
         try:
             found.append(inspect_log(path, channels, policies))
         except DataError as error:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, leave, print_json, progress, refuse_overwriting, say
+from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, refuse_overwriting, say
 from lpvobs.cli.trace import MapOption, content, show
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @guarded
 def refine(
     result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
-    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs.")],
+    logs: LogsArgument,
     out: Annotated[Path, typer.Option(readable=False, metavar="REFINED.h5", help="The refined result to write.")],
     hold_out: Annotated[
         list[Path] | None,
@@ -38,9 +38,10 @@ def refine(
 
     Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
+    from lpvobs.io.finding import find_logs
     from lpvobs.steps.trace import Sources, refine_result
 
-    unseen = hold_out or []
+    logs, unseen = find_logs(logs), find_logs(hold_out or [])
     refuse_overwriting(out, [result, *logs, *unseen])
     with progress("refining") as report:
         traced = refine_result(Sources(result, logs, unseen, freeze_map), out, report)

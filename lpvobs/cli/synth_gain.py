@@ -22,7 +22,9 @@ def synth_gain(
     out: Annotated[Path, typer.Option(readable=False, metavar="GAIN.h5", help="The gain to write.")],
     logs: Annotated[
         list[Path] | None,
-        typer.Argument(readable=False, metavar="[LOG]...", help="Logs whose range the gain is to cover."),
+        typer.Argument(
+            readable=False, metavar="[LOG]...", help="Logs whose range the gain is to cover, patterns, or folders."
+        ),
     ] = None,
     published: Annotated[
         str | None,
@@ -42,13 +44,14 @@ def synth_gain(
     """
     from lpvobs.errors import UsageError
     from lpvobs.io.config import load_config
+    from lpvobs.io.finding import find_logs
     from lpvobs.io.gains import write_gain
     from lpvobs.io.provenance import Provenance
     from lpvobs.report.tables import bounds_table
     from lpvobs.steps.gain import make_gain, make_published_gain
 
-    config = chosen_config(config)
-    refuse_overwriting(out, [config, *(logs or [])])
+    config, logs = chosen_config(config), find_logs(logs or [])
+    refuse_overwriting(out, [config, *logs])
     configuration, text = load_config(config)
     if published is not None and logs:
         raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
@@ -57,7 +60,7 @@ def synth_gain(
         if published is not None:
             stored = make_published_gain(configuration, published)
         else:
-            stored, digests = make_gain(configuration, logs or [])
+            stored, digests = make_gain(configuration, logs)
         report(1.0)
     write_gain(out, stored, Provenance(digests, text))
     gain = stored.gain

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, claim, guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.common import JsonOption, LogsArgument, claim, guarded, leave, print_json, progress, say, table, visible
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Trace
@@ -31,7 +31,7 @@ def trace(
             readable=False, metavar="RESULT.h5", help="A result of estimate or refine; its /trace is written."
         ),
     ],
-    logs: Annotated[list[Path], typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, pooled.")],
+    logs: LogsArgument,
     freeze_map: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -44,12 +44,13 @@ def trace(
 
     Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
+    from lpvobs.io.finding import find_logs
     from lpvobs.steps.trace import Sources, trace_result
 
     if result.is_file():
         claim(result)
     with progress("tracing") as report:
-        traced = trace_result(Sources(result, logs, (), freeze_map), report)
+        traced = trace_result(Sources(result, find_logs(logs), (), freeze_map), report)
     if as_json:
         print_json("trace", content(traced, refined=False))
     else:

@@ -40,6 +40,9 @@ from lpvobs.steps.pooled import LogAt, Traced, contents, usable
 from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
+SLOWEST = 0.055
+"""[s] between samples, up to which a residual without a name says something of the engine. Clean logs at 20 and 50 Hz leave none on
+any cycle; at 10 and 5 Hz the windows that hold enough samples are so wide that fast transients leave one on every cycle."""
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
 
@@ -247,7 +250,20 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
     found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)
+    if found.trace.verdict == "unexplained":
+        _refuse_slow(logs)
     return _Closed(stored, start, used, refused + refused_unseen, found, frozen)
+
+
+def _refuse_slow(logs: Sequence[Log]) -> None:
+    """Raise where a residual without a name may be what slow sampling leaves of fast transients."""
+    for log in logs:
+        step = float(np.median(np.diff(log.time)))
+        if step > SLOWEST:
+            raise DataError(
+                f"{log.name}: a sample every {step:.3g} s; what is left without a name cannot be told from what such slow sampling "
+                f"leaves of fast transients; record at least 20 samples a second"
+            )
 
 
 def _refuse_copies(logs: Sequence[Log]) -> None:

@@ -162,6 +162,33 @@ def test_a_log_that_is_there_twice_is_refused(lpvobs, chain, slow, tmp_path):
     assert "same bytes" in done.err
 
 
+def every_other(path, out):
+    """Write every other sample of a log: one at 10 Hz."""
+    table = pq.read_table(path)
+    pq.write_table(table.take(np.arange(0, table.num_rows, 2)), out)
+    return out
+
+
+def test_a_slow_log_in_order_is_no_reason_for_suspicion(lpvobs, config, chain, tmp_path):
+    """What is left at 10 Hz may be what slow sampling leaves: no verdict rather than a wrong one."""
+    log, result = every_other(chain.log, tmp_path / "clean.parquet"), tmp_path / "result.h5"
+    made = lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", result)
+    assert made.code == 0, made.err
+    before = result.read_bytes()
+    done = lpvobs("trace", result, log)
+    assert done.code == 3, done.out
+    assert "20 samples a second" in done.err
+    assert result.read_bytes() == before
+
+
+def test_a_slow_sensor_is_named_on_a_slow_log(lpvobs, chain, slow, tmp_path):
+    log = every_other(slow, tmp_path / "slow.parquet")
+    done = lpvobs("refine", chain.result, log, "--out", tmp_path / "refined.h5", "--json")
+    assert done.code == 0, done.err
+    first = done.json["effects"][0]
+    assert "maf.lag" in (first["id"], *first["indistinguishable"])
+
+
 def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined, slow, tmp_path):
     result, bad = tmp_path / "result.h5", tmp_path / "bad.parquet"
     result.write_bytes(chain.result.read_bytes())

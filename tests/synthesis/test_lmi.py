@@ -207,7 +207,8 @@ def test_numbers_of_a_solver_that_are_no_solution_are_not_taken(monkeypatch, P):
 def test_one_bad_direction_of_P_is_enough_to_refuse_it(monkeypatch, bad):
     def solve(problem, **_):
         for variable in problem.variables():
-            variable.value = np.diag([1.0, bad]) if variable.shape == (2, 2) else np.ones(variable.shape)
+            # As the solver's answer is put there, unlike `value`, which some versions of cvxpy look through with a warning.
+            variable.save_value(np.diag([1.0, bad]) if variable.shape == (2, 2) else np.ones(variable.shape))
 
     monkeypatch.setattr(cvxpy.Problem, "solve", solve)
     assert fixed_gain(-np.eye(2)[None], np.ones((2, 1)), np.ones((1, 2)), 0, 0.25) == "the solver says None"
