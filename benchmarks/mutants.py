@@ -578,6 +578,8 @@ def main() -> None:
                 lines.write(json.dumps([mutant.name, found]) + "\n")
         if page:
             page.write_text(written(options.number, options.seed, verdicts, measured), encoding="utf-8")
+    if page:
+        page.write_text(written(options.number, options.seed, verdicts, measured), encoding="utf-8")
     if len(verdicts) != len(chosen):
         raise SystemExit(f"{len(chosen) - len(verdicts)} mutants were not judged, see above")
 
