@@ -1,11 +1,12 @@
 """Logs named one by one, by pattern or by folder; the configuration of a folder."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from lpvobs.errors import UsageError
 
-WILD = "*?["
+WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"
 CONFIG_NAME = "lpvobs.toml"
 
@@ -22,7 +23,7 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
     for path in named:
         if path.is_dir():
             matches = sorted(file for file in path.rglob(f"*{ENDING}") if file.is_file())
-        elif any(sign in str(path) for sign in WILD) and not path.exists():
+        elif WILD.search(str(path)) and not path.exists():
             matches = _matches(path)
         else:
             found.append(path)
