@@ -95,7 +95,8 @@ def run(row: Row, executable: Path, tests: list[str]) -> dict[str, str]:
         variables["NUMBA_DISABLE_JIT"] = "1"
         tests = list(SMALL)
     began = time.monotonic()
-    call = [str(executable), "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
+    side_by_side = ("-n", "auto", "--dist", "loadfile")
+    call = [str(executable), "-m", "pytest", "-q", "-p", "no:cacheprovider", *side_by_side, *tests]
     done = subprocess.run(call, cwd=ROOT, env=variables, capture_output=True, text=True, check=False)
     summary = [line for line in done.stdout.splitlines() if re.search(r"\d+ (passed|failed|error)", line)]
     failed = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
