@@ -1,10 +1,9 @@
 """Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -12,12 +11,13 @@ from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.io.agreement import read_agreement
+from lpvobs.io.extrapolations import read_extrapolation, write_extrapolation
 from lpvobs.io.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.hdf import Field, changing, creating, flags, number, numbers, reading, text, texts, write_group
+from lpvobs.io.log_summaries import LogSummary, read_log_summary, write_log
 from lpvobs.io.parquet import state_of
 from lpvobs.io.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
@@ -25,59 +25,6 @@ from lpvobs.records import Array
 
 KIND = "result"
 REMEDY = "make it with `lpvobs estimate`"
-
-METRIC_UNITS = {
-    "samples": ("1", "samples compared with the reference"),
-    "mean_relative_error": ("1", "mean of |estimate - reference| / |reference|"),
-    "share_left_out": (
-        "1",
-        "share of samples left out of the mean relative error: |reference| under 1 % of its maximum",
-    ),
-    "rms_ratio": ("1", "rms of the error / rms of the reference"),
-    "rmse": ("kg/s", "rms of estimate - reference"),
-    "bias": ("kg/s", "mean of estimate - reference"),
-    "visited_cells": ("1", "cells of the grid with a compared sample"),
-    "floor_mean_relative_error": ("1", "mean relative error of the best bilinear fit to the reference"),
-    "floor_rms_ratio": ("1", "rms ratio of the best bilinear fit to the reference"),
-}
-
-
-@dataclass(frozen=True)
-class LogSummary:
-    """What a result keeps of each log that made it.
-
-    Attributes
-    ----------
-    name, sha256 : str
-    samples, samples_read, dropped_rows, gaps, repeated : int
-    duration : float
-        [s]
-    dropped : mapping of str to int
-        By channel.
-    found : mapping of str to int
-        Samples that are stuck, saturated or spiked, by kind and channel, such as `stuck p_im`; they are among the dropped.
-    share_certified : float
-        Share of the samples inside the region that the gain's certificate covers.
-    lower, upper : ndarray, shape (m,)
-        Range of the scheduling parameters along the log.
-    metrics : Metrics or None
-        None where the log has no references.
-    """
-
-    name: str
-    sha256: str
-    samples: int
-    samples_read: int
-    dropped_rows: int
-    gaps: int
-    repeated: int
-    duration: float
-    dropped: Mapping[str, int]
-    found: Mapping[str, int]
-    share_certified: float
-    lower: Array
-    upper: Array
-    metrics: Metrics | None
 
 
 @dataclass(frozen=True)
@@ -131,7 +78,7 @@ def write_result(
         write_gain_group(file, gain)
         groups = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
-            _write_log(*groups, log, parameter_names)
+            write_log(*groups, log, parameter_names)
         provenance.write(file)
         if further is not None:
             further(file)
@@ -142,65 +89,7 @@ def add_extrapolation(stored: StoredResult, fitted: QuadraticFit, outer_coverage
 
     `outer_coverage` is the share of outer estimated nodes that the quadratic of the others predicts within their interval.
     """
-
-    def change(file: h5py.File) -> None:
-        if "extrapolation" in file:
-            del file["extrapolation"]
-        axes = _axis_names(file)
-        nodes = {
-            name: Field(file["map"][name][()], file["map"][name].attrs["units"], file["map"][name].attrs["long_name"])
-            for name in axes
-        }
-        fuel, speed = (nodes[name].units for name in axes)
-        units = (
-            f"kg/s/({fuel})^2",
-            f"kg/s/({fuel})",
-            f"kg/s/({speed})^2",
-            f"kg/s/({speed})",
-            f"kg/s/({fuel})/({speed})",
-            "kg/s",
-        )
-        units_of_each = {"coefficient_units": text(units)}
-        write_group(
-            file,
-            "extrapolation",
-            nodes
-            | {
-                "coefficient": Field(text(COEFFICIENTS), "1", "coefficient of Eq. (37)"),
-                "coefficients": Field(
-                    fitted.coefficients,
-                    "1",
-                    "coefficients of Eq. (37), units in coefficient_units",
-                    ("coefficient",),
-                    units_of_each,
-                ),
-                "coefficients_standard_error": Field(
-                    fitted.standard_error, "1", "standard errors of the coefficients", ("coefficient",), units_of_each
-                ),
-                "delta_W_c": Field(fitted.delta_W_c, "kg/s", "sensor error, every node filled", axes[::-1]),
-                "standard_error": Field(
-                    fitted.map_standard_error, "kg/s", "standard error; of prediction where extrapolated", axes[::-1]
-                ),
-                "support": Field(
-                    fitted.support,
-                    "1",
-                    "where the value comes from",
-                    axes[::-1],
-                    flags([1, 2], ["estimated", "extrapolated"]),
-                ),
-                "lack_of_fit": Field(
-                    fitted.lack_of_fit, "kg/s", "standard deviation of the surface around the quadratic"
-                ),
-                "nodes": Field(fitted.nodes, "1", "nodes that the quadratic was fitted to"),
-                "outer_coverage": Field(
-                    outer_coverage,
-                    "1",
-                    "share of outer estimated nodes inside their 90 % interval when fitted without them",
-                ),
-            },
-        )
-
-    update(stored, change)
+    update(stored, lambda file: write_extrapolation(file, _axis_names(file), fitted, outer_coverage))
 
 
 def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
@@ -261,9 +150,9 @@ def read_result(path: Path) -> StoredResult:
             constants=constants,
             sensitivity=numbers(file["sensitivity"], "delta_W_c", len(constants), p_2, p_1),
             parameter_names=parameter_names,
-            logs=tuple(_read_log(file, name, len(parameter_names)) for name in file["logs"]),
+            logs=tuple(read_log_summary(file, name, len(parameter_names)) for name in file["logs"]),
             gain=read_gain_group(file),
-            extrapolation=_read_extrapolation(file, grid),
+            extrapolation=read_extrapolation(file, grid),
             outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
             agreement=read_agreement(file),
@@ -345,69 +234,4 @@ def _write_sensitivity(file: h5py.File, estimate: MapEstimate, axes: tuple[str, 
                 ("constant", speed, fuel),
             ),
         },
-    )
-
-
-def _write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
-    logs.attrs["parameter_names"] = " ".join(parameter_names)
-    group = write_group(
-        logs,
-        log.name,
-        {
-            "parameter": Field(text(parameter_names), "1", "scheduling parameter"),
-            "lower": Field(log.lower, "SI", "smallest scheduling parameters along the log", ("parameter",)),
-            "upper": Field(log.upper, "SI", "largest scheduling parameters along the log", ("parameter",)),
-            "share_certified": Field(log.share_certified, "1", "share of samples inside the region of the certificate"),
-        },
-    )
-    for name in ("sha256", "samples", "samples_read", "dropped_rows", "gaps", "repeated", "duration"):
-        group.attrs[name] = getattr(log, name)
-    for channel, count in log.dropped.items():
-        group.attrs[f"dropped_{channel}"] = count
-    for finding, count in log.found.items():
-        group.attrs[f"found_{finding}"] = count
-    if log.metrics is not None:
-        write_group(
-            metrics, log.name, {name: Field(value, *METRIC_UNITS[name]) for name, value in asdict(log.metrics).items()}
-        )
-
-
-def _read_log(file: h5py.File, name: str, parameters: int) -> LogSummary:
-    group = file["logs"][name]
-    attributes = dict(group.attrs)
-    metrics = None
-    if name in file["metrics"]:
-        stored = file["metrics"][name]
-        values: dict[str, Any] = {key: number(stored, key) for key in METRIC_UNITS}
-        metrics = Metrics(**{**values, **{key: int(values[key]) for key in ("samples", "visited_cells")}})
-    return LogSummary(
-        name=name,
-        sha256=str(attributes["sha256"]),
-        **{key: int(attributes[key]) for key in ("samples", "samples_read", "dropped_rows", "gaps", "repeated")},
-        duration=float(attributes["duration"]),
-        dropped={
-            key.removeprefix("dropped_"): int(value)
-            for key, value in attributes.items()
-            if key.startswith("dropped_") and key != "dropped_rows"
-        },
-        found={key.removeprefix("found_"): int(value) for key, value in attributes.items() if key.startswith("found_")},
-        share_certified=number(group, "share_certified"),
-        lower=numbers(group, "lower", parameters),
-        upper=numbers(group, "upper", parameters),
-        metrics=metrics,
-    )
-
-
-def _read_extrapolation(file: h5py.File, grid: Grid) -> QuadraticFit | None:
-    if "extrapolation" not in file:
-        return None
-    group = file["extrapolation"]
-    return QuadraticFit(
-        coefficients=numbers(group, "coefficients", len(COEFFICIENTS)),
-        standard_error=numbers(group, "coefficients_standard_error", len(COEFFICIENTS)),
-        lack_of_fit=number(group, "lack_of_fit"),
-        nodes=int(number(group, "nodes")),
-        delta_W_c=numbers(group, "delta_W_c", *grid.shape),
-        map_standard_error=numbers(group, "standard_error", *grid.shape),
-        support=numbers(group, "support", *grid.shape).astype(np.int8),
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvobs import __version__
 from lpvobs.io.atomic import replacing
-from lpvobs.io.results import LogSummary
+from lpvobs.io.log_summaries import LogSummary
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
 from lpvobs.report.discovered import sentences

@@ -7,7 +7,8 @@ import numpy as np
 
 from lpvobs.io.calibration import Change
 from lpvobs.io.gains import StoredGain
-from lpvobs.io.results import LogSummary, StoredResult
+from lpvobs.io.log_summaries import LogSummary
+from lpvobs.io.results import StoredResult
 from lpvobs.io.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
 from lpvobs.observer.disagreement import Agreement

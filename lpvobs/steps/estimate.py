@@ -13,9 +13,10 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.agreement import write_agreement
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain, expect_engine, read_gain
+from lpvobs.io.log_summaries import LogSummary
 from lpvobs.io.logs import read_log, read_references
 from lpvobs.io.provenance import Provenance
-from lpvobs.io.results import LogSummary, write_result
+from lpvobs.io.results import write_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer.disagreement import Agreement

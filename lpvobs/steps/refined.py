@@ -12,7 +12,7 @@ from lpvobs.discovery.standing import Standing
 from lpvobs.errors import DataError
 from lpvobs.io.config import Config
 from lpvobs.io.gains import StoredGain
-from lpvobs.io.results import LogSummary
+from lpvobs.io.log_summaries import LogSummary
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
