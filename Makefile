@@ -49,7 +49,7 @@ run: $(BUILD)/report.html
 
 CORE       := lpvobs/errors.py lpvobs/records.py
 SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py data/cycles/*.csv)
-SYNTHESIS  := $(CORE) $(wildcard lpvobs/airpath/*.py lpvobs/synthesis/*.py)
+SYNTHESIS  := $(CORE) $(wildcard lpvobs/engines/*.py lpvobs/engines/*/*.py lpvobs/synthesis/*.py)
 ESTIMATION := $(SYNTHESIS) $(wildcard lpvobs/maps/*.py lpvobs/observer/*.py)
 DISCOVERY  := $(wildcard lpvobs/discovery/*.py)
 REPORTING  := $(wildcard lpvobs/report/*.py lpvobs/report/templates/*)

@@ -51,7 +51,7 @@ def inside(account_file: Path, arguments: list[str]) -> None:
     account = Account()
     builtins.__import__ = account.booked("loading libraries", builtins.__import__)
     from lpvobs.cli.main import run  # noqa: PLC0415 booked
-    from lpvobs.io import atomic  # noqa: PLC0415
+    from lpvobs.io.safety import atomic  # noqa: PLC0415
 
     plain = atomic.replacing
 

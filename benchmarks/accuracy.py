@@ -9,8 +9,8 @@ import numpy as np
 from common import CYCLES, PAPER, Drive, configuration, drive, markdown, publish, state_gain
 from rivals import curve_over_flow, mean_per_cell
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.io.config import Config
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.configuration.config import Config
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import NEGLIGIBLE, compare
 from lpvobs.observer.estimate import estimate_default, estimate_published

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.airpath.diesel_engine import DieselEngine
-from lpvobs.io.config import Config, load_config
+from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.parameters import Surface

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.stats
 from common import CYCLES, altered, configuration, drive, markdown, publish, state_gain
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import fit, interval_factor
 from lpvobs.observer.estimate import estimate_default

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build" / "matrix"
 RESULTS = ROOT / "benchmarks" / "results" / "matrix.md"
 STATE = BUILD / "results.json"
-SMALL = ("tests/airpath", "tests/maps", "tests/selftest", "tests/io")
+SMALL = ("tests/engines", "tests/maps", "tests/selftest", "tests/io")
 """What the row without the compiler runs: the others would take an hour."""
 NAMES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "h5py", "cvxpy", "clarabel")
 

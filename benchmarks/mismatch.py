@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from common import CYCLES, altered, configuration, drive, markdown, publish, state_gain
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.metrics import compare
 from lpvobs.observer.estimate import estimate_default
 

@@ -5,7 +5,7 @@ All of them take the flow from the compressor balance on the signals as recorded
 
 import numpy as np
 
-from lpvobs.airpath.base import AirPath
+from lpvobs.engines.base import AirPath
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import operating_point
 from lpvobs.records import Array, Log

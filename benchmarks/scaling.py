@@ -17,8 +17,8 @@ from common import CONFIG, RESULTS, configuration, markdown, publish
 from matplotlib.figure import Figure
 from watch import Watched, watch
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.io.config import Config
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.configuration.config import Config
 from lpvobs.records import Array
 from lpvobs.simulation.simulate import simulate
 

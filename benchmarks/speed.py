@@ -17,11 +17,11 @@ import numpy as np
 from common import CONFIG, configuration, drive, markdown, publish, state_gain
 from watch import Watched, watch
 
-from lpvobs.airpath.base import Trajectory
-from lpvobs.airpath.diesel import Diesel
 from lpvobs.cli.main import app
-from lpvobs.io.config import Config
-from lpvobs.io.logs import write_log
+from lpvobs.engines.base import Trajectory
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.reading import write_log
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import compare
 from lpvobs.observer import ekf

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from common import CYCLES, configuration, drive, markdown, publish, state_gain
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import PAPER
 from lpvobs.observer.estimate import estimate_default

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.airpath.diesel_engine import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
+from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.grid import Grid
 
 CONFIGURATIONS = Path(__file__).parents[1] / "configs"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.io import config
+from lpvobs.io.configuration import config
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 

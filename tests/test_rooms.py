@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "lpvobs"
 ROOMS = (
-    "errors", "records", "airpath", "maps", "synthesis", "observer", "discovery", "simulation", "io", "steps", "selftest",
+    "errors", "records", "engines", "maps", "synthesis", "observer", "discovery", "simulation", "io", "ingest", "steps", "selftest",
     "report", "api", "cli",
 )  # fmt: skip
 FORBIDDEN = {"steps": {"report", "cli"}, "selftest": {"report", "cli"}, "cli": {"api"}}
@@ -130,7 +130,7 @@ def inside_at_import(module):
 
 
 @pytest.mark.parametrize(
-    "module", [module for module in SOURCES if room_of(module) in ("airpath", "maps", "observer", "records")]
+    "module", [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "records")]
 )
 def test_the_numerical_core_knows_no_files(module):
     """The core runs on NumPy, SciPy and Numba alone."""

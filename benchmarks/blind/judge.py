@@ -21,13 +21,13 @@ def refuse(event: str, arguments: tuple[object, ...]) -> None:
 
 sys.addaudithook(refuse)  # before anything of the project is imported
 
-from lpvobs.discovery.catalogue import diesel_plant  # noqa: E402
 from lpvobs.discovery.fit import fit  # noqa: E402
-from lpvobs.discovery.heldout import compare  # noqa: E402
-from lpvobs.discovery.problem import lay_out  # noqa: E402
-from lpvobs.io.config import Config, load_config  # noqa: E402
-from lpvobs.io.logs import read_log  # noqa: E402
-from lpvobs.io.results import read_result  # noqa: E402
+from lpvobs.discovery.held_out import compare  # noqa: E402
+from lpvobs.discovery.residual import lay_out  # noqa: E402
+from lpvobs.engines.diesel.effects import diesel_plant  # noqa: E402
+from lpvobs.io.configuration.config import Config, load_config  # noqa: E402
+from lpvobs.io.logs.reading import read_log  # noqa: E402
+from lpvobs.io.results.results import read_result  # noqa: E402
 from lpvobs.steps.estimate import estimate_logs  # noqa: E402
 from lpvobs.steps.gain import make_gain  # noqa: E402
 from lpvobs.steps.trace import Sources, prior_of, refine_result  # noqa: E402

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from draw import Case
 
-from lpvobs.io.config import Config, load_effects
-from lpvobs.io.logs import write_log
+from lpvobs.io.configuration.config import Config, load_effects
+from lpvobs.io.logs.reading import write_log
 from lpvobs.simulation.cycles import TABLES, data_folder
 from lpvobs.simulation.parameters import SimulationParameters, Surface
 from lpvobs.simulation.simulate import simulate

@@ -11,16 +11,24 @@ calls under `if __name__ == "__main__":` then.
 The report's function is called `write_report`, because `lpvobs.report` is the room that draws it.
 """
 
-from lpvobs.api.drives import draft_profile as draft_profile
-from lpvobs.api.drives import ingest as ingest
-from lpvobs.api.drives import inspect as inspect
-from lpvobs.api.drives import simulate as simulate
-from lpvobs.api.effects import refine as refine
-from lpvobs.api.effects import trace as trace
-from lpvobs.api.gains import synth_gain as synth_gain
-from lpvobs.api.gains import verify as verify
-from lpvobs.api.maps import estimate as estimate
-from lpvobs.api.maps import extrapolate as extrapolate
-from lpvobs.api.maps import read_map as read_map
-from lpvobs.api.products import export as export
-from lpvobs.api.products import write_report as write_report
+from lpvobs.api.drives import draft_profile, ingest, inspect, simulate
+from lpvobs.api.effects import refine, trace
+from lpvobs.api.gains import synth_gain, verify
+from lpvobs.api.maps import estimate, extrapolate, read_map
+from lpvobs.api.products import export, write_report
+
+__all__ = [
+    "draft_profile",
+    "estimate",
+    "export",
+    "extrapolate",
+    "ingest",
+    "inspect",
+    "read_map",
+    "refine",
+    "simulate",
+    "synth_gain",
+    "trace",
+    "verify",
+    "write_report",
+]

@@ -82,7 +82,7 @@ def draft_profile(source: File) -> str:
     DataError
         If the recording cannot be read.
     """
-    from lpvobs.io.drafting import draft_profile as draft
+    from lpvobs.ingest.drafting import draft_profile as draft
 
     return draft(as_path(source))
 
@@ -137,8 +137,8 @@ def inspect(log: File, config: File | None = None) -> "Inspection":
     DataError
         If no estimate could use the log.
     """
-    from lpvobs.io.config import load_config
-    from lpvobs.io.logs import LogPolicies
+    from lpvobs.io.configuration.config import load_config
+    from lpvobs.io.logs.reading import LogPolicies
     from lpvobs.steps.inspect import inspect_log
 
     if config is None:

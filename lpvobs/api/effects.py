@@ -37,7 +37,7 @@ def trace(
     DataError
         If the result cannot be used, or no log can.
     """
-    from lpvobs.io.finding import find_logs
+    from lpvobs.io.logs.finding import find_logs
     from lpvobs.steps.trace import Sources, trace_result
 
     paths = find_logs(some(logs, "log"))
@@ -77,7 +77,7 @@ def refine(
     NotProven
         If an effect adds a state and the larger observer is not proven.
     """
-    from lpvobs.io.finding import find_logs
+    from lpvobs.io.logs.finding import find_logs
     from lpvobs.steps.trace import Sources, refine_result
 
     paths, unseen = find_logs(some(logs, "log")), find_logs(as_paths(hold_out))

@@ -40,7 +40,7 @@ def some(files: File | Iterable[File], kind: str) -> list[Path]:
 @contextmanager
 def writing(out: Path, read: Iterable[Path]) -> Iterator[Path]:
     """Yield the file to write, which nobody else writes meanwhile; raise UsageError if it is one of those that are read."""
-    from lpvobs.io.atomic import is_same
+    from lpvobs.io.safety.atomic import is_same
 
     for path in read:
         if is_same(out, path):
@@ -61,7 +61,7 @@ def changing(result: Path) -> Iterator[Path]:
 
 @contextmanager
 def _claimed(path: Path) -> Iterator[None]:
-    from lpvobs.io.atomic import claim, release
+    from lpvobs.io.safety.atomic import claim, release
 
     claim(path)
     try:

@@ -7,7 +7,7 @@ from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.errors import NotProven, UsageError
 
 if TYPE_CHECKING:
-    from lpvobs.io.gains import StoredGain
+    from lpvobs.io.results.gains import StoredGain
     from lpvobs.synthesis.certificate import Certificate
 
 
@@ -44,9 +44,9 @@ def synth_gain(
     -----
     Eq. (27), (28) and (33). Departure from the paper: p_em is a fourth output by default, see `docs/method.md`.
     """
-    from lpvobs.io.config import load_config
-    from lpvobs.io.gains import write_gain
-    from lpvobs.io.provenance import Provenance
+    from lpvobs.io.configuration.config import load_config
+    from lpvobs.io.results.gains import write_gain
+    from lpvobs.io.results.provenance import Provenance
     from lpvobs.steps.gain import make_gain, make_published_gain
 
     paths = as_paths(logs)
@@ -72,7 +72,7 @@ def verify(gain: File) -> "Certificate":
     DataError
         If the file cannot be used.
     """
-    from lpvobs.io.gains import read_gain
+    from lpvobs.io.results.gains import read_gain
     from lpvobs.steps.gain import check_again
 
     certificate = check_again(read_gain(as_path(gain)))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from lpvobs.api.files import File, Progress, as_path, changing, silent, some, writing
 
 if TYPE_CHECKING:
-    from lpvobs.io.surfaces import Surface
+    from lpvobs.io.calibration.surfaces import Surface
     from lpvobs.maps.quadratic import QuadraticFit
     from lpvobs.steps.estimate import Estimated
 
@@ -61,8 +61,8 @@ def estimate(
     -----
     Eq. (26) with gains that fall with information; see `docs/method.md` for the departures from the paper.
     """
-    from lpvobs.io.config import load_config
-    from lpvobs.io.finding import find_logs
+    from lpvobs.io.configuration.config import load_config
+    from lpvobs.io.logs.finding import find_logs
     from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 
     paths = find_logs(some(logs, "log"))
@@ -115,6 +115,6 @@ def read_map(result: File, values: str = "") -> "Surface":
     DataError
         If the file is no result, or lacks what is asked for.
     """
-    from lpvobs.io.surfaces import read_surface
+    from lpvobs.io.calibration.surfaces import read_surface
 
     return read_surface(as_path(result), values)

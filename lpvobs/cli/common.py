@@ -136,7 +136,7 @@ def load_compiler() -> None:
 
 def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
     """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
-    from lpvobs.io.atomic import is_same
+    from lpvobs.io.safety.atomic import is_same
 
     for path in inputs:
         if is_same(out, path):
@@ -156,7 +156,7 @@ def chosen_config(given: Path | None) -> Path:
 
 def folder_config() -> Path | None:
     """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
-    from lpvobs.io.finding import find_config
+    from lpvobs.io.logs.finding import find_config
 
     try:
         found = find_config(Path.cwd())
@@ -169,14 +169,14 @@ def folder_config() -> Path | None:
 
 def claim(target: Path) -> None:
     """Keep other processes from writing a file until this verb has ended; no other verb changes it in the meantime."""
-    from lpvobs.io import atomic
+    from lpvobs.io.safety import atomic
 
     atomic.claim(target)
 
 
 def _release_claims() -> None:
-    if "lpvobs.io.atomic" in sys.modules:
-        from lpvobs.io import atomic
+    if "lpvobs.io.safety.atomic" in sys.modules:
+        from lpvobs.io.safety import atomic
 
         atomic.release_all()
 

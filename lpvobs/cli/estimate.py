@@ -70,8 +70,8 @@ def estimate(
     """
     with loading():
         load_compiler()
-        from lpvobs.io.config import load_config
-        from lpvobs.io.finding import find_logs
+        from lpvobs.io.configuration.config import load_config
+        from lpvobs.io.logs.finding import find_logs
         from lpvobs.report.tables import agreement_rows, log_rows, logs_content
         from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
 

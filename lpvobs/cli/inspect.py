@@ -27,11 +27,11 @@ def inspect(
 
     Example: lpvobs inspect nedc.parquet
     """
-    from lpvobs.airpath.base import Channel
+    from lpvobs.engines.base import Channel
     from lpvobs.errors import DataError
-    from lpvobs.io.config import load_config
-    from lpvobs.io.finding import find_logs
-    from lpvobs.io.logs import LogPolicies
+    from lpvobs.io.configuration.config import load_config
+    from lpvobs.io.logs.finding import find_logs
+    from lpvobs.io.logs.reading import LogPolicies
     from lpvobs.steps.inspect import Inspection, inspect_log
 
     channels: Mapping[str, Channel] | None = None

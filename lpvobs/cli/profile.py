@@ -22,8 +22,8 @@ def profile(
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
-    from lpvobs.io.atomic import replacing
-    from lpvobs.io.drafting import draft_profile
+    from lpvobs.ingest.drafting import draft_profile
+    from lpvobs.io.safety.atomic import replacing
 
     if out is not None:
         refuse_overwriting(out, [source])

@@ -38,7 +38,7 @@ def refine(
 
     Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
-    from lpvobs.io.finding import find_logs
+    from lpvobs.io.logs.finding import find_logs
     from lpvobs.steps.trace import Sources, refine_result
 
     logs, unseen = find_logs(logs), find_logs(hold_out or [])

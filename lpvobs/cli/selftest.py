@@ -16,7 +16,7 @@ def selftest(as_json: JsonOption = False) -> None:
     Example: lpvobs selftest
     """
     from lpvobs.errors import NotProven
-    from lpvobs.io.provenance import versions
+    from lpvobs.io.results.provenance import versions
     from lpvobs.selftest.cases import CASES
     from lpvobs.selftest.rows import rows_of
 

@@ -43,10 +43,10 @@ def synth_gain(
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
     from lpvobs.errors import UsageError
-    from lpvobs.io.config import load_config
-    from lpvobs.io.finding import find_logs
-    from lpvobs.io.gains import write_gain
-    from lpvobs.io.provenance import Provenance
+    from lpvobs.io.configuration.config import load_config
+    from lpvobs.io.logs.finding import find_logs
+    from lpvobs.io.results.gains import write_gain
+    from lpvobs.io.results.provenance import Provenance
     from lpvobs.report.tables import bounds_table
     from lpvobs.steps.gain import make_gain, make_published_gain
 

@@ -44,7 +44,7 @@ def trace(
 
     Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
-    from lpvobs.io.finding import find_logs
+    from lpvobs.io.logs.finding import find_logs
     from lpvobs.steps.trace import Sources, trace_result
 
     if result.is_file():

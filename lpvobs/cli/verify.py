@@ -20,7 +20,7 @@ def verify(
     Example: lpvobs verify gain.h5
     """
     from lpvobs.errors import NotProven
-    from lpvobs.io.gains import read_gain
+    from lpvobs.io.results.gains import read_gain
     from lpvobs.steps.gain import check_again
 
     stored = read_gain(gain)

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.heldout import NOTHING, SUPPORT, Losses
+from lpvobs.discovery.held_out import NOTHING, SUPPORT, Losses
 from lpvobs.discovery.linear import Linear, Term, operating_nodes, residual_of, scene_with
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.residual import Problem
 from lpvobs.records import Array
 
 HOW_WHOLE = (

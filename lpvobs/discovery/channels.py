@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvobs.discovery.candidates import Candidate, fit_candidate, slope_of
+from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.plant import Effect, Scene
-from lpvobs.discovery.problem import MOST_LEVELS
+from lpvobs.discovery.residual import MOST_LEVELS
+from lpvobs.engines.effects import Effect, Scene
 from lpvobs.records import Array
 
 KNOTS = (0.0, 1 / 3, 2 / 3, 1.0)

@@ -7,8 +7,8 @@ import numpy as np
 from numba import njit
 
 from lpvobs.discovery.linear import Linear, Term, dot, residual_with
-from lpvobs.discovery.problem import STRETCH
 from lpvobs.discovery.ranking import least
+from lpvobs.discovery.residual import STRETCH
 from lpvobs.records import Array
 
 SWITCH = 3.0

@@ -23,8 +23,8 @@ from lpvobs.discovery.linear import (
     views,
     whiten,
 )
-from lpvobs.discovery.plant import Scene
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.residual import Problem
+from lpvobs.engines.effects import Scene
 from lpvobs.records import Array
 
 STEP = 1e-4

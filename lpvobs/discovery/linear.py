@@ -14,8 +14,8 @@ import scipy.ndimage
 from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.discovery.plant import Effect, Scene
-from lpvobs.discovery.problem import HASTE, Problem
+from lpvobs.discovery.residual import HASTE, Problem
+from lpvobs.engines.effects import Effect, Scene
 from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array
 

@@ -19,10 +19,10 @@ from typing import Any, cast
 import numpy as np
 from numba import njit
 
-from lpvobs.airpath.base import AirPath, Balances
-from lpvobs.discovery.plant import Plant, Scene
-from lpvobs.discovery.problem import WIDE
+from lpvobs.discovery.residual import WIDE
 from lpvobs.discovery.standing import Standing, effect_along
+from lpvobs.engines.base import AirPath, Balances
+from lpvobs.engines.effects import Plant, Scene
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import calmed
 from lpvobs.observer.recursion import observe

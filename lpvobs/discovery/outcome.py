@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lpvobs.discovery.carried import HOW_WHOLE
-from lpvobs.discovery.heldout import HOW, MEASURE, Comparison
+from lpvobs.discovery.held_out import HOW, MEASURE, Comparison
 from lpvobs.discovery.leftover import Leftover
 from lpvobs.discovery.whiteness import Whiteness
 

@@ -8,10 +8,10 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
-from lpvobs.discovery.closing import Refinement
 from lpvobs.discovery.leftover import block_sums
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.refine import Refinement
+from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.standing import own_time
 from lpvobs.discovery.whiteness import LAGS, SIGNIFICANT
 from lpvobs.records import Array, Log

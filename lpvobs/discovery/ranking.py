@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from lpvobs.discovery.candidates import (
+from lpvobs.discovery.channels import Curve, channel_candidates
+from lpvobs.discovery.evidence import (
     LEAST_LENGTH,
     Candidate,
     best_intervals,
@@ -15,10 +16,9 @@ from lpvobs.discovery.candidates import (
     slope_of,
     with_best_interval,
 )
-from lpvobs.discovery.channels import Curve, channel_candidates
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.plant import Effect
-from lpvobs.discovery.problem import Problem
+from lpvobs.discovery.residual import Problem
+from lpvobs.engines.effects import Effect
 
 SHORTLIST = 4
 """Effects that are tried on intervals at their true size, and"""

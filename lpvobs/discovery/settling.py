@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.candidates import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.episodes import sharpened
+from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear, Term
 from lpvobs.discovery.ranking import SHORTLIST, rank

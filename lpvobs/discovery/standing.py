@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from lpvobs.discovery.channels import Curve, rate_of
 from lpvobs.discovery.fit import WIDEST
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.plant import Effect, Plant, Scene
-from lpvobs.discovery.problem import MOST_LEVELS, SPACING, Problem, starts
+from lpvobs.discovery.residual import MOST_LEVELS, SPACING, Problem, starts
+from lpvobs.engines.effects import Effect, Plant, Scene
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 

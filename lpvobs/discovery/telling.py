@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.outcome import Finding, LogPart, Parameter
-from lpvobs.discovery.problem import Problem, place_in_logs
-from lpvobs.discovery.selection import Accepted
+from lpvobs.discovery.residual import Problem, place_in_logs
+from lpvobs.discovery.select import Accepted
 from lpvobs.discovery.standing import NINETY, Standing, spans_of, stored_curve
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Log

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.throttled_blocks import Blocks
-from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
-from lpvobs.discovery.throttled_balances import BALANCES, Balancer, Scene, present, scene_of
-from lpvobs.discovery.throttled_catalogue import CATALOGUE, Effect
 from lpvobs.discovery.throttled_noise import DayToDay, HealthyErrors
+from lpvobs.engines.throttled.balances import BALANCES, Balancer, Scene, present, scene_of
+from lpvobs.engines.throttled.blocks import Blocks
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.effects import CATALOGUE, Effect
 from lpvobs.records import Array, Log
 
 ALWAYS, FOREVER = -np.inf, np.inf

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.throttled_blocks import blocks_of
-from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
-from lpvobs.discovery.heldout import Comparison, compared
+from lpvobs.discovery.held_out import Comparison, compared
 from lpvobs.discovery.outcome import Finding, Parameter, Ranked
 from lpvobs.discovery.standing import Span, Standing
-from lpvobs.discovery.throttled_balances import BALANCES, imbalances, scene_of
 from lpvobs.discovery.throttled_case import ALWAYS, FOREVER, Case, Term
-from lpvobs.discovery.throttled_catalogue import CATALOGUE
 from lpvobs.discovery.throttled_errors import weighed
 from lpvobs.discovery.throttled_judging import (
     Judged,
@@ -32,6 +28,10 @@ from lpvobs.discovery.throttled_noise import DayToDay, HealthyErrors, held_out_e
 from lpvobs.discovery.throttled_outcome import ThrottledPart, ThrottledTrace
 from lpvobs.discovery.throttled_selection import Accepted, Selection, select
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.engines.throttled.balances import BALANCES, imbalances, scene_of
+from lpvobs.engines.throttled.blocks import blocks_of
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.effects import CATALOGUE
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.throttled_blocks import haste_of
-from lpvobs.discovery.throttled_balances import BALANCES, curve_columns
 from lpvobs.discovery.throttled_case import DAILY, Case
-from lpvobs.discovery.throttled_catalogue import CATALOGUE, gain
 from lpvobs.discovery.throttled_evidence import Weighing, weighing
 from lpvobs.discovery.throttled_noise import TAIL
+from lpvobs.engines.throttled.balances import BALANCES, curve_columns
+from lpvobs.engines.throttled.blocks import haste_of
+from lpvobs.engines.throttled.effects import CATALOGUE, gain
 from lpvobs.records import Array
 
 SHORT = 4.0

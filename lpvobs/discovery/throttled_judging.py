@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.throttled_blocks import haste_of
-from lpvobs.discovery.heldout import Comparison, compared
-from lpvobs.discovery.throttled_balances import BALANCES, PARTS
+from lpvobs.discovery.held_out import Comparison, compared
 from lpvobs.discovery.throttled_case import Case, Term
 from lpvobs.discovery.throttled_errors import Weighed, daily_sizes
 from lpvobs.discovery.throttled_outcome import BalanceError, Level, levels_of
 from lpvobs.discovery.throttled_selection import Selection
 from lpvobs.discovery.whiteness import Whiteness, whiteness
+from lpvobs.engines.throttled.balances import BALANCES, PARTS
+from lpvobs.engines.throttled.blocks import haste_of
 from lpvobs.records import Array
 
 COARSE = 5

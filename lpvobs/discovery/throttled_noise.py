@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvobs.airpath.throttled_blocks import HURRY, blocks_of, haste_of
-from lpvobs.airpath.throttled_engine import Learned, ThrottledEngine
-from lpvobs.airpath.throttled_learning import learn
-from lpvobs.discovery.throttled_balances import BALANCES, CALM, imbalances, scene_of
+from lpvobs.engines.throttled.balances import BALANCES, CALM, imbalances, scene_of
+from lpvobs.engines.throttled.blocks import HURRY, blocks_of, haste_of
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.learning import learn
 from lpvobs.records import Array, Log
 
 FOLDS = 6

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.outcome import LogPart, Trace
 
 MEASURE = "rmse of the held-out residual"

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.throttled_balances import BALANCES
 from lpvobs.discovery.throttled_case import ALWAYS, FOREVER, Term
-from lpvobs.discovery.throttled_catalogue import Effect
 from lpvobs.discovery.throttled_errors import Weighed
 from lpvobs.discovery.throttled_evidence import (
     Fit,
@@ -18,6 +16,8 @@ from lpvobs.discovery.throttled_evidence import (
     gains_by_onset,
     refined_size,
 )
+from lpvobs.engines.throttled.balances import BALANCES
+from lpvobs.engines.throttled.effects import Effect
 from lpvobs.records import Array
 
 PROMISING = 0.25

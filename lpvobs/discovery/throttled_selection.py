@@ -7,7 +7,6 @@ import numpy as np
 import scipy.stats
 
 from lpvobs.discovery.throttled_case import Case, Term
-from lpvobs.discovery.throttled_catalogue import Effect
 from lpvobs.discovery.throttled_errors import (
     MOST_DAILY,
     Weighed,
@@ -19,6 +18,7 @@ from lpvobs.discovery.throttled_errors import (
 )
 from lpvobs.discovery.throttled_evidence import Fit
 from lpvobs.discovery.throttled_search import best_shift, refit, search
+from lpvobs.engines.throttled.effects import Effect
 from lpvobs.records import Array
 
 PROVEN = 15.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from lpvobs.airpath.base import Trajectory
+from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid, local
 from lpvobs.records import Array
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.base import AirPath
+from lpvobs.engines.base import AirPath
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms

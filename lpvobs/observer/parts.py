@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.base import AirPath, Trajectory
+from lpvobs.engines.base import AirPath, Trajectory
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, corners, node_values, over_nodes
 from lpvobs.maps.grid import Grid

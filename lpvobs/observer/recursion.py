@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from lpvobs.airpath.base import Trajectory
+from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid, reach, seek
 from lpvobs.records import Array
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvobs.airpath.base import AirPath
+from lpvobs.engines.base import AirPath
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings, adapt, start

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.base import AirPath, MapAxis
-from lpvobs.io.log_summaries import LogSummary
-from lpvobs.io.results import StoredResult
+from lpvobs.engines.base import AirPath, MapAxis
+from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit

@@ -10,10 +10,10 @@ from lpvobs.discovery.leftover import Leftover
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.discovery.whiteness import Whiteness
-from lpvobs.io.hdf import reading
-from lpvobs.io.portraits import read_leftover, read_portrait, read_ranking
-from lpvobs.io.refinements import read_structure
-from lpvobs.io.results import KIND, REMEDY
+from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.portraits import read_leftover, read_portrait, read_ranking
+from lpvobs.io.results.refinements import read_structure
+from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.report.numbers import chance, second, with_interval
 from lpvobs.report.tables import Table, grams, percent
 

@@ -11,7 +11,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
-from lpvobs.airpath.base import MapAxis
+from lpvobs.engines.base import MapAxis
 from lpvobs.records import Array
 from lpvobs.report.content import Correction, CycleView, Drive, Surface
 from lpvobs.report.series import busiest, thin, window

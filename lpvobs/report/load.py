@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from lpvobs.airpath.base import AirPath
-from lpvobs.airpath.engines import AIR_PATHS
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.registry import AIR_PATHS
 from lpvobs.errors import DataError
-from lpvobs.io.hdf import is_hdf5, reading
-from lpvobs.io.logs import LogPolicies, References, file_digest, read_log, read_references
-from lpvobs.io.provenance import table_of
-from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result
+from lpvobs.io.logs.reading import LogPolicies, References, file_digest, read_log, read_references
+from lpvobs.io.results.hdf import is_hdf5, reading
+from lpvobs.io.results.provenance import table_of
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
 

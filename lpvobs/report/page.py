@@ -10,8 +10,8 @@ import jinja2
 import numpy as np
 
 from lpvobs import __version__
-from lpvobs.io.atomic import replacing
-from lpvobs.io.log_summaries import LogSummary
+from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
 from lpvobs.report.discovered import sentences

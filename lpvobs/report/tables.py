@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.io.calibration import Change
-from lpvobs.io.gains import StoredGain
-from lpvobs.io.log_summaries import LogSummary
-from lpvobs.io.results import StoredResult
-from lpvobs.io.surfaces import ORIGINS, Surface
+from lpvobs.io.calibration.files import Change
+from lpvobs.io.calibration.surfaces import ORIGINS, Surface
+from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.config import Config, load_config
-from lpvobs.io.gains import StoredGain, read_gain, write_gain
-from lpvobs.io.logs import write_log
-from lpvobs.io.provenance import Provenance
-from lpvobs.io.results import StoredResult, read_result
-from lpvobs.io.units import convert
+from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.units import convert
+from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
+from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.results import StoredResult, read_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import PAPER, evaluate, fit
 from lpvobs.selftest.drive import drive, known_map

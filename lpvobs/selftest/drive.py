@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.airpath.diesel_engine import DieselConstants, DieselEngine, constants_of
+from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.simulation.parameters import SimulationParameters
 
 Array = NDArray[np.float64]

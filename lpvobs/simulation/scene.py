@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 
-from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.bench import drive_engine_cycle

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.condition import stages_of

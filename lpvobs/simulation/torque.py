@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.airpath.diesel_engine import DieselEngine
+from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.simulation.parameters import SimulationParameters
 
 Array = NDArray[np.float64]

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvobs.discovery.plant import Plant
-from lpvobs.discovery.problem import MapPrior
-from lpvobs.io.refinements import StoredRefinement
+from lpvobs.discovery.residual import MapPrior
+from lpvobs.engines.effects import Plant
+from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.records import Log
 
 LEAST_LEFT = 1.0 / 3.0

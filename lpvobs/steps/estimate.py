@@ -8,15 +8,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from lpvobs.airpath.base import AirPath
+from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.io.agreement import write_agreement
-from lpvobs.io.config import Config
-from lpvobs.io.gains import StoredGain, expect_engine, read_gain
-from lpvobs.io.log_summaries import LogSummary
-from lpvobs.io.logs import read_log, read_references
-from lpvobs.io.provenance import Provenance
-from lpvobs.io.results import write_result
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.reading import read_log, read_references
+from lpvobs.io.results.agreement import write_agreement
+from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
+from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.results import write_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer.disagreement import Agreement

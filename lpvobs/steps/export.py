@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.calibration import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
-from lpvobs.io.dcm import KINDS, NAME, read_dcm_map
-from lpvobs.io.logs import file_digest
-from lpvobs.io.surfaces import Surface, keep_old, onto, read_surface
+from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
+from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
+from lpvobs.io.calibration.surfaces import Surface, keep_old, onto, read_surface
+from lpvobs.io.logs.reading import file_digest
 
 FORMATS = ("dcm", "csv", "netcdf")
 SOURCES = ("map", "extrapolation")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.io.results import add_extrapolation, read_result
+from lpvobs.io.results.results import add_extrapolation, read_result
 from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
 
 

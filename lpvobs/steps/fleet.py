@@ -1,7 +1,7 @@
 """The default method over any number of logs: one part per log, wherever it is computed, added in the order of their digests.
 
 The result does not depend on how many processes or machines took part, nor on who finished first. A run that was killed goes on
-with the logs that it had not finished, see `lpvobs.io.parts`.
+with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.airpath.base import AirPath
+from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.config import Config
-from lpvobs.io.logs import LogPolicies, file_digest, has_references
-from lpvobs.io.parts import PartsFolder, StoredPart, part_bytes, part_of_bytes, run_key
-from lpvobs.io.stream import LogFile, references
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.reading import LogPolicies, file_digest, has_references
+from lpvobs.io.logs.stream import LogFile, references
+from lpvobs.io.results.parts import PartsFolder, StoredPart, part_bytes, part_of_bytes, run_key
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.disagreement import Agreement, agreements

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.airpath.base import AirPath
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.airpath.engines import AIR_PATHS
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.registry import AIR_PATHS
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.io.config import Config
-from lpvobs.io.gains import StoredGain
-from lpvobs.io.stream import LogFile
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.stream import LogFile
+from lpvobs.io.results.gains import StoredGain
 from lpvobs.observer.parts import RangeSeen, calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.io.foreign import ingest
-from lpvobs.io.ingest_record import KEY
-from lpvobs.io.logs import write_log
-from lpvobs.io.profiles import load_profile
+from lpvobs.ingest.foreign import ingest
+from lpvobs.ingest.profiles import load_profile
+from lpvobs.io.logs.ingest_record import KEY
+from lpvobs.io.logs.reading import write_log
 
 
 def ingest_log(sources: Sequence[Path], profile: str, out: Path) -> dict[str, Any]:

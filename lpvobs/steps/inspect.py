@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.airpath.base import Channel
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.airpath.engines import AIR_PATHS
-from lpvobs.io.ingest_record import stored_record
-from lpvobs.io.logs import LogPolicies, channel_units, read_log
+from lpvobs.engines.base import Channel
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.registry import AIR_PATHS
+from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.io.logs.reading import LogPolicies, channel_units, read_log
 from lpvobs.records import Array, Defects, Log
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.airpath.base import AirPath
-from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.throttled_noise import healthy_errors
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
-from lpvobs.io.config import Config
-from lpvobs.io.learned import write_learned
-from lpvobs.io.logs import read_log
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.learned import write_learned
 from lpvobs.records import Log
 
 

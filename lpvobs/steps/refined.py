@@ -6,13 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.observed import Refined, observed, observed_path
 from lpvobs.discovery.standing import Standing
+from lpvobs.engines.diesel.effects import diesel_plant
 from lpvobs.errors import DataError
-from lpvobs.io.config import Config
-from lpvobs.io.gains import StoredGain
-from lpvobs.io.log_summaries import LogSummary
+from lpvobs.io.configuration.config import Config
+from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
@@ -119,7 +119,7 @@ def scaled(record: Record, constants: Mapping[str, float]) -> Record:
 
     Examples
     --------
-    >>> from lpvobs.airpath.diesel_engine import Egr
+    >>> from lpvobs.engines.diesel.constants import Egr
     >>> scaled(Egr(1.0, 0.0, 2.0, 0.65, 0.6), {"c_egr2": 0.5}).c_egr2
     3.0
     """

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lpvobs.errors import UsageError
-from lpvobs.io.config import Effects, load_config, load_effects
-from lpvobs.io.logs import write_log
+from lpvobs.io.configuration.config import Effects, load_config, load_effects
+from lpvobs.io.logs.reading import write_log
 from lpvobs.simulation.simulate import SimulatedLog, simulate
 
 

@@ -8,23 +8,23 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.airpath.throttled import Throttled
 from lpvobs.discovery.throttled_closing import Closed, Nominal, close
+from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
-from lpvobs.io.atomic import replacing
-from lpvobs.io.config import ThrottledConfig, config_of
-from lpvobs.io.hdf import changing, reading
-from lpvobs.io.learned import read_learned
-from lpvobs.io.logs import channel_units, read_log
-from lpvobs.io.portraits import write_ranking
-from lpvobs.io.refinements import (
+from lpvobs.io.configuration.config import ThrottledConfig, config_of
+from lpvobs.io.logs.reading import channel_units, read_log
+from lpvobs.io.results.hdf import changing, reading
+from lpvobs.io.results.learned import read_learned
+from lpvobs.io.results.portraits import write_ranking
+from lpvobs.io.results.refinements import (
     StoredRefinement,
     read_refinement,
     write_comparison,
     write_refinement,
     write_structure,
 )
-from lpvobs.io.results import KIND, REMEDY, StoredResult, refuse_replaced, update
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult, refuse_replaced, update
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
 from lpvobs.steps.pooled import Traced, contents, usable
 
@@ -107,7 +107,7 @@ def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:
     Raises
     ------
     DataError
-        As `lpvobs.io.logs.read_log`, and where the sensor under test is missing.
+        As `lpvobs.io.logs.reading.read_log`, and where the sensor under test is missing.
     """
     there = channel_units(path)
     known = Throttled(config.engine).channels

@@ -10,22 +10,21 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from lpvobs.airpath.throttled import Throttled
-from lpvobs.discovery.catalogue import diesel_plant
-from lpvobs.discovery.closing import Refinement, nominal_map, refine
-from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.portrait import portrait
-from lpvobs.discovery.problem import MapPrior, free_map
+from lpvobs.discovery.refine import Refinement, nominal_map, refine
+from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing, from_off
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.engines.diesel.effects import diesel_plant
+from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.atomic import replacing
-from lpvobs.io.config import Config, config_of
-from lpvobs.io.hdf import changing, reading
-from lpvobs.io.logs import read_log
-from lpvobs.io.portraits import write_leftover, write_portrait, write_ranking
-from lpvobs.io.provenance import Provenance
-from lpvobs.io.refinements import (
+from lpvobs.io.configuration.config import Config, config_of
+from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.hdf import changing, reading
+from lpvobs.io.results.portraits import write_leftover, write_portrait, write_ranking
+from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.refinements import (
     StoredRefinement,
     read_refinement,
     write_comparison,
@@ -33,7 +32,8 @@ from lpvobs.io.refinements import (
     write_sensor_state,
     write_structure,
 )
-from lpvobs.io.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
 from lpvobs.steps.pooled import LogAt, Traced, contents, usable

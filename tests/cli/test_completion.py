@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lpvobs.cli import choices
-from lpvobs.io.profiles import shipped
+from lpvobs.ingest.profiles import shipped
 from lpvobs.simulation.cycles import TABLES
 from lpvobs.steps.estimate import METHODS
 from lpvobs.steps.export import FORMATS

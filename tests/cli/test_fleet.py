@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lpvobs.io.config import load_config
-from lpvobs.io.gains import read_gain
-from lpvobs.io.parts import run_key
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.gains import read_gain
+from lpvobs.io.results.parts import run_key
 from lpvobs.observer.parts import StateGain
 from lpvobs.steps.fleet import PartTask, part_of
 

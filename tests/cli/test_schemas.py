@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import lpvobs.selftest.cases
 from lpvobs.cli.main import app
-from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Finding, LogPart, Parameter, Trace
 from lpvobs.discovery.throttled_outcome import BalanceError, Level, ThrottledPart, ThrottledTrace

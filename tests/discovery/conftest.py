@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.discovery.catalogue import diesel_plant
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.problem import free_map, lay_out
-from lpvobs.io.config import load_config
+from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.engines.diesel.effects import diesel_plant
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.configuration.config import load_config
 from lpvobs.records import Defects, Log
 from lpvobs.simulation.simulate import simulate
 

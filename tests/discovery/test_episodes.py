@@ -8,7 +8,7 @@ import pytest
 from lpvobs.discovery.episodes import comes_and_goes, switched
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.problem import free_map, lay_out
+from lpvobs.discovery.residual import free_map, lay_out
 
 
 def worth_of(sequence, gain, cost):

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.candidates import gains_of_intervals, in_place, loss_of, slope_of
+from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, refit
-from lpvobs.discovery.heldout import FOLDS, compare, held_out_losses, undated
+from lpvobs.discovery.held_out import FOLDS, compare, held_out_losses, undated
 from lpvobs.discovery.linear import Term, dot, views
 
 
@@ -84,7 +84,7 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
 
 
 def _like(linear, one):
-    from lpvobs.discovery.candidates import Candidate
+    from lpvobs.discovery.evidence import Candidate
 
     return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False)
 

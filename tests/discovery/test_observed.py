@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.discovery.closing import refine
 from lpvobs.discovery.observed import FLOW, Refined, _innovations, added, corrected, observed, observed_path
-from lpvobs.discovery.problem import free_map
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.standing import Span, Standing
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.effects import Effect

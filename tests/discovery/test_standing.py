@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.closing import refine
 from lpvobs.discovery.linear import Term
-from lpvobs.discovery.problem import free_map, starts
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import free_map, starts
 from lpvobs.discovery.standing import Span, Standing, active, from_off, spans_of, term_on
 from lpvobs.errors import DataError
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from reference import throttled_drive as truth
 
-from lpvobs.airpath.throttled_blocks import blocks_of
-from lpvobs.airpath.throttled_learning import learn
-from lpvobs.discovery.throttled_balances import BALANCES, imbalances, scene_of
-from lpvobs.discovery.throttled_catalogue import CATALOGUE
 from lpvobs.discovery.throttled_closing import Nominal, case_of, close
 from lpvobs.discovery.throttled_noise import healthy_errors
+from lpvobs.engines.throttled.balances import BALANCES, imbalances, scene_of
+from lpvobs.engines.throttled.blocks import blocks_of
+from lpvobs.engines.throttled.effects import CATALOGUE
+from lpvobs.engines.throttled.learning import learn
 from lpvobs.errors import DataError
-from lpvobs.io.config import load_config
+from lpvobs.io.configuration.config import load_config
 
 CONFIG = Path(__file__).parents[2] / "configs" / "liu-ice.toml"
 ONSET = 150.0

@@ -5,8 +5,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
-from lpvobs.io.logs import LogPolicies, read_log
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.io.logs.reading import LogPolicies, read_log
 
 N = 200
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}

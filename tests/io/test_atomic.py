@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.atomic import replacing
+from lpvobs.io.safety.atomic import replacing
 
 
 def names(folder):
@@ -128,7 +128,7 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
     script = f"""
         import os, signal
         from pathlib import Path
-        from lpvobs.io.atomic import replacing
+        from lpvobs.io.safety.atomic import replacing
         with replacing(Path({str(target)!r})) as temporary:
             temporary.write_text("half of")
             os.kill(os.getpid(), signal.SIGKILL)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.io.config import Axis, load_config, load_effects
+from lpvobs.io.configuration.config import Axis, load_config, load_effects
 
 SHIPPED = Path(__file__).parents[2] / "configs"
 DIESEL = SHIPPED / "diesel.toml"

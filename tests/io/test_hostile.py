@@ -14,15 +14,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io import apart, recording_mdf, recordings
-from lpvobs.io.clocks import stamps
-from lpvobs.io.drafting import draft_profile
-from lpvobs.io.foreign import ingest
-from lpvobs.io.mdf_reader import expect_arithmetic
-from lpvobs.io.profiles import SourceRules, profile_of
-from lpvobs.io.recording_csv import open_csv
-from lpvobs.io.recording_mat import open_mat
-from lpvobs.io.recording_mdf import open_mdf
+from lpvobs.ingest import recording_mdf, recordings
+from lpvobs.ingest.clocks import stamps
+from lpvobs.ingest.drafting import draft_profile
+from lpvobs.ingest.foreign import ingest
+from lpvobs.ingest.mdf_reader import expect_arithmetic
+from lpvobs.ingest.profiles import SourceRules, profile_of
+from lpvobs.ingest.recording_csv import open_csv
+from lpvobs.ingest.recording_mat import open_mat
+from lpvobs.ingest.recording_mdf import open_mdf
+from lpvobs.io.safety import apart
 from lpvobs.steps.ingest import ingest_log
 
 PROFILE = """
@@ -240,7 +241,7 @@ def test_things_that_are_no_vectors_of_numbers(tmp_path):
 
 def test_a_seal_does_not_make_a_stranger_trusted(tmp_path):
     """Anybody can compute a checksum, so what lies under it is read apart first, as without."""
-    from lpvobs.io.seal import sealed
+    from lpvobs.io.safety.seal import sealed
 
     path = hdf(tmp_path / "drive.mat", lambda file: file.create_dataset("z", (2**60,), "i1", chunks=(1 << 20,)))
     path.write_bytes(sealed(path.read_bytes()))
@@ -302,5 +303,5 @@ def test_modules_in_the_working_folder_are_not_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
     path = hdf(tmp_path / "drive.mat")
-    line = apart.call("lpvobs.io.probe", str(path), "10", str(2 << 30))
+    line = apart.call("lpvobs.io.safety.probe", str(path), "10", str(2 << 30))
     assert subprocess.run(line, env=dict(apart.environment()), check=False).returncode == 0

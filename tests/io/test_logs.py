@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.logs import LogPolicies, channel_units, read_references, write_log
+from lpvobs.io.logs.reading import LogPolicies, channel_units, read_references, write_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.parts import MOST_BYTES, PartsFolder, part_of_bytes
+from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, part_of_bytes
 
 NAME = "a" * 64
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.heldout import Comparison
+from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.discovery.whiteness import LAGS, Whiteness
-from lpvobs.io.portraits import (
+from lpvobs.io.results.portraits import (
     read_leftover,
     read_portrait,
     read_ranking,
@@ -19,7 +19,7 @@ from lpvobs.io.portraits import (
     write_portrait,
     write_ranking,
 )
-from lpvobs.io.refinements import StoredRefinement, read_refinement, read_structure, write_refinement
+from lpvobs.io.results.refinements import StoredRefinement, read_refinement, read_structure, write_refinement
 
 BALANCES = ("one", "other")
 LAG = Standing(

@@ -5,12 +5,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io import stream
-from lpvobs.io.finding import find_logs
-from lpvobs.io.logs import LogPolicies, read_log
-from lpvobs.io.stream import LogFile, references
+from lpvobs.io.logs import stream
+from lpvobs.io.logs.finding import find_logs
+from lpvobs.io.logs.reading import LogPolicies, read_log
+from lpvobs.io.logs.stream import LogFile, references
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpvobs.io.units import convert
+from lpvobs.io.logs.units import convert
 
 ONE = np.array([1.0, -2.5, 40.0])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lpvobs.io.ingest_record import stored_record
-from lpvobs.io.logs import LogPolicies, channel_units
+from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.io.logs.reading import LogPolicies, channel_units
 from lpvobs.steps.ingest import ingest_log
 from lpvobs.steps.inspect import inspect_log
 

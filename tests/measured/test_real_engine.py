@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpvobs.airpath.throttled_learning import learn
 from lpvobs.discovery.throttled_closing import Nominal, close
 from lpvobs.discovery.throttled_noise import healthy_errors
-from lpvobs.io.config import load_config
-from lpvobs.io.logs import read_log
+from lpvobs.engines.throttled.learning import learn
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.logs.reading import read_log
 from lpvobs.steps.ingest import ingest_log
 
 CONFIG = Path(__file__).parents[2] / "configs" / "liu-ice.toml"

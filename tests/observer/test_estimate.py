@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.drives import log_of, noisy
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import PAPER, evaluate, fit

@@ -12,8 +12,8 @@ from reference import adaptive_observer as dense
 from reference.drives import scattered
 from reference.membership import psi
 
-from lpvobs.airpath.base import Trajectory
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.base import Trajectory
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.recursion import observe
 from lpvobs.synthesis.problem import Problem

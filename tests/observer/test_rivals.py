@@ -8,7 +8,7 @@ from reference import kalman
 from reference.drives import scattered
 from reference.membership import psi
 
-from lpvobs.airpath.base import Trajectory
+from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import ekf
 from lpvobs.observer.ekf import KalmanSettings

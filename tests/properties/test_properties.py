@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from robust.defects import moving
 from robust.samples import make
 
-from lpvobs.airpath.base import Trajectory
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.base import Trajectory
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import NotProven, UsageError
-from lpvobs.io.config import config_of, load_config
-from lpvobs.io.logs import LogPolicies, read_log
+from lpvobs.io.configuration.config import config_of, load_config
+from lpvobs.io.logs.reading import LogPolicies, read_log
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import estimate_default, merged
 from lpvobs.observer.parts import StateGain, inform
@@ -206,7 +206,7 @@ def test_no_number_of_a_configuration_is_lost_between_its_text_and_what_is_compu
 
 
 def test_a_result_is_what_was_written(tmp_path):
-    from lpvobs.io.results import read_result, write_result
+    from lpvobs.io.results.results import read_result, write_result
     from lpvobs.observer.estimate import MapEstimate
 
     samples = make(tmp_path)

@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io import logs as reader
-from lpvobs.io.atomic import replacing
-from lpvobs.io.logs import LogPolicies
+from lpvobs.io.logs import reading as reader
+from lpvobs.io.logs.reading import LogPolicies
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.steps.inspect import inspect_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}

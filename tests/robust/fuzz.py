@@ -31,9 +31,9 @@ from robust.defects import UNITS, moving
 from robust.kill import CONFIGURED, prepare, start, warm
 from robust.samples import CONFIG, Samples, make
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import LpvobsError
-from lpvobs.io.seal import LENGTH
+from lpvobs.io.safety.seal import LENGTH
 
 SECONDS, BYTES = 10.0, 2 * 2**30
 """For one input; memory is what is resident: libraries reserve more than that without using it."""
@@ -138,9 +138,9 @@ class Corpus:
 
 def read(path: Path) -> None:
     """Read an input as the verbs do; raises only what they turn into one line."""
-    from lpvobs.io.config import load_config, load_effects
-    from lpvobs.io.gains import read_gain
-    from lpvobs.io.logs import LogPolicies, read_references
+    from lpvobs.io.configuration.config import load_config, load_effects
+    from lpvobs.io.logs.reading import LogPolicies, read_references
+    from lpvobs.io.results.gains import read_gain
     from lpvobs.report.load import load
     from lpvobs.report.tables import report_content
     from lpvobs.steps.gain import check_again
@@ -165,7 +165,7 @@ def read(path: Path) -> None:
 
 def read_foreign(path: Path) -> None:
     """Draft a profile for a recording, and make a log of it by the one beside it, as `profile` and `ingest` do."""
-    from lpvobs.io.drafting import draft_profile
+    from lpvobs.ingest.drafting import draft_profile
     from lpvobs.steps.ingest import ingest_log
 
     with suppress(LpvobsError):

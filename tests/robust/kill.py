@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
 
-from lpvobs.io.parts import part_of_bytes
+from lpvobs.io.results.parts import part_of_bytes
 
 ROOT = Path(__file__).parents[2]
 SOURCE = "drive.csv"
@@ -114,7 +114,7 @@ def warm() -> None:
     import jinja2  # noqa: F401
     import pyarrow.parquet  # noqa: F401
 
-    import lpvobs.io.config
+    import lpvobs.io.configuration.config
     import lpvobs.report.page
     import lpvobs.simulation.simulate
     import lpvobs.steps.estimate

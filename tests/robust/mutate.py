@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lpvobs.io.seal import LENGTH, sealed
+from lpvobs.io.safety.seal import LENGTH, sealed
 
 NUMBERS = (
     0.0,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from robust.defects import Bench
 
-from lpvobs.io.config import load_config
-from lpvobs.io.gains import write_gain
-from lpvobs.io.provenance import Provenance
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.gains import write_gain
+from lpvobs.io.results.provenance import Provenance
 from lpvobs.steps.estimate import estimate_logs
 from lpvobs.steps.extrapolate import extrapolate_result
 from lpvobs.steps.gain import make_published_gain

@@ -5,7 +5,7 @@ from robust import foreign
 from robust.fuzz import SHARES, Corpus, fuzz_kind, read, show
 
 from lpvobs.errors import DataError, LpvobsError, UsageError
-from lpvobs.io.config import load_config
+from lpvobs.io.configuration.config import load_config
 from lpvobs.simulation.cycles import load_cycle
 
 
@@ -95,8 +95,8 @@ def test_a_result_whose_map_has_the_wrong_shape_is_damaged(samples, tmp_path):
     """Found by the fuzzer: a list as long as something else ended in a traceback of the report."""
     import h5py
 
-    from lpvobs.io.hdf import changing
-    from lpvobs.io.results import read_result
+    from lpvobs.io.results.hdf import changing
+    from lpvobs.io.results.results import read_result
 
     path = tmp_path / "odd.h5"
 

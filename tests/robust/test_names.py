@@ -9,8 +9,8 @@ import typer
 import lpvobs
 from lpvobs.cli.common import guarded, refuse_overwriting
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.dcm import read_dcm_map
-from lpvobs.io.finding import find_logs
+from lpvobs.io.calibration.dcm import read_dcm_map
+from lpvobs.io.logs.finding import find_logs
 
 LONG = "x" * 300
 

@@ -6,8 +6,8 @@ import h5py
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io import hdf
-from lpvobs.io.results import read_result, update
+from lpvobs.io.results import hdf
+from lpvobs.io.results.results import read_result, update
 from lpvobs.steps import extrapolate
 from lpvobs.steps.fleet import refuse_copies
 from lpvobs.steps.jobs import Workers

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.gains import read_gain
-from lpvobs.io.hdf import changing, creating
-from lpvobs.io.results import read_result
-from lpvobs.io.seal import LENGTH, PATIENCE
+from lpvobs.io.results.gains import read_gain
+from lpvobs.io.results.hdf import changing, creating
+from lpvobs.io.results.results import read_result
+from lpvobs.io.safety.seal import LENGTH, PATIENCE
 
 READERS = {"gain": read_gain, "result": read_result}
 

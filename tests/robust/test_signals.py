@@ -15,7 +15,7 @@ SCRIPT = """
     import sys, time
     from pathlib import Path
     from lpvobs.cli import main, common
-    from lpvobs.io.atomic import replacing
+    from lpvobs.io.safety.atomic import replacing
 
     class Noisy:
         def __del__(self):

@@ -14,9 +14,9 @@ from robust.defects import Bench
 from robust.samples import CONFIG
 
 from lpvobs.errors import UsageError
-from lpvobs.io.config import load_config
-from lpvobs.io.gains import read_gain
-from lpvobs.io.hdf import changing
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.gains import read_gain
+from lpvobs.io.results.hdf import changing
 from lpvobs.report.content import gather
 from lpvobs.report.load import load
 from lpvobs.report.page import page

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.atomic import claim, release, release_all, replacing
+from lpvobs.io.safety.atomic import claim, release, release_all, replacing
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,7 +26,7 @@ def other_process(target, *, then="", **options):
         import sys, os, signal
         from pathlib import Path
         from lpvobs.errors import DataError
-        from lpvobs.io.atomic import claim, replacing
+        from lpvobs.io.safety.atomic import claim, replacing
         try:
             with replacing(Path({str(target)!r})) as temporary:
                 temporary.write_text("other")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lpvobs.io.config import load_config
+from lpvobs.io.configuration.config import load_config
 from lpvobs.simulation.simulate import simulate
 
 CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"

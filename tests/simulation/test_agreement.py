@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import INPUTS, Diesel, along
+from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.simulate import simulate
 

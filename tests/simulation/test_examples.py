@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpvobs.io.config import load_effects
+from lpvobs.io.configuration.config import load_effects
 from lpvobs.simulation.disturbances import UnloggedEffect
 from lpvobs.simulation.effects import CATALOGUE
 from lpvobs.simulation.simulate import simulate

@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import INPUTS, Diesel, along
+from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.simulation.condition import FIELDS
 from lpvobs.simulation.effects import CATALOGUE, Effect
 from lpvobs.simulation.plant import Condition, egr_flow, intake_leak, plant_of, turbine_flow

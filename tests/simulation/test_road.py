@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import INPUTS, Diesel, along
+from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.simulation.road import (
     AC_OFF,
     AC_ON,

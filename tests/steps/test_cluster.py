@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpvobs.airpath.diesel import Diesel
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.config import load_config
-from lpvobs.io.logs import write_log
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.logs.reading import write_log
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.simulate import simulate
 from lpvobs.steps import jobs

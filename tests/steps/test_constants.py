@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lpvobs.discovery.catalogue import diesel_plant
-from lpvobs.discovery.problem import MapPrior, free_map
+from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing
-from lpvobs.io.config import load_config
-from lpvobs.io.refinements import StoredRefinement
+from lpvobs.engines.diesel.effects import diesel_plant
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log
 from lpvobs.steps.constants import LEAST_LEFT, start_of

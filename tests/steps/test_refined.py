@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.config import load_config
+from lpvobs.io.configuration.config import load_config
 from lpvobs.steps.refined import expect_cascade, scaled
 
 

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from lpvobs.airpath.throttled import Throttled
+from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.problem import Problem
 from lpvobs.synthesis.region import Region

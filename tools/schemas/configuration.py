@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from lpvobs.airpath.base import AirPath
-from lpvobs.io.config import KINDS, SCHEMA, load_config
+from lpvobs.engines.base import AirPath
+from lpvobs.io.configuration.config import KINDS, SCHEMA, load_config
 from lpvobs.simulation.parameters import SURFACE_KINDS
 
 Schema = dict[str, Any]

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from lpvobs.discovery.heldout import MEASURE
-from lpvobs.io.surfaces import ORIGINS
+from lpvobs.discovery.held_out import MEASURE
+from lpvobs.io.calibration.surfaces import ORIGINS
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.report.gates import METRICS
 

@@ -1,0 +1,264 @@
+"""One candidate effect at a time against the residual: its best size, its best interval, and whether one size fits all of it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+import scipy.stats
+
+from lpvobs.discovery.fit import SHARE
+from lpvobs.discovery.linear import Linear, Term, dot, operating_nodes, residual_of, views
+from lpvobs.engines.effects import Effect
+from lpvobs.records import Array
+
+PASSES = 6
+STRONG = 5.0
+"""Standard deviations of its own noise by which the information about a size must exceed zero."""
+START = 0.1
+"""Of the logs: an effect that begins before is not told from one that was there from the first sample."""
+LEAST_LENGTH = 10
+"""Blocks that an interval must have, and must leave, to be told from an outlier."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect fitted beside map and constants.
+
+    Attributes
+    ----------
+    term : Term
+    gain : float
+        By how much it lowers half the sum of squares, in units of the noise.
+    information : float
+        What the data say about its size when map and constants are unknown, 1/unit^2.
+    unevenness : float
+        Mean square of the block sums of its score over what noise gives: near one when one size fits every block. One, too, where
+        the data say nothing of it beside the effects that are there.
+    loss : ndarray, shape (blocks,)
+        Half the sum of squares that is left, by block.
+    elsewhere : float
+        Unevenness without the block that has the largest share in it: one alone, such as a cold start, is no structure in time.
+    from_start : bool
+        Whether it acts from the first tenth of the logs on, and ends.
+    """
+
+    term: Term
+    gain: float
+    information: float
+    unevenness: float
+    loss: Array
+    elsewhere: float
+    from_start: bool
+
+    @property
+    def id(self) -> str:
+        """The effect's identifier."""
+        return self.term.effect.id
+
+    @property
+    def changes(self) -> int:
+        """The number of its ends that lie inside the log."""
+        return int(np.isfinite(self.term.begin)) + int(np.isfinite(self.term.end))
+
+
+def loss_of(linear: Linear) -> Array:
+    """Return half the sum of squares by block, after the step that is left to the optimum, shape (blocks,)."""
+    left = linear.moved(linear.residual, linear.pull)
+    return 0.5 * linear.by_block(left, left)
+
+
+def change_of(linear: Linear, effect: Effect, size: float) -> Array:
+    """Return how a further effect changes the whitened residual when it acts all the time, shape (2, B, K)."""
+    problem = linear.problem
+    scene = effect.apply(linear.scene, size)
+    if effect.place == "sensor":
+        name = problem.plant.sensor
+        shift = views((scene[name] - linear.scene[name])[None])
+        return linear.whiten(shift * problem.plant.mapped[:, None])
+    nodes = operating_nodes(problem, scene) if effect.moves_point else linear.nodes
+    return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes) - linear.raw)
+
+
+def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
+    """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
+    h = SHARE * effect.size
+    return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
+
+
+def promise_of(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
+    """Return the gain of an effect in an interval as a straight line through none promises it."""
+    slope = slope_of(linear, effect, effect.null) * within(linear, begin, end)
+    products = linear.products(slope)
+    gradient = dot(slope, linear.residual) - float(products @ linear.pull)
+    information = dot(slope, slope) - float(products @ linear.project(products))
+    return 0.5 * gradient**2 / information if information > 0.0 else 0.0
+
+
+def within(linear: Linear, begin: float, end: float) -> Array:
+    """Return one for the instants in an interval of the clock, zero elsewhere, shape (K,)."""
+    clock = linear.problem.scene.clock[: linear.problem.K]
+    return np.asarray((clock >= begin) & (clock < end), dtype=float)
+
+
+def ends_of(linear: Linear, first: int, last: int) -> tuple[float, float]:
+    """Return begin and end [s] on the clock of a range of blocks; infinite at the ends of the logs."""
+    begins = linear.problem.begins
+    return (begins[first] if first > 0 else -np.inf), (begins[last] if last < begins.size else np.inf)
+
+
+def fit_candidate(
+    linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf, size: float | None = None
+) -> Candidate:
+    """Return the effect at its best size in an interval: Gauss-Newton in the size, map and constants projected out."""
+    on = within(linear, begin, end)
+    size = effect.null if size is None else size
+    best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
+    for _ in range(PASSES):
+        change = change_of(linear, effect, size) * on
+        products = linear.products(change)
+        answer = linear.project(products)
+        gain = -(
+            0.5 * dot(change, change) + dot(change, linear.residual) - 0.5 * products @ answer - products @ linear.pull
+        )
+        if gain <= best[0]:
+            size = 0.5 * (size + best[1])
+            continue
+        slope = slope_of(linear, effect, size, change) * on
+        against = linear.products(slope)
+        own = linear.project(against)
+        best = (float(gain), float(size), change, slope, answer)
+        information = dot(slope, slope) - against @ own
+        gradient = dot(slope, linear.residual + change) - against @ (answer + linear.pull)
+        if not information > STRONG * np.sqrt(_blur(linear, slope).sum()):
+            break
+        new = float(np.clip(size - gradient / information, effect.low, effect.high))
+        if abs(new - size) * np.sqrt(information) < 1e-2:
+            break
+        size = new
+    return _judged(linear, Term(effect, best[1], begin, end), best[0], *best[2:])
+
+
+def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
+    problem = linear.problem
+    left = linear.moved(linear.residual + change, answer + linear.pull)
+    against = linear.products(slope)
+    own = linear.project(against)
+    information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
+    scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
+    sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
+    known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
+    unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
+    loss = 0.5 * linear.by_block(left, left)
+    clock = problem.scene.clock
+    from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
+    return Candidate(term, gain, information, unevenness, loss, elsewhere, from_start)
+
+
+def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
+    """Return the mean square of block sums over what noise gives, and the same without the largest of them."""
+    squares = sums**2 / information
+    return float(squares.sum()), float(squares.sum() - squares.max())
+
+
+def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
+    """Return an effect of the model as a candidate again: information and unevenness where the joint model stands."""
+    at = linear.p + linear.beta.size + index
+    unit = np.zeros(linear.pull.size)
+    unit[at] = 1.0
+    row = linear.project(unit)
+    information = 1.0 / row[at]
+    left = linear.moved(linear.residual, linear.pull)
+    scores = linear.products_by_block(left) @ row * information
+    sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
+    unevenness, elsewhere = unevenness_of(sums, information)
+    return replace(
+        like,
+        term=linear.terms[index],
+        information=float(information),
+        unevenness=unevenness,
+        loss=0.5 * linear.by_block(left, left),
+        elsewhere=elsewhere,
+    )
+
+
+def gains_of_intervals(linear: Linear, direction: Array) -> Array:
+    """Return the gain of a direction on every range of blocks first..last, shape (blocks + 1, blocks + 1); zero if too short."""
+    products = linear.products_by_block(direction)
+    score = linear.by_block(direction, linear.residual) - products @ linear.pull
+    power = linear.by_block(direction, direction)
+    white = scipy.linalg.solve_triangular(linear.factor, np.cumsum(products, 0).T, lower=True, check_finite=False).T
+    white = np.vstack([np.zeros(white.shape[1]), white])
+    S, H = (np.concatenate([[0.0], np.cumsum(x)]) for x in (score, power))
+    gram = white @ white.T
+    own = np.diag(gram)
+    information = H[None] - H[:, None] - (own[None] + own[:, None] - 2.0 * gram)
+    number = np.arange(H.size)
+    blur = np.concatenate([[0.0], np.cumsum(_blur(linear, direction))])
+    usable = number[None] - number[:, None] >= LEAST_LENGTH
+    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + 1e-6 * max(H[-1], 1e-300)
+    gains = np.zeros(information.shape)
+    gains[usable] = 0.5 * (S[None] - S[:, None])[usable] ** 2 / information[usable]
+    return gains
+
+
+def _blur(linear: Linear, direction: Array) -> Array:
+    """Return the variance by block that noise gives to the power of a direction across views, shape (blocks,)."""
+    mean, difference = direction**2
+    return np.asarray(np.add.reduceat(((mean + difference) * difference).sum(0), linear.problem.first))
+
+
+def best_intervals(gains: Array) -> list[tuple[int, int]]:
+    """Return the best range that begins inside, that ends inside, and that does both."""
+    n = gains.shape[0] - 1
+    edge = LEAST_LENGTH
+    first = int(np.argmax(gains[edge:-edge, n])) + edge
+    last = int(np.argmax(gains[0, edge:-edge])) + edge
+    inner = gains[edge:-edge, edge:-edge]
+    both = np.unravel_index(int(np.argmax(inner)), inner.shape)
+    return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
+
+
+def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
+    """Return what an interval must gain over the whole log.
+
+    That is the search over its ends, a hundredth for each, and a tenth where it ends and has no onset, or one just after
+    the start: effects begin, and what ends at some time can often be written as its opposite that begins then.
+    """
+    return changes * (3.0 * float(np.log(blocks)) + 0.01 * gain) + (0.1 * gain if from_start else 0.0)
+
+
+def score(candidate: Candidate) -> float:
+    """Return the gain less what its interval costs."""
+    return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
+
+
+def p_value(candidate: Candidate, tried: int) -> float:
+    """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni)."""
+    statistic = 2.0 * max(candidate.gain, 0.0) / max(candidate.unevenness, 1.0)
+    intervals = candidate.loss.size**candidate.changes
+    return float(min(1.0, tried * intervals * scipy.stats.chi2.sf(statistic, 1)))
+
+
+def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:
+    """Return the effect on the range of blocks that pays best, sought again at the size found there."""
+    if linear.problem.first.size < 3 * LEAST_LENGTH:
+        return whole
+    effect = whole.term.effect
+    absorbed = effect.in_map and linear.problem.prior.free
+    ranges = best_intervals(gains_of_intervals(linear, _direction(linear, whole)))
+    found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
+    best = max(found, key=lambda i: score(found[i]))
+    again = best_intervals(gains_of_intervals(linear, _direction(linear, found[best])))[best]
+    rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
+    return max([whole, *rivals] if allow_whole else rivals, key=score)
+
+
+def _direction(linear: Linear, like: Candidate) -> Array:
+    """Return the change per size that an effect makes when it has the size of `like`."""
+    effect, size = like.term.effect, like.term.size
+    far = abs(size - effect.null) > 0.2 * effect.size
+    return change_of(linear, effect, size) / (size - effect.null) if far else slope_of(linear, effect, size)
+
+
+def _on_blocks(linear: Linear, like: Candidate, blocks: tuple[int, int]) -> Candidate:
+    return fit_candidate(linear, like.term.effect, *ends_of(linear, *blocks), like.term.size)

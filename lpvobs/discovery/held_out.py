@@ -1,0 +1,165 @@
+"""The residual on data that did not make the model.
+
+Two uses, and no data serve both. Choices are made by leaving out blocks in turn. What is said of the error before and after comes
+from stretches that are kept from every fit and every choice (or from whole logs that took no part).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from lpvobs.discovery.fit import cholesky, normal_of
+from lpvobs.discovery.linear import Linear, whiten
+from lpvobs.discovery.residual import BLOCK, EVERY, GUARD, STRETCH, Problem
+from lpvobs.records import Array
+
+FOLDS = 5
+SUPPORT = 10.0
+"""Instants that must inform a node for what it predicts elsewhere to count."""
+KNOWN = 5e-4
+"""[kg/s], standard error of a nominal map's node up to which it counts as well: noise of one instant."""
+NOTHING = 0.02
+"""Weight of a node in an interpolation that does not count."""
+DRAWS = 1000
+MEASURE = "rmse of the held-out residual"
+HOW = (
+    f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out, "
+    f"and those in which an effect begins or ends; all balances, "
+    f"each weighted by its own noise"
+)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Root mean square of a residual before and after.
+
+    Attributes
+    ----------
+    before, after, ratio : float
+        [kg/s], and after over before.
+    ratio_ci90 : tuple of float
+        90 % interval of the ratio, from a bootstrap of blocks.
+    """
+
+    before: float
+    after: float
+    ratio: float
+    ratio_ci90: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Squared weighted residual of two models, K instants.
+
+    Attributes
+    ----------
+    before, after : ndarray, shape (K,)
+    counted : ndarray of bool, shape (K,)
+        Instants that are judged; both losses are zero at the others.
+    coarse : ndarray of int, shape (K,)
+        Stretches that are taken as independent.
+    scale : float
+        [kg/s], turns them into a flow.
+    """
+
+    before: Array
+    after: Array
+    counted: NDArray[np.bool_]
+    coarse: NDArray[np.int64]
+    scale: float
+
+    def comparison(self) -> Comparison:
+        """Return the root mean squares and their ratio, NaN where no instant is judged."""
+        if not self.counted.any():
+            return Comparison(np.nan, np.nan, np.nan, (np.nan, np.nan))
+        return compared(self.coarse, self.scale, self.before, self.after, int(self.counted.sum()))
+
+    def part(self, on: NDArray[np.bool_]) -> "Losses":
+        """Return the same for some of the instants."""
+        return Losses(
+            self.before[on], self.after[on], self.counted[on], self.coarse[on] - self.coarse[on][0], self.scale
+        )
+
+
+def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the squared whitened residual at every instant, predicted from other blocks, and which of them count.
+
+    Map, constants and sizes are estimated anew without the blocks, by one step of the linear model from where it stands.
+    """
+    problem = linear.problem
+    fold = problem.block // problem.per_coarse % FOLDS
+    losses, counted = np.zeros(problem.K), np.zeros(problem.K, dtype=bool)
+    for each in range(FOLDS):
+        out = fold == each
+        own = np.where(out, linear.residual, 0.0)
+        factor = cholesky(linear.normal - normal_of(linear, np.flatnonzero(out)))
+        step = scipy.linalg.cho_solve((factor, True), linear.gradient - linear.products(own), check_finite=False)
+        left = linear.moved(linear.residual, step)[0]
+        losses[out] = (left[:, out] ** 2).sum(0)
+        counted[out] = informed(linear, ~out)[out]
+    return losses, counted & problem.used
+
+
+def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
+    nodes, weights = linear.nodes
+    time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
+    sound = (time >= SUPPORT) | (linear.problem.prior.standard_error < KNOWN)
+    return np.asarray(np.all(sound[nodes] | (weights < NOTHING), axis=1), dtype=bool)
+
+
+def compare(before: Linear, after: Linear) -> Losses:
+    """Return the losses of two models of the same logs on the stretches that neither saw, weighted as the second one is.
+
+    Left out are stretches in which an effect begins or ends: a model that has not seen when cannot be judged there. Where nothing
+    else reads the map at nodes that the rest informs, the blocks are left out in turn instead.
+    """
+    problem = after.problem
+    use = problem.judged & informed(after, problem.used) & ~undated(after)
+    if not use.any():
+        return cross_validated(before, after)
+    lost, left = ((whiten(after.whitener, use, linear.raw)[0] ** 2).sum(0) for linear in (before, after))
+    return Losses(lost, left, use, _coarse(problem), _scale(after))
+
+
+def undated(linear: Linear) -> NDArray[np.bool_]:
+    """Return the kept stretches that an onset or end falls into, or beside, as seen from the rest, shape (K,)."""
+    problem = linear.problem
+    clock = problem.scene.clock[: problem.K]
+    number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
+    out = np.zeros(problem.K, dtype=bool)
+    for edge in (edge for term in linear.terms for edge in (term.begin, term.end) if np.isfinite(edge)):
+        beside = ~problem.used & (np.abs(clock - edge) <= BLOCK)
+        out |= ~problem.used & np.isin(number, number[beside])
+    return out
+
+
+def cross_validated(before: Linear, after: Linear) -> Losses:
+    """Return the same for blocks that are left out in turn of the instants that are used."""
+    lost, counted = held_out_losses(before)
+    left, also = held_out_losses(after)
+    use = counted & also
+    lost, left = (np.where(use, loss, 0.0) for loss in (lost, left))
+    return Losses(lost, left, use, _coarse(after.problem), _scale(after))
+
+
+def _coarse(problem: Problem) -> NDArray[np.int64]:
+    return problem.block // problem.per_coarse
+
+
+def _scale(linear: Linear) -> float:
+    """Return what turns whitened residuals into a flow [kg/s]."""
+    return float(np.sqrt(1.0 / np.mean((linear.whitener**2).sum((1, 2)))))
+
+
+def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, count: int) -> Comparison:
+    """Return the comparison of two losses per instant; `scale` [kg/s] turns them into a flow."""
+    sums = np.stack([np.bincount(coarse, values) for values in (lost, left)])
+    sums = sums[:, sums.any(0)] if sums.any() else sums[:, :1]
+    before, after = (float(scale * np.sqrt(total / max(count, 1))) for total in sums.sum(1))
+    draws = np.random.default_rng(0).integers(0, sums.shape[1], (DRAWS, sums.shape[1]))
+    picked = sums[:, draws].sum(-1)
+    low, high = np.quantile(np.sqrt(picked[1] / np.maximum(picked[0], 1e-300)), [0.05, 0.95])
+    return Comparison(before, after, after / max(before, 1e-300), (float(low), float(high)))

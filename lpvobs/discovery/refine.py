@@ -1,0 +1,256 @@
+"""The entry points: from logs and a nominal model to what is missing in it, and to the model that has it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from lpvobs.discovery.carried import carried, together
+from lpvobs.discovery.evidence import in_place
+from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.intervals import standard_errors
+from lpvobs.discovery.leftover import leftover
+from lpvobs.discovery.linear import Linear, Term, scene_with
+from lpvobs.discovery.outcome import Ranked, Trace
+from lpvobs.discovery.ranking import worth
+from lpvobs.discovery.residual import MapPrior, Problem, lay_out
+from lpvobs.discovery.select import STRUCTURE_LEFT, Accepted, Selection, select
+from lpvobs.discovery.select import structure as time_structure
+from lpvobs.discovery.standing import Standing, own_time, term_on
+from lpvobs.discovery.telling import finding_of, log_part, parameter_of, standing_of, told
+from lpvobs.discovery.whiteness import Whiteness, whiteness
+from lpvobs.engines.effects import Plant
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Array, Log
+
+LIKENESS = 2e-4
+"""[kg/s], how much the nodes of two maps of the same surface differ because a bilinear map is an approximation."""
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A trace and the model that it leads to.
+
+    Attributes
+    ----------
+    trace : Trace
+    theta : ndarray, shape (p_2, p_1)
+        [kg/s], the map beside the effects.
+    covariance : ndarray, shape (p, p)
+        [kg^2/s^2]
+    beta, beta_deviation : mapping of str to float
+        Relative deviation of each uncertain constant from the configured one, and its standard deviation.
+    standing : tuple of Standing
+        Every effect of the model: those that it had, re-estimated, then those that were found.
+    before, after : Linear
+        Residual, regressors and weights of either model, for reports.
+    whiteness_before, whiteness_after : Whiteness
+    """
+
+    trace: Trace
+    theta: Array
+    covariance: Array
+    beta: Mapping[str, float]
+    beta_deviation: Mapping[str, float]
+    standing: tuple[Standing, ...]
+    before: Linear
+    after: Linear
+    whiteness_before: Whiteness
+    whiteness_after: Whiteness
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The effects as they act on these logs."""
+        return self.after.terms
+
+
+def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Array, prior_map: float) -> MapPrior:
+    """Return a stored map as what is known before other logs.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (p_2, p_1)
+        [kg/s], NaN where not estimated.
+    covariance : ndarray, shape (p, p)
+        [kg^2/s^2], noise and constants together, as stored.
+    sensitivity : ndarray, shape (q, p_2, p_1)
+        [kg/s], NaN where not estimated.
+    spread : ndarray, shape (q,)
+        Standard deviation of the relative error of each constant.
+    prior_map : float
+        [kg/s], standard deviation of a node that is not estimated.
+    """
+    known = np.isfinite(theta).ravel()
+    S = np.nan_to_num(sensitivity.reshape(len(spread), known.size).T)
+    noise = covariance - (S * spread**2) @ S.T
+    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(np.where(known, LIKENESS**2, prior_map**2))
+    values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
+    precision = (vectors / np.maximum(values, LIKENESS**2)) @ vectors.T
+    return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
+
+
+def refine(
+    plant: Plant,
+    grid: Grid,
+    tolerance: Mapping[str, float],
+    prior: MapPrior,
+    logs: Sequence[Log],
+    progress: Callable[[float], None] = lambda _: None,
+    had: Sequence[Standing] = (),
+    hold_out: Sequence[Log] = (),
+) -> Refinement:
+    """Return the model with the effects that the logs prove.
+
+    Parameters
+    ----------
+    plant : Plant
+    grid : Grid
+    tolerance : mapping of str to float
+        Uncertain constants of the engine: the truth lies within this fraction of the plant's value.
+    prior : MapPrior
+        `free_map` on the logs that make the map, `nominal_map` on others.
+    logs : sequence of Log
+        Pooled.
+    progress : callable
+        Told the share that is done.
+    had : sequence of Standing
+        Effects that the model has already; they are estimated again.
+    hold_out : sequence of Log
+        Nothing is fitted to these, no decision sees them; the error before and after is judged on them, too.
+
+    Raises
+    ------
+    DataError
+        If a log is too short, or lacks a channel that an effect of the model follows.
+    """
+    lay = partial(lay_out, plant, grid, tolerance, prior)
+    problem = lay(logs)
+    terms = tuple(term_on(standing, problem, logs) for standing in had)
+    selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
+    own = [structure(linear) for linear in (before, after)]
+    accepted = selection.accepted
+    kept: tuple[Standing, ...] = ()
+    if had:
+        errors = standard_errors(after)
+        accepted = _again(after, len(had), accepted, errors)
+        kept = tuple(_kept(after.terms[i], float(errors[i]), standing, logs) for i, standing in enumerate(had))
+    found = tuple(standing_of(problem, logs, item) for item in accepted)
+    findings = tuple(finding_of(problem, logs, item) for item in accepted)
+    judged = [_unseen(lay, (before, after), (kept, kept + found), log) for log in hold_out]
+    of_log = own_time(problem, logs)[1]
+    tell = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
+    result = Trace(
+        verdict=selection.verdict,
+        findings=findings,
+        ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
+        comparison=selection.losses.comparison(),
+        white=own[1].white,
+        correlated_with=own[1].correlated_with,
+        standing=tuple(told(standing) for standing in kept),
+        logs=(
+            *(
+                tell(log, selection.losses.part(of_log == i).comparison(), structure(after, of_log == i))
+                for i, log in enumerate(logs)
+            ),
+            *(tell(log, losses.comparison(), None) for log, losses in zip(hold_out, judged, strict=True)),
+        ),
+        held_out=together(judged).comparison() if judged else None,
+        left=None
+        if own[1].white and selection.verdict != "unexplained"
+        else leftover(after, logs, own[1].correlated_with),
+    )
+    progress(1.0)
+    inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.pull.size), check_finite=False)
+    p, q = after.p, after.beta.size
+    deviation = np.sqrt(np.maximum(np.diag(inverse)[p : p + q], 0.0))
+    return Refinement(
+        trace=result,
+        theta=after.theta.reshape(grid.shape),
+        covariance=inverse[:p, :p],
+        beta=dict(zip(problem.names, after.beta.tolist(), strict=True)),
+        beta_deviation=dict(zip(problem.names, deviation.tolist(), strict=True)),
+        standing=kept + found,
+        before=before,
+        after=after,
+        whiteness_before=own[0],
+        whiteness_after=own[1],
+    )
+
+
+def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
+    """Return the structure of a model's residual with respect to every input and channel, at some instants or all."""
+    problem = linear.problem
+    K = problem.K
+    inputs = {n: linear.problem.scene[n][:K] for n in problem.plant.channels if n != problem.plant.sensor}
+    every = inputs | dict(problem.auxiliary)
+    if on is None:
+        return whiteness(linear.residual[0], problem.first, every)
+    first = np.flatnonzero(np.diff(problem.block[on], prepend=-1))
+    return whiteness(linear.residual[0][:, on], first, {name: values[on] for name, values in every.items()})
+
+
+def _selected(
+    problem: Problem, had: tuple[Term, ...], progress: Callable[[float], None]
+) -> tuple[Selection, Linear, Linear]:
+    """Return what was found, and the model before and after, both with the effects that were there already.
+
+    Those are estimated first, then held while others are sought: at their optimum the search loses nothing by it but power
+    against what resembles them. In the end all are estimated together, from all data.
+    """
+    if not had:
+        selection = select(problem, progress)
+        return selection, selection.before, selection.after
+    base = fit(problem, had)
+    selection = select(_holding(problem, base.terms), lambda share: progress(0.1 + 0.8 * share))
+    after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
+    before = refit(after, after.terms[: len(had)]) if selection.accepted else after
+    if _explained_already(selection, after):
+        selection = replace(selection, verdict="none")
+    return selection, before, after
+
+
+def _explained_already(selection: Selection, after: Linear) -> bool:
+    """Return whether what is left in time is no more than effects that are named may leave.
+
+    The search asks that of the effects that it finds; here they were in the model before it began.
+    """
+    if selection.verdict != "unexplained" or worth(selection.ranking[0], selection.before):
+        return False
+    return time_structure(after) <= STRUCTURE_LEFT * time_structure(refit(after, ()))
+
+
+def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
+    """Return the problem with effects accounted for at their sizes, through any window."""
+    return replace(problem, scene=scene_with(problem, terms), wider=lambda: _holding(problem.wider(), terms))
+
+
+def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Array) -> tuple[Accepted, ...]:
+    """Return accepted effects as they stand in the joint model, the first of them its term number `first`."""
+    return tuple(
+        replace(item, candidate=in_place(after, first + i, item.candidate), standard_error=float(errors[first + i]))
+        for i, item in enumerate(accepted)
+    )
+
+
+def _kept(term: Term, error: float, standing: Standing, logs: Sequence[Log]) -> Standing:
+    """Return an effect that the model had, estimated again, with the logs that have told of it now."""
+    parameter = parameter_of(term, error)
+    known = {(span.log, span.sha256) for span in standing.spans}
+    new = tuple(standing.span_on(log) for log in logs if (log.name, log.sha256) not in known)
+    return replace(standing, value=parameter.value, ci90=parameter.ci90, spans=standing.spans + new)
+
+
+def _unseen(
+    lay: Callable[[Sequence[Log]], Problem],
+    models: tuple[Linear, Linear],
+    effects: tuple[tuple[Standing, ...], tuple[Standing, ...]],
+    log: Log,
+) -> Losses:
+    """Return the losses of the model before and after on a log that took no part."""
+    problem = lay([log])
+    before, after = ([term_on(item, problem, [log]) for item in each] for each in effects)
+    return carried(models, (before, after), problem)

@@ -1,0 +1,1 @@
+"""Engines: what each of them does, and what every one offers."""

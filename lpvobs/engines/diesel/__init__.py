@@ -1,0 +1,1 @@
+"""A diesel with EGR and VGT: the paper's engine."""

@@ -1,0 +1,134 @@
+"""Four balances of a diesel with EGR and VGT, with room for what the model lacks."""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from lpvobs.engines.diesel import relations as relation
+from lpvobs.engines.diesel.constants import DieselConstants
+from lpvobs.records import Array
+
+BALANCES = ("sensor-compressor", "sensor-filling", "exhaust", "turbo")
+CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
+RESTRICTED = 0.5
+"""Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
+POWER = 1.0e5
+"""[J/kg], turns a power into a flow, so that all balances read in kg/s."""
+
+
+class Lacks(NamedTuple):
+    """Sizes of what the engine's model lacks; the defaults are an engine in order."""
+
+    leak_intake: float = 0.0  # m^2
+    egr_leak: float = 0.0  # m^2
+    egr_area: float = 1.0
+    eta_vol: float = 1.0
+    compressor: float = 1.0
+    turbine: float = 1.0
+    exhaust: float = 1.0
+
+
+IN_ORDER = Lacks()
+
+
+@njit(cache=True)
+def orifice(c: DieselConstants, p_in: float, p_out: float, T: float) -> float:
+    """Return the flow of air through an opening per area [kg/(s m^2)], compressible, choked below the critical ratio."""
+    k = c.gamma_a
+    ratio = max(p_out / p_in, (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
+    inside = 2.0 * k / (k - 1.0) * (ratio ** (2.0 / k) - ratio ** ((k + 1.0) / k))
+    return p_in * sqrt(max(inside, 0.0) / (c.R_a * T))
+
+
+@njit(cache=True)
+def escape(c: DieselConstants, p_im: float, T_im: float, p_amb: float, T_amb: float) -> float:
+    """Return the flow out of the intake manifold per area of a leak [kg/(s m^2)], negative where it draws air in."""
+    return orifice(c, p_im, p_amb, T_im) if p_im > p_amb else -orifice(c, p_amb, p_im, T_amb)
+
+
+@njit(cache=True)
+def egr_per_area(c: DieselConstants, p_im: float, p_em: float, T_im: float, T_em: float) -> float:
+    """Return the flow from exhaust to intake manifold per area [kg/(s m^2)]."""
+    if p_em >= p_im:
+        return p_em * relation.egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)
+    return -c.k_reverse * p_im * relation.egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
+
+
+@njit(cache=True)
+def imbalances(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Array:
+    """Return what is left of each balance, shape (4, K) [kg/s].
+
+    x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`.
+    """
+    K = x.shape[1]
+    out = np.empty((4, K))
+    for k in range(K):
+        n_e, u_delta, u_egr, u_vgt = x[0, k], x[1, k], x[2, k], x[3, k]
+        p_im, p_em, omega_t = x[4, k], x[5, k], x[6, k]
+        T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
+        rho_1 = lacks[4, k] * relation.rho_1(c, p_im, omega_t, p_amb, T_amb)
+        W_c = rho_1 * omega_t
+        W_ei = lacks[3, k] * relation.rho_3(c, p_im, n_e, T_im) * p_im
+        W_egr = lacks[2, k] * relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em
+        if lacks[1, k] != 0.0:
+            W_egr += lacks[1, k] * egr_per_area(c, p_im, p_em, T_im, T_em)
+        W_leak = lacks[0, k] * escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
+        stored = c.V_im / (c.R_a * T_im) * (dx[4, k] - p_im / T_im * dx[7, k])
+        restricted = c.k_exhaust * lacks[6, k]
+        W_t, Pi_t = turbine(c, restricted, p_em, u_vgt, T_em, p_amb)
+        W_f = relation.cylinder_fuel_flow(c, n_e, u_delta)
+        P_t = lacks[5, k] * relation.turbine_power(c, W_t, Pi_t, omega_t, T_em)
+        P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, p_im, omega_t, p_amb, T_amb)
+        out[0, k] = x[11, k] - W_c
+        out[1, k] = x[11, k] - (W_ei - W_egr + W_leak + stored)
+        out[2, k] = W_ei + W_f - W_t - W_egr - c.V_em / (c.R_e * T_em) * dx[5, k]
+        out[3, k] = (P_t - P_c - c.J_t * omega_t * dx[6, k]) / POWER
+    return out
+
+
+@njit(cache=True)
+def turbine(
+    c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
+) -> tuple[float, float]:
+    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own.
+
+    The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here. With a
+    restriction the passes swing around the solution, or away from it: the more there is of it, the more the solution counts.
+    """
+    scale = c.A_vgt_max * relation.vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
+    p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
+    for _ in range(3):
+        Pi_t = min(p_es / p_em, 0.9999)
+        W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
+        p_es = p_amb + k_exhaust * W_t * W_t
+    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
+    if share == 0.0:
+        return W_t, Pi_t
+    solved = expansion(p_amb / p_em, k_exhaust * scale * scale * p_em, c.K_t)
+    Pi_t += share * (solved - Pi_t)
+    return scale * sqrt(1.0 - Pi_t**c.K_t) * p_em, Pi_t
+
+
+@njit(cache=True)
+def expansion(ambient: float, strength: float, K_t: float) -> float:
+    """Return the ratio P with P = ambient + strength (1 - P^K_t): Newton's method, from below where it stays and converges."""
+    P = min(ambient, 0.9999)
+    for _ in range(5):
+        power = P**K_t
+        P += (ambient + strength * (1.0 - power) - P) / (1.0 + strength * K_t * power / P)
+    return min(P, 0.9999)
+
+
+def known_inputs(c: DieselConstants, x: Array, change: Array) -> Array:
+    """Return what a change of the imbalances, shape (4, K) [kg/s], adds to dp_im/dt, dp_em/dt and domega_t/dt, shape (3, K).
+
+    The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third what
+    enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
+    """
+    omega_t, T_im, T_em = (x[CHANNELS.index(name)] for name in ("omega_t", "T_im", "T_em"))
+    a_1, a_2 = c.R_a * T_im / c.V_im, c.R_e * T_em / c.V_em
+    return np.stack(
+        [a_1 * (change[1] - change[0]), a_2 * change[2], change[3] * POWER / (c.J_t * np.maximum(omega_t, 1.0))]
+    )

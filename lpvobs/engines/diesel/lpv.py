@@ -1,0 +1,250 @@
+"""The diesel with EGR and VGT as an LPV system (Sec. 2.1): states p_im, p_em, omega_t.
+
+Departure from the paper: the output p_em can be added to (p_im, omega_t, W_maf), and a_1, a_2 count as scheduling parameters,
+because the manifold temperatures move.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from lpvobs.engines.base import Balances, Channel, MapAxis, Trajectory
+from lpvobs.engines.diesel import relations as relation
+from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
+from lpvobs.records import Array, Log
+
+STATES = ("p_im", "p_em", "omega_t")
+PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
+BALANCES = ("compressor", "filling")
+OWNED_CONSTANTS = (
+    ("R_a", "c_pa", "gamma_a", "R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg"),
+    (
+        "R_a",
+        "R_e",
+        "V_d",
+        "V_im",
+        "c_vol1",
+        "c_vol2",
+        "c_vol3",
+        "A_egr_max",
+        "c_egr1",
+        "c_egr2",
+        "pi_egr_opt",
+        "k_reverse",
+    ),
+)
+"""The constants that each balance depends on."""
+RELATIVE_STEP = 1e-5
+"""Of the difference quotients: their error is about a step times the second derivative, 1e-4 at the steepest."""
+INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
+
+
+@dataclass(frozen=True)
+class Diesel:
+    """The air path of a diesel with EGR and VGT; see `lpvobs.engines.base.AirPath` for what each member means."""
+
+    engine: DieselEngine
+
+    name: ClassVar[str] = "diesel"
+    learns: ClassVar[bool] = False
+    sensor: ClassVar[str] = "W_maf"
+    state_names: ClassVar[tuple[str, ...]] = STATES
+    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
+    temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
+    rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
+    balance_constants: ClassVar[tuple[str, ...]] = tuple(dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1]))
+    smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
+    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
+        MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
+        MapAxis("n_e", "rpm", "engine speed"),
+    )
+    channels: ClassVar[Mapping[str, Channel]] = {
+        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed", 60.0),
+        "u_delta": Channel(
+            "mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle", 300.0, reaches=1.0
+        ),
+        "u_egr": Channel("%", -20.0, 120.0, (-5.0, 105.0), "EGR valve opening"),
+        "u_vgt": Channel("%", -20.0, 120.0, (-5.0, 105.0), "VGT vane opening"),
+        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure", 120.0, ("p_amb", 6e4)),
+        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure", 60.0, ("p_amb", 2e4)),
+        "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed", 30.0),
+        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
+        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", 300.0, ("T_amb", 40.0)),
+        "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
+        "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
+    }
+
+    @cached_property
+    def constants(self) -> DieselConstants:
+        """The engine's constants, flat."""
+        return constants_of(self.engine)
+
+    def engine_constants(self) -> Mapping[str, float]:
+        """Return every constant of the engine by name."""
+        return self.constants._asdict()
+
+    def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
+        """Return the ranges of a_1 = R_a T_im / V_im and a_2 = R_e T_em / V_em of Eq. (5), [J/(kg m^3)]."""
+        c = self.constants
+        (im_low, im_high), (em_low, em_high) = temperatures["T_im"], temperatures["T_em"]
+        a_1, a_2 = c.R_a / c.V_im, c.R_e / c.V_em
+        return {"a_1": (a_1 * im_low, a_1 * im_high), "a_2": (a_2 * em_low, a_2 * em_high)}
+
+    def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
+        """Return Eq. (24) along a log.
+
+        Parameters
+        ----------
+        log : Log
+            N samples.
+        outputs : sequence of str
+            Measured states among the outputs, in order, for example `("p_im", "omega_t")` as in Eq. (6).
+        constant : mapping of str to float, optional
+            Temperatures `T_im`, `T_em` [K] that a_1 and a_2 are computed from instead of the log's, as in the paper, whose proof
+            takes a_1 and a_2 for constants.
+
+        Returns
+        -------
+        Trajectory
+            Of N samples, 3 states, `len(outputs) + 1` outputs.
+        """
+        parameters, E = (rows.T for rows in along(self.constants, _columns(log)))
+        if constant is not None:
+            (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
+            E[1] *= a_2 / parameters[6]
+            parameters[5], parameters[6] = a_1, a_2
+        N = len(log)
+        A, C, y = np.zeros((3, 3, N)), np.zeros((len(outputs) + 1, 3, N)), np.empty((len(outputs) + 1, N))
+        _fill_A(parameters, A)
+        for row, channel in enumerate(outputs):
+            C[row, STATES.index(channel)] = 1.0
+        C[-1, 2] = parameters[0]  # C_2 of Eq. (26)
+        for row, channel in enumerate((*outputs, self.sensor)):
+            y[row] = log[channel]
+        return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))
+
+    @staticmethod
+    def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
+        """Return A of Eq. (5) and C of Eq. (25) as nested lists, exact when the parameters are."""
+        r1, r2, r3, r4, r5, a_1, a_2 = parameters
+        zero = 0 * r1
+        A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]
+        C = [[zero + int(state == output) for state in STATES] for output in outputs]
+        return A, [*C, [zero, zero, r1]]
+
+    def fingerprint(self) -> str:
+        """Return nothing: all constants are configured."""
+        return ""
+
+    def learned_from(self, logs: Sequence[Log]) -> "Diesel":
+        """Return this very air path: its constants are configured."""
+        return self
+
+    def states(self, log: Log) -> Array:
+        """Return the measured states, shape (N, 3)."""
+        return np.stack([log[state] for state in STATES], axis=1)
+
+    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
+        """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
+
+        Parameters
+        ----------
+        log : Log
+            N samples, smoothed or not.
+        rates : mapping of str to ndarray, shape (N,)
+            Time derivatives of `p_im` [Pa/s] and `T_im` [K/s].
+        uncertain : sequence of str
+            q constants of the engine.
+
+        Notes
+        -----
+        Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt - p_im/T_im
+        dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
+        """
+        columns = (*(log[name] for name in INPUTS), np.asarray(rates["p_im"]), np.asarray(rates["T_im"]))
+        nominal = self.constants
+        flows: tuple[Callable[..., Array], ...] = (compressor_flow, filling_flow)
+        flow = np.stack([balance(nominal, *columns) for balance in flows])
+        slope = np.zeros((len(flows), len(uncertain), len(log)))
+        for i, name in enumerate(uncertain):
+            value = getattr(nominal, name)
+            shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
+            for b, balance in enumerate(flows):
+                if name in OWNED_CONSTANTS[b]:
+                    slope[b, i] = (balance(shifted, *columns) - flow[b]) / RELATIVE_STEP
+        return Balances(BALANCES, flow, slope)
+
+
+def _columns(log: Log) -> tuple[Array, ...]:
+    return tuple(log[name] for name in INPUTS)
+
+
+@njit(cache=True)
+def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Return rho_1..rho_5, a_1, a_2 (N, 7) and E (N, 3) of Eq. (3) and (5) along the columns named in `INPUTS`."""
+    n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb = columns
+    N = n_e.size
+    parameters = np.empty((7, N))
+    E = np.zeros((3, N))
+    # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
+    for k in range(N):
+        parameters[0, k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        parameters[1, k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
+        parameters[2, k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
+        parameters[5, k] = c.R_a * T_im[k] / c.V_im
+        parameters[6, k] = c.R_e * T_em[k] / c.V_em
+    for k in range(N):
+        parameters[4, k] = relation.rho_5(c, parameters[0, k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
+    scale, p_es, Pi_t = np.empty(N), p_amb.copy(), np.empty(N)
+    for k in range(N):
+        scale[k] = relation.turbine_scale(c, u_vgt[k], T_em[k])
+    for _ in range(relation.TURBINE_PASSES):
+        for k in range(N):
+            parameters[3, k], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
+    for k in range(N):
+        power = relation.turbine_power(c, parameters[3, k] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
+        E[1, k] = parameters[6, k] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
+        E[2, k] = power / (c.J_t * omega_t[k])
+    return parameters.T, E.T
+
+
+@njit(cache=True)
+def _fill_A(parameters: Array, A: Array) -> None:
+    for k in range(parameters.shape[1]):
+        a_1, a_2 = parameters[5, k], parameters[6, k]
+        A[0, 0, k] = -a_1 * parameters[2, k]
+        A[0, 1, k] = a_1 * parameters[1, k]
+        A[0, 2, k] = a_1 * parameters[0, k]
+        A[1, 0, k] = a_2 * parameters[2, k]
+        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])
+        A[2, 2, k] = -parameters[4, k]
+
+
+@njit(cache=True)
+def compressor_flow(  # type: ignore[no-untyped-def]
+    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
+):
+    """Return W_c = rho_1 omega_t, shape (N,) [kg/s], Eq. (2)."""
+    flow = np.empty(n_e.size)
+    for k in range(n_e.size):
+        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]
+    return flow
+
+
+@njit(cache=True)
+def filling_flow(  # type: ignore[no-untyped-def]
+    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
+):
+    """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
+    flow = np.empty(n_e.size)
+    for k in range(n_e.size):
+        W_ei = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]
+        W_egr = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]
+        stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
+        flow[k] = W_ei - W_egr + stored
+    return flow

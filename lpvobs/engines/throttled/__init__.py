@@ -1,0 +1,1 @@
+"""A throttled spark-ignition engine with intercooler."""

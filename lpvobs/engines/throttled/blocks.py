@@ -1,0 +1,108 @@
+"""A log in blocks of a few seconds: flows are compared as means over blocks, where storage is a difference of two pressures."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.curves import Weights
+from lpvobs.records import Array, Log
+
+LENGTH = 2.0
+"""[s] of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
+EDGE = 0.1
+"""[s], half width of the mean that stands for a reading at the edge of a block."""
+HURRY = (0.3, 0.6, 0.85)
+"""Quantiles that part the classes of haste: fast changes blur every balance."""
+LEAST_FILLED = 0.7
+"""Share of a block's typical number of samples that it must hold."""
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """How N samples fall into B blocks; none spans a gap.
+
+    Attributes
+    ----------
+    time : ndarray, shape (B,)
+        [s], middle of each block since the start of the log.
+    length : float
+        [s]
+    samples : ndarray of int, shape (n,)
+        The samples that lie in a block, and
+    block : ndarray of int, shape (n,)
+        the block of each.
+    edges : ndarray, shape (2, B)
+        [s], on the log's own clock: the times that the differences of a rate belong to, half a sample before the first and
+        after the last sample of the block.
+    clock : ndarray, shape (N,)
+        [s], the log's own clock.
+    """
+
+    time: Array
+    length: float
+    samples: NDArray[np.int64]
+    block: NDArray[np.int64]
+    edges: Array
+    clock: Array
+
+    @property
+    def count(self) -> int:
+        """The number of blocks."""
+        return self.time.size
+
+    def mean(self, values: Array) -> Array:
+        """Return the mean of a channel over each block, shape (B,)."""
+        total = np.bincount(self.block, values[self.samples], minlength=self.count)
+        return np.asarray(total / np.bincount(self.block, minlength=self.count))
+
+    def spread(self, values: Array) -> Array:
+        """Return the standard deviation of a channel within each block, shape (B,)."""
+        return np.sqrt(np.maximum(self.mean(values**2) - self.mean(values) ** 2, 0.0))
+
+    def rate(self, values: Array) -> Array:
+        """Return the mean time derivative of a channel over each block, shape (B,) [1/s]."""
+        steps = 0.5 * (values[1:] + values[:-1]) * np.diff(self.clock)
+        total = np.concatenate([[0.0], np.cumsum(steps)])
+        first, last = self.clock[0], self.clock[-1]
+        low, high = np.clip(self.edges - EDGE, first, last), np.clip(self.edges + EDGE, first, last)
+        at = (np.interp(high, self.clock, total) - np.interp(low, self.clock, total)) / (high - low)
+        return np.asarray((at[1] - at[0]) / self.length)
+
+    def sums(self, weights: Weights, size: int, scale: Array) -> Array:
+        """Return the mean over each block of scale times each node's weight, shape (B, size)."""
+        nodes, share = (each[self.samples] for each in weights)
+        place = (self.block[:, None] * size + nodes).ravel()
+        mass = (share * scale[self.samples, None]).ravel()
+        total = np.bincount(place, mass, minlength=self.count * size).reshape(self.count, size)
+        return np.asarray(total / np.bincount(self.block, minlength=self.count)[:, None])
+
+
+def blocks_of(log: Log, most: int = 1000) -> Blocks:
+    """Return the blocks of a log; they grow when there would be more than `most`."""
+    length = max(LENGTH, float(log.time[-1] - log.time[0]) / most)
+    begins: list[Array] = []
+    samples: list[NDArray[np.int64]] = []
+    numbers: list[NDArray[np.int64]] = []
+    for part in log.each_segment():
+        since = log.time[part] - log.time[part.start]
+        own, whole = np.floor(since / length).astype(np.int64), int(since[-1] / length)
+        kept = own < whole
+        samples.append(np.flatnonzero(kept) + part.start)
+        numbers.append(own[kept] + sum(each.size for each in begins))
+        begins.append(log.time[part.start] + length * np.arange(whole))
+    begin, sample, number = np.concatenate(begins), np.concatenate(samples), np.concatenate(numbers)
+    held = np.bincount(number, minlength=begin.size)
+    full = held >= LEAST_FILLED * (np.median(held) if held.size else 0.0)
+    place = np.cumsum(full) - 1
+    stay = full[number]
+    edges = np.stack([begin[full], begin[full] + length])
+    half = 0.5 * float(np.median(np.diff(log.time)))
+    return Blocks(edges.mean(0) - log.time[0], length, sample[stay], place[number[stay]], edges - half, log.time)
+
+
+def haste_of(blocks: Blocks, log: Log) -> Array:
+    """Return how much pressure, speed and flow change within each block, relative to their means, shape (blocks,)."""
+    shown = [name for name in ("p_im", "n_e", "W_maf") if name in log.channels]
+    spreads = [blocks.spread(log[name]) / np.maximum(np.abs(blocks.mean(log[name])), 1e-12) for name in shown]
+    return np.asarray(np.max(np.stack(spreads), axis=0)) if spreads else np.zeros(blocks.count)

@@ -1,0 +1,224 @@
+"""The constants and curves of a throttled engine from a healthy log: one robust linear least-squares problem.
+
+Over every block, with s = dp / (R T) the mean storage per volume,
+
+    sum_j area_j <h_j p_ic Psi / sqrt(R T)>     + V_ic s_ic               = <W_maf>      (throttle)
+    sum_j eta_j  <h_j p_im n V_d / (120 R T)>   + V_ic s_ic + V_im s_im   = <W_maf>      (filling)
+    sum_j fuel_j <h_j m_f n n_cyl / 120>        + V_ic s_ic + V_im s_im   = <W_maf>      (fuel)
+
+with h_j the interpolation weights of the nodes. The sensor is taken for right, so a constant error of the sensor on that very log
+goes into the curves. Unknowns are relative to a first guess; second differences from node to node are small beforehand.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.curves import roughness, slopes, surface_roughness
+from lpvobs.engines.throttled import relations as relation
+from lpvobs.engines.throttled.blocks import HURRY, Blocks, blocks_of, haste_of
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Log
+
+LEAST_FLOW = 5e-4
+"""[kg/s]; below it a relative error says nothing."""
+LEAST_BLOCKS = 60
+ROBUST = 4.0
+"""Degrees of freedom of the error's distribution: transients leave long tails."""
+PASSES = 8
+LOOSE = 0.5
+"""Standard deviation of the relative first difference between neighbouring nodes, and of the level."""
+FIRST_ERROR = 0.05
+"""Relative error of a balance before anything is known of it."""
+SHARED = 3.0
+"""Blocks that share an error: neighbours are not independent."""
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """One balance over B blocks: sum of curve columns and volumes, both over the flow."""
+
+    columns: Array
+    volumes: Array
+    guess: Array
+    prior: Array
+
+
+def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
+    """Return what healthy logs tell of an engine.
+
+    Parameters
+    ----------
+    engine : ThrottledEngine
+    logs : sequence of Log
+        With every channel of the air path.
+    use : sequence of ndarray of bool, optional
+        For each log, which of the blocks of `blocks_of` may be used; all by default.
+
+    Raises
+    ------
+    DataError
+        If there are too few blocks with flow.
+    """
+    parts, hastes = [], []
+    for i, log in enumerate(logs):
+        blocks = blocks_of(log)
+        good = blocks.mean(log["W_maf"]) > LEAST_FLOW
+        if use is not None:
+            good &= use[i].astype(bool)
+        parts.append([(c[good], v[good]) for c, v in _columns(engine, log, blocks)])
+        hastes.append(haste_of(blocks, log)[good])
+    if sum(each.size for each in hastes) < LEAST_BLOCKS:
+        names = ", ".join(log.name for log in logs)
+        raise DataError(
+            f"{names}: under {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s with flow; an engine needs minutes of "
+            f"driving to be learned, give a longer healthy log"
+        )
+    joined = [np.concatenate([part[b][0] for part in parts]) for b in range(3)]
+    volumes = [np.concatenate([part[b][1] for part in parts]) for b in range(3)]
+    balances = [
+        _Balance(columns * guess, volume, guess, prior)
+        for columns, volume, (guess, prior) in zip(joined, volumes, _guesses(engine, joined), strict=True)
+    ]
+    haste = np.concatenate(hastes)
+    deviation, covariance = _solve(engine, balances, np.searchsorted(np.quantile(haste, HURRY), haste))
+    return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs))
+
+
+def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Array, Array]]:
+    """Return for each balance its curve columns and its two volume columns over the flow, for every block."""
+    x, nodes = log.channels, engine.curves
+    flow = np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
+    RT = engine.air.R_a * blocks.mean(x["T_ic"])
+    ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
+    curves = (
+        blocks.sums(relation.throttle_nodes(engine, x), len(nodes.alpha_th), relation.throttle_per_area(engine, x)),
+        blocks.sums(relation.filling_nodes(engine, x), len(nodes.n_e) * len(nodes.p_im), relation.swept(engine, x)),
+        blocks.sums(
+            relation.fuel_nodes(engine, x), len(nodes.m_f) * len(nodes.fuel_n_e), relation.fuel_strokes(engine, x)
+        ),
+    )
+    both = np.stack([ic, im], axis=1) / flow[:, None]
+    volumes = (both * np.array([1.0, 0.0]), both, both)
+    return [(c / flow[:, None], v) for c, v in zip(curves, volumes, strict=True)]
+
+
+def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """Return for each balance a first guess of its curve, and the rows of what is believed of deviations from it."""
+    nodes = engine.curves
+    area = _by_node(joined[0])
+    eta_vol = np.full(joined[1].shape[1], _by_level(joined[1]))
+    fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
+    bends = (nodes.bend, nodes.bend, nodes.fuel_bend)
+    shapes = (
+        (roughness(area.size), slopes(1, area.size)),
+        (surface_roughness(len(nodes.n_e), len(nodes.p_im)), slopes(len(nodes.n_e), len(nodes.p_im))),
+        (surface_roughness(len(nodes.m_f), len(nodes.fuel_n_e)), slopes(len(nodes.m_f), len(nodes.fuel_n_e))),
+    )
+    return [
+        (guess, np.vstack([rough / bend, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
+        for guess, bend, (rough, slope) in zip((area, eta_vol, fuel), bends, shapes, strict=True)
+    ]
+
+
+def _by_level(columns: Array) -> float:
+    """Return the constant value of a curve that fits best in the median."""
+    return float(1.0 / np.median(columns.sum(1)))
+
+
+def _injector(m_f: Array, columns: Array) -> Array:
+    """Return the air per unit of the fuel reading of an injector with a dead time: air = k (m_f - m_0) at a constant mixture.
+
+    Robust in k and k m_0, which enter the balance linearly; shape (nodes,).
+    """
+    X = np.stack([columns.sum(1), -(columns / m_f).sum(1)], axis=1)
+    weight = np.ones(X.shape[0])
+    for _ in range(PASSES):
+        k, offset = np.linalg.lstsq(X * weight[:, None], weight, rcond=None)[0]
+        left = np.abs(1.0 - X @ np.array([k, offset]))
+        weight = 1.0 / np.sqrt(np.maximum(left, 0.1 * FIRST_ERROR))  # least absolute errors
+    return np.asarray(k * np.maximum(1.0 - offset / k / m_f, 0.3))
+
+
+def _by_node(columns: Array) -> Array:
+    """Return a value for each node from the blocks it dominates; nodes without such blocks lie on a line between others."""
+    total = columns.sum(1)
+    share = columns / total[:, None]
+    number = np.arange(columns.shape[1])
+    seen = [share[:, j] > 0.5 for j in number]
+    known = np.array([int(np.count_nonzero(each)) >= 3 for each in seen])
+    if not known.any():
+        return np.full(number.size, float(1.0 / np.median(total)))
+    value = np.array(
+        [np.log(1.0 / np.median(total[each])) if ok else 0.0 for each, ok in zip(seen, known, strict=True)]
+    )
+    return np.asarray(np.exp(np.interp(number, number[known], value[known])))
+
+
+def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return relative deviations from the guesses and their covariance.
+
+    Least squares with weights for long tails, and a scale of its own for each class of haste, shape (blocks,).
+    """
+    g = engine.geometry
+    size = sum(b.guess.size for b in balances) + 2
+    volume = np.array([g.V_ic, g.V_im])
+    prior, offset, blocks = [], 0, []
+    for b in balances:
+        rows = np.zeros((b.prior.shape[0], size))
+        rows[:, offset : offset + b.guess.size] = b.prior
+        prior.append(rows)
+        X = np.zeros((b.columns.shape[0], size))
+        X[:, offset : offset + b.guess.size] = b.columns
+        X[:, -2:] = b.volumes * volume
+        blocks.append((X, 1.0 - b.columns.sum(1) - b.volumes @ volume))
+        offset += b.guess.size
+    prior.append(np.eye(size)[-2:] / g.volume_tolerance)
+    believed = np.vstack(prior)
+    normal_prior = believed.T @ believed
+    weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in blocks]
+    for _ in range(PASSES):
+        normal = normal_prior + sum((X * w[:, None]).T @ X for (X, _), w in zip(blocks, weights, strict=True)) / SHARED
+        right = sum((X * w[:, None]).T @ y for (X, y), w in zip(blocks, weights, strict=True)) / SHARED
+        deviation = np.linalg.solve(normal, right)
+        weights = [_robust(y - X @ deviation, level) for X, y in blocks]
+    return np.asarray(deviation), np.asarray(np.linalg.inv(normal), dtype=float)
+
+
+def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
+    """Return weights 1/variance, smaller for what lies far out of its class."""
+    medians = np.array(
+        [np.median(np.abs(residual[level == c])) if np.any(level == c) else 0.0 for c in range(len(HURRY) + 1)]
+    )
+    scale = np.maximum(1.48 * medians, 1e-4)[level]
+    return np.asarray((ROBUST + 1.0) / (ROBUST + (residual / scale) ** 2) / scale**2)
+
+
+def _learned(
+    engine: ThrottledEngine,
+    balances: Sequence[_Balance],
+    deviation: Array,
+    covariance: Array,
+    sources: tuple[str, ...],
+) -> Learned:
+    nodes, g = engine.curves, engine.geometry
+    curves, offset = [], 0
+    for b in balances:
+        curves.append(b.guess * np.maximum(1.0 + deviation[offset : offset + b.guess.size], 0.05))
+        offset += b.guess.size
+    V_ic, V_im = (float(V * max(1.0 + d, 0.05)) for V, d in zip((g.V_ic, g.V_im), deviation[-2:], strict=True))
+    now = np.concatenate(
+        [np.concatenate(curves) / np.concatenate([b.guess for b in balances]), [V_ic / g.V_ic, V_im / g.V_im]]
+    )
+    return Learned(
+        area=curves[0],
+        eta_vol=curves[1].reshape(len(nodes.n_e), len(nodes.p_im)),
+        fuel=curves[2].reshape(len(nodes.m_f), len(nodes.fuel_n_e)),
+        V_ic=V_ic,
+        V_im=V_im,
+        covariance=covariance / np.outer(now, now),
+        sources=sources,
+    )

@@ -1,0 +1,161 @@
+"""A throttled engine with intercooler as an LPV system: states p_ic, p_im, W_c.
+
+    dp_ic/dt = a_ic (W_c - rho_th p_ic),    dp_im/dt = a_im (rho_th p_ic - rho_cyl p_im),    dW_c/dt = 0,
+
+with rho_th = A(alpha) Psi(p_im / p_ic) / sqrt(R T_ic), rho_cyl = eta_vol n V_d / (120 R T_ic) and a = R T_ic / V. The flow past the
+sensor is a state that only the observer's injection moves, so the sensor's map enters the output alone, as Theorem 1 wants.
+Departure from the paper: another engine; the curves are not configured but learned from a healthy log.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from lpvobs.engines.base import Balances, Channel, MapAxis, Trajectory
+from lpvobs.engines.throttled import relations as relation
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.learning import learn
+from lpvobs.errors import UsageError
+from lpvobs.records import Array, Log
+
+STATES = ("p_ic", "p_im", "W_c")
+BALANCES = ("throttle", "filling", "fuel")
+CONSTANTS = ("A_th", "eta_vol", "k_fuel", "V_ic", "V_im")
+"""The level of each curve, and the volumes."""
+
+
+@dataclass(frozen=True)
+class Throttled:
+    """The air path of a throttled engine; see `lpvobs.engines.base.AirPath` for what each member means."""
+
+    engine: ThrottledEngine
+    learned: Learned | None = None
+
+    name: ClassVar[str] = "throttled"
+    learns: ClassVar[bool] = True
+    sensor: ClassVar[str] = "W_maf"
+    state_names: ClassVar[tuple[str, ...]] = STATES
+    parameter_names: ClassVar[tuple[str, ...]] = ("rho_th", "rho_cyl", "a_ic", "a_im")
+    temperature_names: ClassVar[tuple[str, ...]] = ("T_ic",)
+    rate_names: ClassVar[tuple[str, ...]] = ("a_ic", "a_im")
+    balance_constants: ClassVar[tuple[str, ...]] = CONSTANTS
+    smoothed: ClassVar[tuple[str, ...]] = ("p_ic", "p_im")
+    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
+        MapAxis("m_f", "1", "fuel per stroke as logged"),
+        MapAxis("n_e", "rpm", "engine speed"),
+    )
+    channels: ClassVar[Mapping[str, Channel]] = {
+        "n_e": Channel("rpm", -50.0, 12000.0, (300.0, 9000.0), "engine speed"),
+        "m_f": Channel("1", -1e3, 1e4, (-1.0, 1e4), "fuel per stroke as logged: an amount or an injection time"),
+        "alpha_th": Channel("%", -20.0, 120.0, (-5.0, 105.0), "throttle opening"),
+        "p_ic": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "pressure before the throttle"),
+        "T_ic": Channel("K", 200.0, 500.0, (230.0, 420.0), "temperature before the throttle"),
+        "p_im": Channel("Pa", 3e3, 6e5, (8e3, 4e5), "intake manifold pressure"),
+        "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
+        "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
+    }
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of the learned curves and volumes; empty before any are."""
+        if self.learned is None:
+            return ""
+        known = self.learned
+        curves = (known.area, known.eta_vol, known.fuel, known.covariance, np.array([known.V_ic, known.V_im]))
+        return hashlib.sha256(b"".join(curve.tobytes() for curve in curves)).hexdigest()
+
+    def learned_from(self, logs: Sequence[Log]) -> "Throttled":
+        """Return the air path with the curves and volumes that healthy logs show."""
+        return replace(self, learned=learn(self.engine, logs))
+
+    def engine_constants(self) -> Mapping[str, float]:
+        """Return every scalar of the configured engine by name; what is learned is no part of it."""
+        air, geometry = self.engine.air, self.engine.geometry
+        return {**vars(air), **vars(geometry)}
+
+    def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
+        """Return the ranges of a_ic = R_a T_ic / V_ic and a_im = R_a T_ic / V_im [J/(kg m^3)].
+
+        Before the volumes are learned they may be off by their tolerance.
+        """
+        low, high = temperatures["T_ic"]
+        R, g = self.engine.air.R_a, self.engine.geometry
+        if self.learned is None:
+            slack = 1.0 + g.volume_tolerance
+            volumes = [(V / slack, V * slack) for V in (g.V_ic, g.V_im)]
+        else:
+            volumes = [(V, V) for V in (self.learned.V_ic, self.learned.V_im)]
+        return {n: (R * low / b, R * high / a) for n, (a, b) in zip(self.rate_names, volumes, strict=True)}
+
+    def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
+        """Return the LPV system along a log of N samples; `constant` holds a T_ic [K] for a_ic and a_im."""
+        learned, R = self._known(), self.engine.air.R_a
+        x = log.channels
+        T = x["T_ic"] if constant is None else np.full(len(log), constant["T_ic"])
+        parameters = np.stack(
+            [
+                relation.throttle_flow(self.engine, learned, x) / x["p_ic"],
+                relation.cylinder_flow(self.engine, learned, x) / x["p_im"],
+                R * T / learned.V_ic,
+                R * T / learned.V_im,
+            ],
+            axis=1,
+        )
+        A, C = self.system(list(parameters.T), outputs)
+        y = np.column_stack([log[channel] for channel in (*outputs, self.sensor)])
+        return Trajectory(parameters, _stacked(A), np.zeros((len(log), 3)), _stacked(C), y)
+
+    @staticmethod
+    def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
+        """Return A and C as nested lists, exact when the parameters are."""
+        rho_th, rho_cyl, a_ic, a_im = parameters
+        zero = 0 * rho_th
+        one = zero + 1
+        A = [[-a_ic * rho_th, zero, a_ic], [a_im * rho_th, -a_im * rho_cyl, zero], [zero, zero, zero]]
+        C = [[zero + int(state == output) for state in STATES] for output in outputs]
+        return A, [*C, [zero, zero, one]]
+
+    def states(self, log: Log) -> Array:
+        """Return p_ic and p_im as measured and W_c as the throttle shows it, shape (N, 3)."""
+        flow = relation.throttle_flow(self.engine, self._known(), log.channels)
+        return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
+
+    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
+        """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants.
+
+        Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows are
+        linear in the constants.
+        """
+        learned, x = self._known(), log.channels
+        RT = self.engine.air.R_a * x["T_ic"]
+        in_ic, in_im = learned.V_ic * rates["p_ic"] / RT, learned.V_im * rates["p_im"] / RT
+        zero = np.zeros(len(log))
+        own = (
+            relation.throttle_flow(self.engine, learned, x),
+            relation.cylinder_flow(self.engine, learned, x),
+            relation.fuelled_flow(self.engine, learned, x),
+        )
+        stored = (in_ic, in_ic + in_im, in_ic + in_im)
+        flow = np.stack([through + kept for through, kept in zip(own, stored, strict=True)])
+        slope = np.zeros((len(BALANCES), len(uncertain), len(log)))
+        for b, through in enumerate(own):
+            by_name = dict.fromkeys(CONSTANTS, zero) | {CONSTANTS[b]: through, "V_ic": in_ic}
+            by_name["V_im"] = in_im if b > 0 else zero
+            for i, name in enumerate(uncertain):
+                slope[b, i] = by_name[name]
+        return Balances(BALANCES, flow, slope)
+
+    def _known(self) -> Learned:
+        if self.learned is None:
+            raise UsageError(
+                "engine: a throttled engine is known only after a healthy log has shown its curves; give a log to learn from"
+            )
+        return self.learned
+
+
+def _stacked(rows: list[list[Any]]) -> Array:
+    """Return a matrix of channels as (N, rows, columns)."""
+    return np.ascontiguousarray(np.moveaxis(np.array(rows, dtype=float), -1, 0))

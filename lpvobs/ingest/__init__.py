@@ -1,0 +1,1 @@
+"""Foreign recordings: how they are opened, named and brought to the stamps of one log."""

@@ -1,0 +1,263 @@
+"""A first profile for an unknown recording: what is sure as it is, what is guessed as a comment, a reason with each."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.ingest.clocks import Stamps, stamps
+from lpvobs.ingest.formats import open_recording, sniff
+from lpvobs.ingest.guesses import KNOWN, Guess, guess, kind_of, normalised
+from lpvobs.ingest.layouts import csv_layout, polled
+from lpvobs.ingest.profiles import SourceRules
+from lpvobs.ingest.recordings import Column, Head, Recording, as_numbers
+from lpvobs.ingest.resample import median_step
+from lpvobs.records import Array
+
+TIMES = re.compile(r"t|time|zeit|timestamp|time stamp|t s|zeitstempel|elapsed( time)?|t (fast|slow)|time (fast|slow)")
+IN_TURN = 0.95
+"""Share of the changes in their column's turn from which a recording counts as polled."""
+MOST_COLUMNS = 400
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A column that may be time; `unit` is empty where neither file nor content says it."""
+
+    column: str
+    unit: str
+    found: Stamps
+    reason: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What was seen in a recording."""
+
+    recording: Recording
+    rules: SourceRules
+    layout: list[str]
+    clocks: list[Clock]
+    columns: Mapping[str, Array]
+    steps: Mapping[str, float]
+
+
+def draft_profile(path: Path) -> str:
+    """Return the text of a profile for a recording; every line that is not a comment is meant to be right.
+
+    Raises
+    ------
+    DataError
+        If the recording cannot be read.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
+        seen = _look(path)
+        guesses = [found for name, head in seen.recording.heads.items() for found in _guesses(name, head, seen)]
+    sure = _sure(guesses)
+    blocks = [_head(path), _source(seen), _time(seen), _raster(seen, sure)]
+    blocks += [
+        _channel(found, seen, sure)
+        for found in sorted(guesses, key=lambda item: list(KNOWN).index(item.channel))
+        if _told(found, sure)
+    ]
+    return "\n\n".join([*blocks, _rest(seen, guesses)]) + "\n"
+
+
+def _look(path: Path) -> Evidence:
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    kind = sniff(path)
+    rules, layout = csv_layout(path) if kind == "csv" else (SourceRules(format=kind), ["its first bytes"])
+    recording = open_recording(path, rules)
+    names = _worth_reading(recording, kind)
+    columns = recording.read(names)
+    clocks = (
+        []
+        if kind == "mdf"
+        else [found for name in names if (found := _clock(name, recording.heads[name], columns[name], rules))]
+    )
+    numbers = {name: _numbers(columns[name], rules) for name in names if name not in {clock.column for clock in clocks}}
+    if kind == "csv" and len(clocks) == 1:
+        turns = [name for name in recording.heads if name != clocks[0].column]
+        share = polled(numbers, turns)
+        if share >= IN_TURN:
+            rules = replace(rules, polled=True)
+            layout = [
+                *layout,
+                f"{100 * share:.1f} % of all changes stand in the one row of {len(turns)} that is their column's turn",
+            ]
+    steps = {name: median_step(column.time) for name, column in columns.items() if column.time is not None}
+    return Evidence(recording, rules, layout, clocks, numbers, steps)
+
+
+def _worth_reading(recording: Recording, kind: str) -> list[str]:
+    """Return the columns to read: all of a small table, of a large one those that a name speaks for."""
+    names = list(recording.heads)
+    if kind != "mdf" and len(names) <= MOST_COLUMNS:
+        return names
+    nothing = np.array([np.nan])
+    speaks = [
+        name
+        for name, head in recording.heads.items()
+        if TIMES.fullmatch(normalised(head.name)) or any(guess(channel, name, head, nothing) for channel in KNOWN)
+    ]
+    return speaks[:MOST_COLUMNS]
+
+
+def _numbers(column: Column, rules: SourceRules) -> Array:
+    try:
+        return as_numbers(column.data, rules.decimal).values
+    except ValueError:
+        return np.empty(0)
+
+
+def _clock(name: str, head: Head, column: Column, rules: SourceRules) -> Clock | None:
+    """Return a column as time if its name says so and it runs forward nearly everywhere."""
+    if not TIMES.fullmatch(normalised(head.name)):
+        return None
+    for unit in dict.fromkeys((head.unit, "s", "clock", "datetime")):
+        try:
+            found = stamps(column.data, unit, rules.decimal)
+        except ValueError:
+            continue
+        time = found.time[np.isfinite(found.time)]
+        if time.size > 1 and time.size > 0.9 * found.time.size and np.mean(np.diff(time) > 0) > 0.9:
+            said = unit if unit in (head.unit, "clock", "datetime") else ""
+            return Clock(name, said, found, f"the name '{head.name}', and it runs forward")
+    return None
+
+
+def _guesses(name: str, head: Head, seen: Evidence) -> list[Guess]:
+    values = seen.columns.get(name)
+    if values is None:
+        return []
+    return [found for channel in KNOWN if (found := guess(channel, name, head, values)) is not None]
+
+
+def _sure(guesses: Sequence[Guess]) -> dict[str, Guess]:
+    """Return by column the guesses without a rival: one column for the channel, one channel for the column."""
+    certain = [found for found in guesses if found.sure]
+    channels = [found.channel for found in certain]
+    columns = [found.column for found in certain]
+    return {
+        found.column: found
+        for found in certain
+        if channels.count(found.channel) == 1 and columns.count(found.column) == 1
+    }
+
+
+def _told(found: Guess, sure: Mapping[str, Guess]) -> bool:
+    """Return whether a guess is worth telling: its column is not surely another channel, nor its channel another column."""
+    by_channel = {item.channel: item for item in sure.values()}
+    return sure.get(found.column, found) is found and by_channel.get(found.channel, found) is found
+
+
+def _head(path: Path) -> str:
+    return "\n".join(
+        [
+            f"# Drafted from {_comment(path.name)}. What is not a comment seemed sure; read the rest and uncomment what is right.",
+            "# What every key means: docs/ingest.md.",
+            "schema = 1",
+            f"description = {_text('recordings like ' + _comment(path.name))}",
+        ]
+    )
+
+
+def _source(seen: Evidence) -> str:
+    rules, lines = (
+        seen.rules,
+        ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(seen.rules.format)}"],
+    )
+    usual = SourceRules(format=rules.format)
+    for key in ("delimiter", "decimal", "header_row", "unit_row"):
+        if getattr(rules, key) != getattr(usual, key):
+            lines.append(f"{key} = {json.dumps(getattr(rules, key))}")
+    return "\n".join([*lines, *(["polled = true"] if rules.polled else [])])
+
+
+def _time(seen: Evidence) -> str:
+    if seen.rules.format == "mdf":
+        return "[time]\n# MDF keeps a time base with every channel"
+    if not seen.clocks:
+        return '[time]\n# no column is called like time and runs forward; name it:\n# source = ""\n# unit = "s"'
+    mark = "" if len(seen.clocks) == 1 or seen.rules.format == "mat" else "# "
+    lines = ["[time]"]
+    for clock in seen.clocks[:1] if seen.rules.format == "mat" else seen.clocks:
+        lines += [f"# {clock.reason}", f"{mark}source = {_text(clock.column)}"]
+        if not clock.unit:
+            lines += [
+                f"# the file says no unit; the usual step is {median_step(clock.found.time):.4g} of it",
+                '# unit = "s"',
+            ]
+        elif clock.unit in ("clock", "datetime"):
+            lines += [f"{mark}unit = {_text(clock.unit)}", f"{mark}from_zero = true"]
+    return "\n".join(lines)
+
+
+def _raster(seen: Evidence, sure: Mapping[str, Guess]) -> str:
+    """Return the raster: as recorded where there is one time base, else the rate of the fastest channel."""
+    if len(seen.clocks) == 1 and not seen.rules.polled:
+        return "# One time base: without [raster] the samples stay where they were recorded."
+    steps = [seen.steps[name] for name in sure if name in seen.steps]
+    if seen.rules.polled:
+        steps = [median_step(seen.clocks[0].found.time) * (len(seen.recording.heads) - 1) / 2]
+    elif seen.clocks:
+        steps = [median_step(clock.found.time) for clock in seen.clocks if clock.unit or seen.rules.format == "mat"]
+    known = [step for step in steps if step > 0]
+    if not known:
+        return "[raster]\n# several time bases, or none known: state the rate of the log in Hz\n# rate = 20.0"
+    what = "twice the rate of the polling" if seen.rules.polled else "the rate of the fastest channel below"
+    return f"[raster]\n# {what}; any other will do\nrate = {1.0 / min(known):.6g}"
+
+
+def _channel(found: Guess, seen: Evidence, sure: Mapping[str, Guess]) -> str:
+    """Return a channel's table: as it is if sure, as a comment if not."""
+    certain = sure.get(found.column) is found
+    mark = "" if certain else "# "
+    lines = [f"# {'; '.join(map(_comment, found.reasons))}"]
+    if not certain:
+        lines.append("# not sure: other columns or channels fit as well, or name, unit and range do not agree")
+    lines += [f"{mark}[channels.{found.channel}]", f"{mark}source = {_text(found.column)}"]
+    if not found.unit_sure:
+        lines.append(f"# source_unit = {_text(found.unit)}" + ("" if found.unit else "  # which?"))
+    lines.append(f"{mark}unit = {_text(KNOWN[found.channel].unit)}")
+    if seen.rules.format == "mat" and len(seen.clocks) > 1:
+        lines += _own_clock(found, seen, mark)
+    return "\n".join(lines)
+
+
+def _own_clock(found: Guess, seen: Evidence, mark: str) -> list[str]:
+    """Return the time base of a vector: the one of its length."""
+    size = seen.columns[found.column].size
+    fitting = [clock.column for clock in seen.clocks if clock.found.time.size == size]
+    if len(fitting) == 1:
+        return [f"{mark}time = {_text(fitting[0])}  # the only one with its {size} samples"]
+    return [f"# time = {_text(name)}" for name in fitting] or ["# time: none has its number of samples"]
+
+
+def _rest(seen: Evidence, guesses: Sequence[Guess]) -> str:
+    """Return the columns that nothing was guessed of, with the channels that their unit would allow."""
+    told = {found.column for found in guesses} | {clock.column for clock in seen.clocks}
+    lines = ["# Not used:"]
+    for name, head in list(seen.recording.heads.items())[:MOST_COLUMNS]:
+        if name not in told:
+            fits = kind_of(head.unit)
+            lines.append(
+                f"#   {_comment(head.name)} [{_comment(head.unit) or 'no unit'}]"
+                + (f" (a unit for {', '.join(fits)})" if fits else "")
+            )
+    return "\n".join(lines if len(lines) > 1 else ["# Every column was looked at above."])
+
+
+def _text(value: str) -> str:
+    """Return a TOML string."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _comment(value: str) -> str:
+    """Return text that stays in a comment's line."""
+    return "".join(letter if letter.isprintable() else " " for letter in value)

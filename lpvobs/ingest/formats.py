@@ -1,0 +1,62 @@
+"""Which format a foreign file has, and what opens it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from lpvobs.errors import DataError
+from lpvobs.ingest.profiles import SourceRules
+from lpvobs.ingest.recordings import MOST_COLUMNS, Recording
+
+
+def open_recording(path: Path, rules: SourceRules) -> Recording:
+    """Return a foreign file, opened by its format: the profile's, or the one that its first bytes show.
+
+    Raises
+    ------
+    DataError
+        If it is absent, unreadable, or larger than the memory that a source may take.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    found = sniff(path)
+    recording = _opener(rules.format or found)(path, rules)
+    if len(recording.heads) > MOST_COLUMNS:
+        raise DataError(
+            f"{path}: has {len(recording.heads)} columns, expected at most {MOST_COLUMNS}; export fewer channels"
+        )
+    return recording
+
+
+def sniff(path: Path) -> str:
+    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
+    try:
+        with path.open("rb") as stream:
+            first = stream.read(128)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    if first[:4] == b"PAR1":
+        return "parquet"
+    if first[:8] in (b"MDF     ", b"UnFinMF "):
+        return "mdf"
+    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
+        return "mat"
+    return "csv"
+
+
+def _opener(kind: str) -> Callable[[Path, SourceRules], Recording]:
+    """Return what opens a format; the libraries of the others are not loaded."""
+    if kind == "parquet":
+        from lpvobs.ingest.recording_parquet import open_parquet
+
+        return open_parquet
+    if kind == "mat":
+        from lpvobs.ingest.recording_mat import open_mat
+
+        return open_mat
+    if kind == "mdf":
+        from lpvobs.ingest.recording_mdf import open_mdf
+
+        return open_mdf
+    from lpvobs.ingest.recording_csv import open_csv
+
+    return open_csv

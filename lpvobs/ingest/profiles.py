@@ -1,0 +1,217 @@
+"""Profiles: TOML files that say how a foreign recording becomes a log."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lpvobs.errors import UsageError
+from lpvobs.io.configuration.strict import convert, parse, read_text
+
+SCHEMA = 1
+RULES = ("hold", "linear", "mean")
+FORMATS = ("csv", "parquet", "mat", "mdf")
+EXAMPLE = "configs/profiles/kit-obd.toml"
+
+
+@dataclass(frozen=True)
+class SourceRules:
+    """How the file is laid out; the profile's `[source]`.
+
+    Attributes
+    ----------
+    format : str
+        `csv`, `parquet`, `mat` or `mdf`; empty: by what the file's first bytes are.
+    encoding : str
+        Of a CSV file.
+    delimiter, decimal : str
+        Of a CSV file.
+    header_row, unit_row : int
+        Lines of a CSV file that hold names and units, counted from 1; unit_row 0: no such line.
+    polled : bool
+        Each row refreshes one column, in turn, and repeats the others: only the refreshed value is a sample.
+    """
+
+    format: str = ""
+    encoding: str = "utf-8"
+    delimiter: str = ","
+    decimal: str = "."
+    header_row: int = 1
+    unit_row: int = 0
+    polled: bool = False
+
+    def __post_init__(self) -> None:
+        if self.format and self.format not in FORMATS:
+            raise ValueError(f"format must be one of {', '.join(FORMATS)}")
+        if len(self.delimiter) != 1 or (not self.delimiter.isprintable() and self.delimiter != "\t"):
+            raise ValueError("delimiter must be one character")
+        if self.decimal not in (".", ",") or self.decimal == self.delimiter:
+            raise ValueError("decimal must be '.' or ',' and not the delimiter")
+        if not 1 <= self.header_row <= 1000 or not 0 <= self.unit_row <= 1000 or self.unit_row == self.header_row:
+            raise ValueError("header_row and unit_row are different lines between 1 and 1000, unit_row = 0 for none")
+
+
+@dataclass(frozen=True)
+class TimeRules:
+    """Where time comes from; the profile's `[time]`.
+
+    Attributes
+    ----------
+    source : str
+        Column or variable. Not for MDF, whose channels have their own.
+    unit : str
+        A unit of time, `clock` for a time of day as text (h:mm:ss.sss), or `datetime` for ISO 8601; empty: what the file says.
+    from_zero : bool
+        Let the log start at 0 s.
+    backward : str
+        `refuse`, or `drop` the samples whose time is not later than every earlier one.
+    """
+
+    source: str = ""
+    unit: str = ""
+    from_zero: bool = False
+    backward: str = "refuse"
+
+    def __post_init__(self) -> None:
+        if self.backward not in ("refuse", "drop"):
+            raise ValueError("backward must be 'refuse' or 'drop'")
+
+
+@dataclass(frozen=True)
+class Raster:
+    """The samples of the log; the profile's `[raster]`.
+
+    Attributes
+    ----------
+    rate : float
+        [Hz]; 0: the samples stay where they were recorded, which needs one time base for all channels.
+    gap : float
+        [s]; where no channel at all has a sample for longer, the log has none either.
+    """
+
+    rate: float = 0.0
+    gap: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.rate <= 1e5 and 0 < self.gap < math.inf):
+            raise ValueError("rate must be from 0 to 100000 Hz and gap positive")
+
+
+@dataclass(frozen=True)
+class ChannelRules:
+    """Where one channel of the log comes from, and what is done to it; a table of the profile's `[channels]`.
+
+    Attributes
+    ----------
+    source : str or list of str
+        Name in the file, with or without the unit that its header has in brackets; of several, the first that is there.
+    unit : str
+        Unit in the log.
+    source_unit : str
+        Unit in the file; empty: what the file says.
+    time : str
+        Its own time column or variable; empty: that of `[time]`.
+    rule : str
+        How it comes to the raster: `hold` the last sample, `linear` between neighbours, `mean` of the interpolated signal
+        over one raster step (also the anti-alias filter). Empty: as recorded; with a rate, `mean` if the channel is faster
+        than the raster and `linear` if not.
+    limit : float
+        [s]; no sample is held, and no pair of neighbours bridged, for longer. 0: the raster's gap, or 2.5 usual steps of the
+        channel if that is longer.
+    scale, offset : float
+        Repairs in the file's unit: value = scale * recorded + offset. scale = -1 turns a sign.
+    low, high : float
+        [unit in the log]; what is outside is not a reading of a working sensor, and removed.
+    invalid : list of float
+        Recorded numbers that mean "no value".
+    optional : bool
+        The log may lack it.
+    meaning : str
+        For people.
+    """
+
+    source: str | list[str]
+    unit: str
+    source_unit: str = ""
+    time: str = ""
+    rule: str = ""
+    limit: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+    invalid: list[float] = field(default_factory=list)
+    optional: bool = False
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.names or not all(self.names):
+            raise ValueError("source must name at least one column")
+        if self.rule and self.rule not in RULES:
+            raise ValueError(f"rule must be one of {', '.join(RULES)}")
+        if not 0 <= self.limit < math.inf:
+            raise ValueError("limit must be zero or positive")
+        if not (math.isfinite(self.scale) and self.scale != 0 and math.isfinite(self.offset)):
+            raise ValueError("scale must be finite and not zero, offset finite")
+        if not self.low < self.high:
+            raise ValueError("low must be below high")
+
+    @property
+    def names(self) -> list[str]:
+        """Return the names to look for, in order."""
+        return [self.source] if isinstance(self.source, str) else self.source
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How one kind of foreign recording becomes a log; see the profiles that are shipped for what every key means."""
+
+    schema: int
+    channels: Mapping[str, ChannelRules]
+    description: str = ""
+    source: SourceRules = field(default_factory=SourceRules)
+    time: TimeRules = field(default_factory=TimeRules)
+    raster: Raster = field(default_factory=Raster)
+
+
+def shipped() -> dict[str, Path]:
+    """Return the profiles that come with the package, by name."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "configs"
+    folder = (inside if inside.is_dir() else package.parent / "configs") / "profiles"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_profile(name: str) -> tuple[Profile, str, str]:
+    """Return a profile by the name of a shipped one or the path of a TOML file, its name, and its text.
+
+    Raises
+    ------
+    UsageError
+        If there is none, or it has a key that nothing knows, lacks one, or holds an impossible value.
+    """
+    known = shipped()
+    path = known.get(name, Path(name))
+    if name not in known and path.suffix != ".toml" and not path.exists():
+        raise UsageError(
+            f"--profile {name}: no such profile; shipped: {', '.join(known)}; or name a TOML file of yours"
+        )
+    text = read_text(path)
+    return profile_of(text, path), path.stem, text
+
+
+def profile_of(text: str, path: Path) -> Profile:
+    """Return the profile in a text; `path` names it in errors."""
+    profile = convert(path, parse(text, path), Profile, EXAMPLE)
+    if profile.schema != SCHEMA:
+        raise UsageError(
+            f"{path}: schema = {profile.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
+        )
+    if not profile.channels:
+        raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.W_maf]")
+    for name in profile.channels:
+        if name == "time" or name.startswith("ref_"):
+            raise UsageError(
+                f"{path}: channels.{name}: the name is taken; time has its own table, and no recording knows truth"
+            )
+    return profile

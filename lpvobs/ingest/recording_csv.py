@@ -1,0 +1,202 @@
+"""CSV files: names in one line, units in brackets behind them or in a line of their own, everything else a table."""
+
+import codecs
+import csv
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lpvobs.errors import DataError
+from lpvobs.ingest.profiles import SourceRules
+from lpvobs.ingest.recordings import Column, Head, check_samples, split_unit
+
+LONGEST_LINE = 1 << 20
+ANY_BYTE = "latin-1"
+MOST_LISTED = 1_000_000
+"""Lines with a wrong number of fields, after which no more are looked at."""
+MOST_BROKEN = 0.01
+"""Share of the lines that may have a wrong number of fields; more is another layout."""
+
+
+@dataclass(frozen=True)
+class CsvRecording:
+    """A CSV file whose header has been read."""
+
+    path: Path
+    rules: SourceRules
+    encoding: str
+    heads: Mapping[str, Head]
+    notes: dict[str, str] = field(default_factory=dict)
+
+    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
+        """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow
+
+        survey = _survey(self.path, self.encoding)
+        check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
+        encoding = self.encoding if survey.decodes else ANY_BYTE
+        if not survey.decodes:
+            self.notes["encoding"] = f"not {self.encoding}: read as {ANY_BYTE}"
+        order = list(self.heads)
+        keys = [str(order.index(name)) for name in names]
+        broken: list[int] = []
+
+        def skip(row: Any) -> str:
+            broken.append(row.actual_columns)
+            return "skip" if len(broken) < MOST_LISTED else "error"
+
+        try:
+            # By name, Arrow opens no file whose name is not UTF-8.
+            with self.path.open("rb") as stream, _without_noise():
+                table = arrow.read_csv(
+                    stream,
+                    arrow.ReadOptions(
+                        use_threads=False,
+                        skip_rows=max(self.rules.header_row, self.rules.unit_row),
+                        column_names=[str(number) for number in range(len(order))],
+                        encoding=encoding,
+                    ),
+                    arrow.ParseOptions(delimiter=self.rules.delimiter, invalid_row_handler=skip),
+                    arrow.ConvertOptions(
+                        include_columns=keys, column_types=dict.fromkeys(keys, pa.string()), strings_can_be_null=False
+                    ),
+                )
+        except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise DataError(
+                f"{self.path}: not a readable CSV table ({reason}); check delimiter and encoding in the profile's [source]"
+            ) from None
+        self._note_broken(broken, table.num_rows)
+        if survey.quotes:
+            _refuse_open_quote(self.path, table.num_rows + len(broken), max(self.rules.header_row, self.rules.unit_row))
+        return {name: Column(table.column(key)) for name, key in zip(names, keys, strict=True)}
+
+    def _note_broken(self, broken: list[int], rows: int) -> None:
+        if not broken:
+            return
+        if self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * rows):
+            raise DataError(
+                f"{self.path}: {len(broken)} of {rows + len(broken)} lines have a wrong number of fields (the first has "
+                f"{broken[0]}), expected {len(self.heads)}; check the delimiter, or export the file again"
+            )
+        self.notes["broken_lines"] = f"{len(broken)} with a wrong number of fields, left out"
+
+
+@contextmanager
+def _without_noise() -> Iterator[None]:
+    """Say nothing where Arrow cannot hand on a broken line that ends within a letter: it refuses the table itself."""
+    before = sys.unraisablehook
+
+    def others(lost: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(lost.exc_value, UnicodeDecodeError):
+            before(lost)
+
+    sys.unraisablehook = others
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of a whole file before it is taken apart; `decodes`: it is UTF-8, where that is what it should be."""
+
+    lines: int
+    size: int
+    quotes: bool
+    decodes: bool
+
+
+def _survey(path: Path, encoding: str) -> Survey:
+    lines, size, quotes, decodes = 0, 0, False, True
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    try:
+        with path.open("rb") as stream:
+            while chunk := stream.read(LONGEST_LINE):
+                lines += max(chunk.count(b"\n"), chunk.count(b"\r"))
+                size += len(chunk)
+                quotes = quotes or b'"' in chunk
+                decodes = decodes and (encoding != "utf-8" or _decodes(decoder, chunk))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    return Survey(lines + 1, size, quotes, decodes)
+
+
+def _decodes(decoder: codecs.IncrementalDecoder, chunk: bytes) -> bool:
+    try:
+        decoder.decode(chunk)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
+    """Refuse a file some of whose lines became part of a field, because a quotation mark before them is not closed."""
+    lines, first = 0, 0
+    with path.open("rb") as stream:
+        for number, line in enumerate(stream, 1):
+            if number > before and line.strip(b"\r\n"):
+                lines += 1
+                first = first or (number if line.count(b'"') % 2 else 0)
+    if first and rows < lines:
+        raise DataError(
+            f"{path}: {lines - rows} lines stand inside a quotation that begins at line {first}, expected a row in each line; "
+            f"mend that line, or export the file again"
+        )
+
+
+def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
+    """Return a CSV file with the names and units of its header; nothing else of it has been read."""
+    lines = _first_lines(path, max(rules.header_row, rules.unit_row))
+    encoding, text = _decoded(path, lines, rules.encoding)
+    names = _fields(path, text, rules.header_row, rules.delimiter)
+    units = _fields(path, text, rules.unit_row, rules.delimiter) if rules.unit_row else [""] * len(names)
+    if len(names) != len(units):
+        raise DataError(
+            f"{path}: {len(names)} names and {len(units)} units; expected as many; check header_row and unit_row"
+        )
+    heads: dict[str, Head] = {}
+    often = Counter(names)
+    for number, (full, unit) in enumerate(zip(names, units, strict=True), 1):
+        bare, inside = split_unit(full)
+        key = full if full and often[full] == 1 else f"{full}#{number}"
+        while key in heads:
+            key += "#"
+        heads[key] = Head(bare, unit.strip().strip("[]") or inside)
+    notes = {} if encoding == rules.encoding else {"encoding": f"not {rules.encoding}: read as {encoding}"}
+    return CsvRecording(path, rules, encoding, heads, notes)
+
+
+def _first_lines(path: Path, count: int) -> list[bytes]:
+    try:
+        with path.open("rb") as stream:
+            lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    if not lines[-1].strip() or len(lines[-1]) == LONGEST_LINE or b"\0" in lines[-1]:
+        raise DataError(f"{path}: no header in line {count}; expected a CSV table; see [source] in the profile")
+    return lines
+
+
+def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[str]]:
+    """Return the encoding that the header is in, and its lines; what is not UTF-8 is taken for Latin-1."""
+    for candidate in dict.fromkeys((encoding, ANY_BYTE if encoding == "utf-8" else encoding)):
+        try:
+            return candidate, [line.decode(candidate).lstrip("\ufeff") for line in lines]
+        except (ValueError, LookupError):  # also of codecs that are none of text
+            continue
+    raise DataError(f"{path}: the header is not {encoding}; name another encoding in the profile's [source]")
+
+
+def _fields(path: Path, lines: list[str], row: int, delimiter: str) -> list[str]:
+    """Return the fields of a header line."""
+    try:
+        return [name.strip() for name in next(csv.reader([lines[row - 1]], delimiter=delimiter, strict=True))]
+    except (csv.Error, StopIteration) as error:
+        raise DataError(f"{path}: line {row} is not a CSV header ({error}); check [source] in the profile") from None

@@ -1,0 +1,1 @@
+"""The map in files for calibration tools."""

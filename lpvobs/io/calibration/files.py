@@ -1,0 +1,179 @@
+"""The error map in files for calibration tools: DCM, CSV, netCDF; and what it changes against an old DCM."""
+
+import io
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
+from lpvobs.io.calibration.surfaces import NONE, ORIGINS, Surface
+from lpvobs.io.logs.units import convert
+from lpvobs.io.results.hdf import Field, creating, flags, write_fields
+from lpvobs.io.safety.atomic import replacing
+from lpvobs.records import Array
+
+LONG_NAME = "error of the mass air flow sensor, reading minus truth"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One node whose number differs from the old file's, both as they stand in the files.
+
+    Attributes
+    ----------
+    x, y : float
+        In the units of the surface's axes.
+    old, new : float
+        [unit of the surface]
+    origin : str
+    """
+
+    x: float
+    y: float
+    old: float
+    new: float
+    origin: str
+
+
+@dataclass(frozen=True)
+class OldMap:
+    """A map of a DCM file in our units and directions.
+
+    Attributes
+    ----------
+    item : DcmMap
+        As it is in the file.
+    x, y : ndarray, shapes (p2,) and (p1,)
+        Engine speed and fuel, in the surface's units.
+    values : ndarray, shape (p2, p1)
+        In the surface's unit.
+    turned : bool
+        Engine speed is the file's Y.
+    """
+
+    item: DcmMap
+    x: Array
+    y: Array
+    values: Array
+    turned: bool
+
+
+def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
+    """Return an old map in the units and directions of the surface.
+
+    Raises
+    ------
+    DataError
+        If its units are not those of such a map.
+    """
+    for turned in (False, True):
+        units = (item.unit_y, item.unit_x) if turned else (item.unit_x, item.unit_y)
+        nodes = (item.y, item.x) if turned else (item.x, item.y)
+        try:
+            x, y = (
+                convert(values, unit or "1", axis.unit)
+                for values, unit, axis in zip(nodes, units, (surface.x, surface.y), strict=True)
+            )
+            values = convert(item.values if turned else item.values.T, item.unit or "1", surface.unit)
+        except ValueError:
+            continue
+        return OldMap(item, x, y, values, turned)
+    raise DataError(
+        f"{path}: map '{item.name}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected "
+        f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or what converts to them; mend EINHEIT_X, EINHEIT_Y, EINHEIT_W"
+    )
+
+
+def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap:
+    """Return the surface as a map of a DCM file: X the speed and Y the fuel, or as the old file has them, in its units.
+
+    Raises
+    ------
+    DataError
+        If a node has no value: a DCM cannot say so.
+    """
+    empty = int(np.count_nonzero(surface.origin == NONE))
+    if empty:
+        raise DataError(
+            f"map '{name}': {empty} of {surface.origin.size} nodes have no value, and a DCM has a value everywhere; run "
+            f"`lpvobs extrapolate`, or give old values with --old"
+        )
+    group = kind == "GRUPPENKENNFELD"
+    if old is None:
+        return DcmMap(
+            name=name,
+            kind=kind,
+            x=surface.x.nodes,
+            y=surface.y.nodes,
+            values=surface.values.T,
+            unit_x=surface.x.unit,
+            unit_y=surface.y.unit,
+            unit=surface.unit,
+            long_name=LONG_NAME,
+            x_name=f"{name}_{surface.x.name}" if group else "",
+            y_name=f"{name}_{surface.y.name}" if group else "",
+        )
+    item = old.item
+    return replace(
+        item,
+        kind=kind,
+        values=convert(surface.values if old.turned else surface.values.T, surface.unit, item.unit or "1"),
+        long_name=item.long_name or LONG_NAME,
+        x_name=item.x_name or f"{name}_X" if group else "",
+        y_name=item.y_name or f"{name}_Y" if group else "",
+    )
+
+
+def write_dcm(path: Path, item: DcmMap, digits: int, comments: list[str]) -> None:
+    """Write a DCM file with one map."""
+    with replacing(path) as temporary:
+        temporary.write_text(dcm_text(item, digits, comments), encoding=ENCODING, errors="replace", newline="\n")
+
+
+def write_csv(path: Path, surface: Surface, digits: int) -> None:
+    """Write a line per node: axes, value, standard error, origin; units in brackets behind the names, empty where unknown."""
+    header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
+    header += [f"delta_W_c [{surface.unit}]", f"standard_error [{surface.unit}]", "origin"]
+    stream = io.StringIO()
+    stream.write(",".join(header) + "\n")
+    for i, x in enumerate(surface.x.nodes):
+        for j, y in enumerate(surface.y.nodes):
+            numbers = [x, y, surface.values[i, j], surface.standard_error[i, j]]
+            words = [f"{number:.{digits}g}" if np.isfinite(number) else "" for number in numbers]
+            stream.write(",".join([*words, ORIGINS[int(surface.origin[i, j])]]) + "\n")
+    with replacing(path) as temporary:
+        temporary.write_text(stream.getvalue(), encoding="utf-8", newline="\n")
+
+
+def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
+    """Write a netCDF-4 file by the CF conventions, every number as it is."""
+    both = (surface.x.name, surface.y.name)
+    fields = {axis.name: Field(axis.nodes, axis.unit, axis.long_name) for axis in (surface.x, surface.y)} | {
+        "delta_W_c": Field(surface.values, surface.unit, LONG_NAME, both),
+        "standard_error": Field(surface.standard_error, surface.unit, "standard error of delta_W_c", both),
+        "origin": Field(
+            surface.origin, "1", "where the value comes from", both, flags(list(ORIGINS), list(ORIGINS.values()))
+        ),
+    }
+    with creating(path) as file:
+        file.attrs["Conventions"] = "CF-1.8"
+        file.attrs["title"] = LONG_NAME
+        file.attrs["history"] = "; ".join(comments)
+        write_fields(file, fields)
+
+
+def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
+    """Return the nodes whose numbers, both rounded to `digits`, differ from the old ones; first by speed, then by fuel."""
+
+    def rounded(value: float) -> float:
+        return float(f"{value:.{digits}g}")
+
+    found = []
+    for i, x in enumerate(surface.x.nodes):
+        for j, y in enumerate(surface.y.nodes):
+            before, after = rounded(old.values[i, j]), rounded(surface.values[i, j])
+            if before != after:
+                found.append(Change(float(x), float(y), before, after, ORIGINS[int(surface.origin[i, j])]))
+    return found

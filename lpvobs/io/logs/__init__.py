@@ -1,0 +1,1 @@
+"""Logs: found, read, checked, written."""

@@ -1,0 +1,221 @@
+"""What a log says that no working engine or sensor does: wrong units refuse it, stuck, saturated and spiked samples are dropped.
+
+The rules look at the log alone, not at an engine's constants. A healthy log trips none of them: they ask for what noise and
+quantisation do not do. They cannot see a wrong unit that leaves every reading possible, such as g/s said to be kg/h.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.base import Channel
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Finding
+
+Mask = NDArray[np.bool_]
+
+MOST_IMPOSSIBLE = 0.1
+"""Share of a channel's readings outside its possible range that a fault of the sensor explains; more is a wrong unit."""
+MOST_BELOW = 0.02
+"""Share of a channel's readings that may lie below what bounds it physically; more is a wrong unit."""
+FASTEST = 2e-4
+"""[s], the smallest median step of a log; milliseconds or minutes called seconds lie far from it on either side."""
+MOVING, MOVERS = 0.3, 2
+"""A channel moves when it crosses this share of its range; so many others have to move for one that stands still to be stuck."""
+SATURATED_SHARE, SATURATED_RUN, PILED = 0.005, 10, 3
+"""Least share of samples at the very top, in runs of so many samples, and how many more there than just below the top."""
+MOST_STILL_AT_TOP = 120.0
+"""[s]; what may stand still for longer, such as fuel at full load or a coarse temperature, may do so at its top."""
+SPIKE, SPIKE_NOISE, SPIKE_SPACING = 0.1, 30.0, 0.03
+"""Least height over the typical range and over the noise (median absolute deviation), largest spacing [s] of its neighbours."""
+
+
+def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+    """Refuse a log of which a channel's unit or sign must be wrong.
+
+    Parameters
+    ----------
+    path : Path
+        Named in the refusal.
+    values : mapping of str to ndarray of shape (N,)
+        The needed channels in the contract's units, NaN where the file has none.
+    channels : mapping of str to Channel
+
+    Raises
+    ------
+    DataError
+        In one line that names channel, reading, expectation.
+    """
+    for name, channel in channels.items():
+        _refuse_channel(path, name, values[name], channel)
+    for name in channels:
+        _refuse_below(path, name, values, channels)
+
+
+def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
+    """Refuse a log most of whose samples stand alone, or that was sampled faster than any recorder does.
+
+    Parameters
+    ----------
+    path : Path
+    time : ndarray, shape (N,)
+        [s] as said, increasing.
+    gap_limit : float
+        [s]
+
+    Raises
+    ------
+    DataError
+        The unit of time must be wrong.
+    """
+    if time.size < 2:
+        return
+    step = float(np.median(np.diff(time)))
+    if step > gap_limit:
+        raise DataError(
+            f"{path}: channel 'time' has a median step of {step:.4g} s, expected at most gap_limit = {gap_limit:g} s; "
+            f"its unit is probably wrong, or the log is too slow for [policies] gap_limit"
+        )
+    if step < FASTEST:
+        raise DataError(
+            f"{path}: channel 'time' has a median step of {step:.4g} s, expected at least {FASTEST:g} s; "
+            f"its unit is probably wrong"
+        )
+
+
+def spoiled(
+    time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
+) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
+    """Yield what is stuck, saturated or spiked, each with the samples that it spoils.
+
+    Parameters
+    ----------
+    time : ndarray, shape (N,)
+        [s], increasing.
+    values : mapping of str to ndarray of shape (N,)
+        The needed channels, finite.
+    channels : mapping of str to Channel
+    """
+    for name, channel in channels.items():
+        if not np.isfinite(channel.still) or time.size < 3:
+            continue
+        for kind, samples in (
+            ("stuck", _stuck(time, values, channels, name)),
+            ("saturated", _saturated(values[name], channel)),
+            ("spike", _spikes(time, values[name], channel)),
+        ):
+            if samples.size:
+                yield Finding(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
+
+
+def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> None:
+    """Refuse a channel whose median, or many of whose readings, no working engine shows: a wrong unit or sign."""
+    finite = column[np.isfinite(column)]
+    if finite.size == 0:
+        raise DataError(
+            f"{path}: channel '{name}' has no number in it; expected readings in {channel.unit}; record it again"
+        )
+    middle, (low, high) = float(np.median(finite)), channel.typical
+    if not low <= middle <= high:
+        raise DataError(
+            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected between {low:g} and {high:g}; "
+            f"its unit or sign is probably wrong"
+        )
+    outside = float(np.mean(~_possible(finite, channel)))
+    if outside > MOST_IMPOSSIBLE:
+        raise DataError(
+            f"{path}: channel '{name}' has {100 * outside:.0f} % of its readings outside {channel.low:g} to {channel.high:g} "
+            f"{channel.unit}; its unit is probably wrong"
+        )
+    if finite.max() < channel.reaches:
+        raise DataError(
+            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected {channel.reaches:g} somewhere in "
+            f"a log; its unit is probably wrong"
+        )
+    if channel.unit == "%" and 0.5 < finite.max() <= 1.0 and finite.max() - finite.min() > 0.3:
+        raise DataError(
+            f"{path}: channel '{name}' never exceeds {finite.max():.3g} %, expected an opening from 0 to 100 %; "
+            f"it is probably a fraction: give it the unit '1'"
+        )
+
+
+def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+    """Refuse a channel that reads less than what bounds it, such as exhaust gas that is colder than the air outside."""
+    channel = channels[name]
+    if channel.above is None:
+        return
+    other, slack = channel.above
+    both = _possible(values[name], channel) & _possible(values[other], channels[other])  # what is not is dropped later
+    lower = np.count_nonzero(values[name][both] < values[other][both] - slack)
+    below = lower / max(int(np.count_nonzero(both)), 1)
+    if below > MOST_BELOW:
+        raise DataError(
+            f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log, "
+            f"which no engine does; the unit of one of them is probably wrong"
+        )
+
+
+def _possible(column: Array, channel: Channel) -> Mask:
+    """Return which samples are readings that a working sensor can give; False for NaN."""
+    return (column >= channel.low) & (column <= channel.high)
+
+
+def _stuck(time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel], name: str) -> NDArray[np.int64]:
+    """Return the samples at which a channel stands exactly still for longer than it can, while the engine moves."""
+    start, stop = _runs(values[name])
+    long = time[stop - 1] - time[start] > channels[name].still
+    others = [other for other, channel in channels.items() if other != name and np.isfinite(channel.still)]
+    return _samples((a, b) for a, b in zip(start[long], stop[long], strict=True) if _moves(values, others, a, b))
+
+
+def _moves(values: Mapping[str, Array], others: list[str], start: int, stop: int) -> bool:
+    moved = 0
+    for other in others:
+        low, high = np.percentile(values[other], [1.0, 99.0])
+        moved += bool(high > low and np.ptp(values[other][start:stop]) > MOVING * (high - low))
+    return moved >= MOVERS
+
+
+def _saturated(column: Array, channel: Channel) -> NDArray[np.int64]:
+    """Return the samples at the very top of a channel that piles up there, as a sensor at the end of its range does.
+
+    The bottom is not looked at: an engine at rest reads its lowest values for minutes.
+    """
+    top = column.max()
+    at_top = column == top
+    count = int(np.count_nonzero(at_top))
+    if count < max(SATURATED_RUN, SATURATED_SHARE * column.size) or count == column.size:
+        return np.empty(0, dtype=np.int64)
+    below = np.count_nonzero((column >= top - 0.02 * (top - column.min())) & ~at_top)
+    if count < PILED * below or channel.still > MOST_STILL_AT_TOP:
+        return np.empty(0, dtype=np.int64)
+    start, stop = _runs(column)
+    held = (column[start] == top) & (stop - start >= SATURATED_RUN)
+    if np.count_nonzero(held) < 2:  # once may be a hold of the recorder
+        return np.empty(0, dtype=np.int64)
+    return _samples(zip(start[held], stop[held], strict=True))
+
+
+def _spikes(time: Array, column: Array, channel: Channel) -> NDArray[np.int64]:
+    """Return single samples that leap away from two neighbours that agree."""
+    away = column[1:-1] - 0.5 * (column[:-2] + column[2:])
+    low, high = channel.typical
+    tall = (np.abs(away) > SPIKE * (high - low)) & (np.abs(column[2:] - column[:-2]) < 0.2 * np.abs(away))
+    if not tall.any():
+        return np.empty(0, dtype=np.int64)
+    noise = 1.4826 * float(np.median(np.abs(away)))
+    near = np.maximum(np.diff(time)[:-1], np.diff(time)[1:]) <= SPIKE_SPACING
+    return np.flatnonzero(tall & near & (np.abs(away) > SPIKE_NOISE * noise)) + 1
+
+
+def _runs(column: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return starts and ends of the runs of equal values."""
+    cuts = np.flatnonzero(np.diff(column)) + 1
+    return np.concatenate(([0], cuts)), np.concatenate((cuts, [column.size]))
+
+
+def _samples(ranges: Iterator[tuple[int, int]]) -> NDArray[np.int64]:
+    """Return the samples in half-open ranges."""
+    return np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(start, stop) for start, stop in ranges)])

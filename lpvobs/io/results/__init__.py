@@ -1,0 +1,1 @@
+"""Results and gains in HDF5."""

@@ -1,0 +1,168 @@
+"""HDF5 the way xarray, MATLAB and h5py read it unchanged: dimension scales, units, no booleans, no compounds."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.safety.atomic import replacing
+from lpvobs.io.safety.plain import expect_plain
+from lpvobs.io.safety.seal import expect_sound, sealed
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class Field:
+    """A dataset to write: values, unit, meaning, and the names of its axes in the same group."""
+
+    values: Any
+    units: str
+    long_name: str
+    axes: tuple[str, ...] = ()
+    attributes: Mapping[str, Any] | None = None
+
+
+def write_group(parent: h5py.Group, name: str, fields: Mapping[str, Field]) -> h5py.Group:
+    """Write fields into a new group; a field that others name as an axis becomes their dimension scale.
+
+    Axes have to come before the fields that they belong to.
+    """
+    return write_fields(parent.create_group(name), fields)
+
+
+def write_fields(group: h5py.Group, fields: Mapping[str, Field]) -> h5py.Group:
+    """Write fields into an empty group or file, as `write_group` does."""
+    scales = {axis for field in fields.values() for axis in field.axes}
+    for key, field in fields.items():
+        large = np.size(field.values) > 10_000  # mostly nodes that no drive informs, which compress to nothing
+        dataset = group.create_dataset(key, data=field.values, compression="gzip" if large else None)
+        dataset.attrs["units"] = field.units
+        dataset.attrs["long_name"] = field.long_name
+        for attribute, value in (field.attributes or {}).items():
+            dataset.attrs[attribute] = value
+        if key in scales:
+            dataset.make_scale(key)
+        for dimension, axis in enumerate(field.axes):
+            dataset.dims[dimension].attach_scale(group[axis])
+    return group
+
+
+def flags(values: Sequence[int], meanings: Sequence[str]) -> dict[str, Any]:
+    """Return the CF attributes that say what small integers mean."""
+    return {"flag_values": np.array(values, dtype=np.int8), "flag_meanings": " ".join(meanings)}
+
+
+def text(values: Sequence[str]) -> Any:
+    """Return strings as an array that every reader understands: variable-length UTF-8."""
+    return np.array(list(values), dtype=h5py.string_dtype())
+
+
+def numbers(group: h5py.Group, name: str, *shape: int) -> Array:
+    """Return a dataset of real numbers as floats; raises ValueError for another kind or shape."""
+    values = np.asarray(group[name][()])
+    if values.dtype.kind not in "fiu":
+        raise ValueError(f"'{name}' holds {values.dtype}, expected numbers")
+    if values.shape != shape:
+        raise ValueError(f"'{name}' has the shape {values.shape}, expected {shape}")
+    return values.astype(float, copy=False)
+
+
+def number(group: h5py.Group, name: str) -> float:
+    """Return a single real number; raises ValueError for anything else."""
+    return float(numbers(group, name))
+
+
+def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """Return a list of strings; raises ValueError or TypeError for anything else."""
+    values = group[name].asstr()[()]
+    if np.ndim(values) != 1:
+        raise ValueError(f"'{name}' has the shape {np.shape(values)}, expected a list")
+    return tuple(map(str, values))
+
+
+@contextmanager
+def creating(target: Path) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error.
+
+    It grows in memory and is written by Python: where the disk is full, HDF5 itself would end the process.
+    """
+    with replacing(target) as temporary:
+        with h5py.File(temporary.name, "w", driver="core", backing_store=False) as file:
+            yield file
+            image = _image(file)
+        temporary.write_bytes(sealed(image))
+
+
+@contextmanager
+def changing(source: Path, target: Path) -> Iterator[h5py.File]:
+    """Yield a copy of an HDF5 file for changes; it takes the target's place, sealed, when the block ends without an error."""
+    with replacing(target) as temporary:
+        with h5py.File(source, "r+", driver="core", backing_store=False) as file:
+            yield file
+            image = _image(file)
+        temporary.write_bytes(sealed(image))
+
+
+def _image(file: h5py.File) -> bytes:
+    """Return the bytes of a file in memory."""
+    file.flush()
+    return bytes(file.id.get_file_image())
+
+
+def is_hdf5(path: Path) -> bool:
+    """Return whether a file begins as HDF5 does; raises DataError if it may not be read."""
+    try:
+        return bool(h5py.is_hdf5(path))
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else error
+        raise DataError(f"{path}: cannot be read ({reason}); check the file's rights") from None
+
+
+@contextmanager
+def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
+    """Yield an open HDF5 file whose root attribute `schema` is `lpvobs/<kind>/1`.
+
+    Raises
+    ------
+    DataError
+        If it is absent, not HDF5, damaged, of another kind, or lacks or garbles a dataset that is read inside the block.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; {remedy}")
+    if not is_hdf5(path):
+        raise DataError(f"{path}: not a readable HDF5 file; {remedy}")
+    expect_sound(path, remedy)
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
+    with file:
+        expect_plain(file, f"{path}", remedy)
+        try:
+            _expect_kind(file, path, kind, remedy)
+            yield file
+        except (
+            KeyError,
+            IndexError,
+            AttributeError,
+            OSError,
+            ValueError,
+            TypeError,
+            RuntimeError,
+            MemoryError,
+            UsageError,
+        ) as error:
+            raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None
+
+
+def _expect_kind(file: h5py.File, path: Path, kind: str, remedy: str) -> None:
+    schema = str(file.attrs.get("schema", ""))
+    if schema != f"lpvobs/{kind}/1":
+        found = f"schema '{schema}'" if schema else "no lpvobs schema"
+        raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")

@@ -1,0 +1,96 @@
+"""The four balances against the air path's own flows, and what each lack moves."""
+
+import numpy as np
+import pytest
+from reference.drives import scattered
+
+from lpvobs.engines.diesel.balances import BALANCES, CHANNELS, IN_ORDER, Lacks, escape, imbalances, turbine
+from lpvobs.engines.diesel.lpv import Diesel
+
+
+def columns(log, seed=0):
+    rng = np.random.default_rng(seed)
+    rate = dict.fromkeys(CHANNELS, 0.0 * log.time)
+    rate |= {
+        "p_im": rng.normal(0, 2e4, len(log)),
+        "T_im": rng.normal(0, 5, len(log)),
+        "omega_t": rng.normal(0, 500, len(log)),
+    }
+    return np.stack([log[name] for name in CHANNELS]), np.stack([rate[name] for name in CHANNELS]), rate
+
+
+def with_lacks(N, **lacks):
+    return np.tile(np.array(IN_ORDER._replace(**lacks))[:, None], (1, N))
+
+
+def test_the_sensor_balances_are_those_of_the_air_path(engine):
+    air_path, log = Diesel(engine), scattered(3)
+    value, rate, rates = columns(log)
+    flows = air_path.balances(log, rates, ()).flow
+    left = imbalances(air_path.constants, value, rate, with_lacks(len(log)))
+    np.testing.assert_allclose(left[:2], log["W_maf"] - flows, rtol=0, atol=1e-12)  # kg/s, rounding
+
+
+def test_turbine_side_is_the_equation_of_the_states(engine):
+    air_path, log = Diesel(engine), scattered(5)
+    c = air_path.constants
+    value, rate, _ = columns(log)
+    way = air_path.trajectory(log, ("p_im", "omega_t"))
+    dx = np.einsum("kij,kj->ki", way.A, np.stack([log["p_im"], log["p_em"], log["omega_t"]], 1)) + way.E
+    i, j = CHANNELS.index("p_em"), CHANNELS.index("omega_t")
+    rate[i], rate[j] = dx[:, 1], dx[:, 2]  # what the model says the states do
+    left = imbalances(c, value, rate, with_lacks(len(log)))
+    scale = np.abs(imbalances(c, value, 0 * rate, with_lacks(len(log))))
+    assert np.all(np.abs(left[2:]) <= 1e-9 * (1e-3 + scale[2:]))
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "moved"),
+    [
+        ("leak_intake", 1e-5, {"sensor-filling"}),
+        ("egr_leak", 1e-5, {"sensor-filling", "exhaust"}),
+        ("egr_area", 0.8, {"sensor-filling", "exhaust"}),
+        ("eta_vol", 0.9, {"sensor-filling", "exhaust"}),
+        ("compressor", 0.9, {"sensor-compressor", "turbo"}),
+        ("turbine", 0.9, {"turbo"}),
+        ("exhaust", 3.0, {"exhaust", "turbo"}),
+    ],
+)
+def test_each_lack_has_its_place(engine, name, size, moved):
+    log = scattered(7)
+    value, rate, _ = columns(log)
+    c = Diesel(engine).constants
+    change = imbalances(c, value, rate, with_lacks(len(log), **{name: size})) - imbalances(
+        c, value, rate, with_lacks(len(log))
+    )
+    assert {b for b, row in zip(BALANCES, change, strict=True) if np.abs(row).max() > 0} == moved
+    assert set(Lacks._fields) >= {name}
+
+
+def test_a_leak_chokes_and_draws_in(engine):
+    c = Diesel(engine).constants
+    choked = [escape(c, p, 300.0, 98000.0, 298.0) / p for p in (2.2e5, 2.6e5)]
+    assert choked[0] == pytest.approx(
+        choked[1], rel=1e-12
+    )  # beyond the critical ratio only the upstream pressure counts
+    assert choked[0] == pytest.approx(0.684 / np.sqrt(287.0 * 300.0), rel=2e-3)  # textbook maximum of air, gamma 1.4
+    assert escape(c, 90000.0, 300.0, 98000.0, 298.0) < 0.0
+    assert escape(c, 98000.0, 300.0, 98000.0, 298.0) == 0.0
+
+
+@pytest.mark.parametrize("factor", [2.0, 5.0, 9.0])
+def test_a_restricted_exhaust_is_in_balance_with_its_own_flow(engine, factor):
+    c = Diesel(engine).constants
+    p_em, p_amb = 2.4e5, 1.0e5
+    W_t, Pi_t = turbine(c, factor * c.k_exhaust, p_em, 60.0, 800.0, p_amb)
+    assert Pi_t * p_em == pytest.approx(
+        p_amb + factor * c.k_exhaust * W_t**2, rel=1e-6
+    )  # Newton's fifth step is far below
+
+
+def test_a_little_more_restriction_is_a_little_less_flow(engine):
+    c = Diesel(engine).constants
+    flows = [turbine(c, factor * c.k_exhaust, 2.4e5, 60.0, 800.0, 1.0e5)[0] for factor in np.linspace(0.5, 3.0, 251)]
+    falls = -np.diff(flows)
+    assert (falls > 0.0).all()
+    assert falls.max() < 5.0 * falls.min()  # no jump where the solution takes over

@@ -1,0 +1,73 @@
+"""Every effect at rest is no effect; sensor effects undo what a sensor did."""
+
+import numpy as np
+import pytest
+
+from lpvobs.engines.diesel.effects import CATALOGUE
+
+CONTRACT = {
+    "maf.gain", "maf.offset", "maf.lag", "maf.delay", "maf.drift", "maf.temperature", "maf.contamination", "maf.backflow",
+    "leak.intake", "leak.inlet", "egr.leak", "egr.area", "eta_vol.factor", "compressor.flow", "turbine.efficiency",
+    "exhaust.restriction", "u_delta.gain", "p_im.gain", "p_im.offset", "p_em.gain", "omega_t.gain", "T_im.lag",
+}  # fmt: skip
+"""What a diesel of this kind can have of the agreed identifiers."""
+
+
+def effect(name):
+    return next(e for e in CATALOGUE if e.id == name)
+
+
+def test_the_catalogue_is_the_agreed_one():
+    assert {e.id for e in CATALOGUE} == CONTRACT
+    assert all(e.low < e.null < e.high for e in CATALOGUE)
+
+
+@pytest.mark.parametrize("one", CATALOGUE, ids=lambda e: e.id)
+def test_null_size_changes_nothing(one, linear):
+    scene = linear.problem.scene
+    same = one.apply(scene, one.null)
+    for name in ("value", "lacks"):
+        np.testing.assert_allclose(getattr(same, name), getattr(scene, name), rtol=1e-12, atol=1e-15)
+    assert np.any(one.apply(scene, one.null + one.size).value != scene.value) or np.any(
+        one.apply(scene, one.null + one.size).lacks != scene.lacks
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "reading"),
+    [
+        ("maf.gain", 1.07, lambda W, s: 1.07 * W),
+        ("maf.offset", 1e-3, lambda W, s: W + 1e-3),
+        ("maf.drift", 2e-4, lambda W, s: W + 2e-4 * s.time * W),
+        ("maf.temperature", 3e-3, lambda W, s: W + 3e-3 * W * (s["T_amb"] - 298.0)),
+        ("maf.contamination", 0.1, lambda W, s: (0.9 * W**0.5 + 0.1 * 0.02**0.5) ** 2),
+    ],
+)
+def test_a_sensor_effect_undoes_what_the_sensor_did(name, size, reading, linear):
+    scene = linear.problem.scene
+    truth = np.maximum(scene["W_maf"], 1e-3)
+    seen = scene.corrected("W_maf", reading(truth, scene), scene.rate_of("W_maf"))
+    np.testing.assert_allclose(effect(name).apply(seen, size)["W_maf"], truth, rtol=1e-9)
+
+
+def test_a_dead_time_leaves_what_else_is_wrong_with_the_reading(linear):
+    """A reading that is 10 % too large and late: with the gain undone, the dead time moves a signal that is as much smaller."""
+    scene = linear.problem.scene
+    both = effect("maf.gain").apply(effect("maf.delay").apply(scene, 0.05), 1.1)
+    swapped = effect("maf.delay").apply(effect("maf.gain").apply(scene, 1.1), 0.05)
+    flow = scene["W_maf"] > 5e-3  # below, the ratio of two noisy readings is not known
+    np.testing.assert_allclose(swapped["W_maf"][flow], both["W_maf"][flow], rtol=1e-9)
+
+
+def test_a_hole_in_the_inlet_takes_its_share_of_the_filling(linear):
+    """Whatever the sensor's own error: the same flow is missing in a reading that is shifted."""
+    scene = linear.problem.scene
+    shifted = scene.corrected("W_maf", scene["W_maf"] + 0.01)
+    leak = effect("leak.inlet")
+    missing = leak.apply(scene, 1e-4)["W_maf"] - scene["W_maf"]
+    np.testing.assert_allclose(leak.apply(shifted, 1e-4)["W_maf"] - shifted["W_maf"], missing, rtol=1e-9, atol=1e-15)
+    # 1e-4 m^2 behind a filter of 2.08e5 Pa/(kg/s)^2 in air of 1.15 kg/m^3: sqrt(2 rho F) A = 6.9 % of what passes the sensor
+    passing = scene["W_maf"] > 0.03
+    assert np.median(missing[passing] / scene["W_maf"][passing]) == pytest.approx(
+        0.069 / 1.069, rel=0.25
+    )  # its own error

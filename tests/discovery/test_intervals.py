@@ -1,0 +1,58 @@
+"""Standard errors of sizes: clusters that share an error count once, pinned constants are as unknown as before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from lpvobs.discovery.fit import fit, pins
+from lpvobs.discovery.intervals import between_windows, spread_of_sums, standard_errors, widened
+from lpvobs.discovery.linear import Term
+
+
+def test_the_spread_of_sums_is_the_variance_of_what_is_independent():
+    rng = np.random.default_rng(3)
+    group = np.repeat(np.arange(200), 50)
+    alone = rng.standard_normal(group.size)
+    # 200 groups: the spread is known to a tenth (chi2), three of which are allowed
+    assert spread_of_sums(alone, group) == pytest.approx(group.size, rel=0.3)
+    shared = np.repeat(rng.standard_normal(200), 50)
+    assert spread_of_sums(shared, group) == pytest.approx(50 * group.size, rel=0.3)
+
+
+@pytest.fixture(scope="module")
+def stepped(laid_out, clean, misread, plant):
+    """Return the model of a drive whose sensor reads 5 % too much in its second half."""
+    effect = next(e for e in plant.catalogue if e.id == "maf.gain")
+    log = misread(clean, clean["W_maf"] * np.where(clean.time < 150.0, 1.0, 1.05))
+    return fit(laid_out(log).with_all(), [Term(effect, 1.05, 150.0)])
+
+
+def test_the_interval_holds_a_known_size(stepped):
+    (error,) = standard_errors(stepped)
+    assert abs(stepped.terms[0].size - 1.05) < 3.0 * error  # one log: three standard errors
+    assert error < 0.01
+
+
+def test_the_choice_of_window_is_part_of_it(stepped):
+    (moved,) = between_windows(stepped)
+    assert moved != 0.0
+    assert standard_errors(stepped)[0] >= np.sqrt(0.5) * abs(moved)
+
+
+def test_a_pinned_constant_is_not_a_known_one(stepped):
+    pinned = replace(stepped, pinned=np.ones(stepped.beta.size, dtype=bool))
+    held = replace(pinned, normal=pinned.normal + pins(pinned.problem, pinned.pinned, pinned.pull.size))
+    # a twentieth: the steps through the wider window stop where the next one would gain less than a unit of noise
+    assert standard_errors(held) == pytest.approx(standard_errors(stepped), rel=0.05)
+
+
+def test_one_difference_says_little_of_a_variance():
+    one, none = np.ones(1), np.zeros(1)
+    normal = scipy.stats.norm.ppf(0.95)
+    # textbook quantiles: t(0.95) is 1.6973 at 30 degrees of freedom, 6.3138 at one, 2.0150 at five
+    assert np.sqrt(widened(one, 30.0, none))[0] * normal == pytest.approx(1.6973, abs=1e-4)
+    assert np.sqrt(widened(none, 30.0, one))[0] * normal == pytest.approx(6.3138, abs=1e-4)
+    # five degrees of freedom: (4 + 1)^2 over 4^2 / 4 + 1^2
+    assert np.sqrt(widened(4.0 * one, 4.0, one) / 5.0)[0] * normal == pytest.approx(2.0150, abs=1e-4)
