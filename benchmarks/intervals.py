@@ -32,7 +32,7 @@ def main(seeds: int) -> None:
     engine = Diesel(config.engine)
     bumpy = config.simulation.surface
     surfaces = {"quadratic": replace(bumpy, bumps=()), "quadratic and bump": bumpy}
-    n_e, u_delta = (axis.ravel() for axis in np.meshgrid(grid.n_e, grid.u_delta, indexing="ij"))
+    n_e, u_delta = (axis.ravel() for axis in np.meshgrid(grid.speed, grid.fuel, indexing="ij"))
     rows = []
     for cycle, title in CYCLES.items():
         for name, surface in surfaces.items():

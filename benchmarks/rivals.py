@@ -31,9 +31,9 @@ def mean_per_cell(air_path: AirPath, grid: Grid, log: Log, steady_only: bool) ->
         rate = np.gradient(np.convolve(log[air_path.sensor], window, mode="same"), log.time)
         chosen = np.abs(rate) < SLOW
     u_delta, n_e = operating_point(air_path, log)
-    column = np.abs(u_delta[:, None] - grid.u_delta).argmin(axis=1)
-    row = np.abs(n_e[:, None] - grid.n_e).argmin(axis=1)
-    node = (row * grid.u_delta.size + column)[chosen]
+    column = np.abs(u_delta[:, None] - grid.fuel).argmin(axis=1)
+    row = np.abs(n_e[:, None] - grid.speed).argmin(axis=1)
+    node = (row * grid.fuel.size + column)[chosen]
     count = np.bincount(node, minlength=grid.size)
     total = np.bincount(node, error[chosen], minlength=grid.size)
     enough = count >= (LEAST_SAMPLES if steady_only else 1)

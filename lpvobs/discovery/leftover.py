@@ -90,9 +90,9 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
     mean = np.bincount(cells, power) / np.maximum(time, 1)
     visited = time >= LEAST_VISIT
     worst = int(np.argmax(np.where(visited, mean, 0.0)))
-    columns = problem.grid.u_delta.size - 1
+    columns = problem.grid.fuel.size - 1
     row, column = divmod(worst, columns)
-    u, n = problem.grid.u_delta, problem.grid.n_e
+    u, n = problem.grid.fuel, problem.grid.speed
     sums = block_sums(linear.residual[0], problem.first)
     return Leftover(
         stretches=tuple(_stretches(linear, power, logs)),

@@ -192,7 +192,7 @@ def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
 
 def covariance_root(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     """Return the whitener, shape (K, B, B): covariance per cell of the map, spread per class of haste."""
-    shape = (problem.grid.n_e.size - 1, problem.grid.u_delta.size - 1)
+    shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
     everywhere = cell_numbers(problem.grid, nodes[0])
     cells, haste, raw = everywhere[problem.used], problem.haste[problem.used], raw[:, problem.used]
     B = raw.shape[0]

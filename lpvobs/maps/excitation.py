@@ -94,15 +94,13 @@ def corners(p_2: int, p_1: int) -> NDArray[np.int64]:
     return np.asarray(first[:, None] + np.array([0, 1, p_1, p_1 + 1]))
 
 
-def excitation(
-    grid: Grid, u_delta: Array, n_e: Array, time: Array, segments: tuple[tuple[int, int], ...]
-) -> Excitation:
+def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tuple[tuple[int, int], ...]) -> Excitation:
     """Return the excitation of the map along N operating points.
 
     Parameters
     ----------
     grid : Grid
-    u_delta, n_e, time : ndarray, shape (N,)
+    fuel, speed, time : ndarray, shape (N,)
     segments : tuple of (start, stop)
     """
     p_2, p_1 = grid.shape
@@ -110,18 +108,18 @@ def excitation(
     cell_gram = np.zeros((p_2 - 1, p_1 - 1, 4, 4))
     for start, stop in segments:
         part = slice(start, stop)
-        _accumulate(grid.u_delta, grid.n_e, u_delta[part], n_e[part], time[part], gram, cell_gram)
+        _accumulate(grid.fuel, grid.speed, fuel[part], speed[part], time[part], gram, cell_gram)
     return Excitation(gram, cell_gram)
 
 
 @njit(cache=True)
-def _accumulate(u_nodes, n_nodes, u_delta, n_e, time, gram, cell_gram):  # type: ignore[no-untyped-def]
+def _accumulate(u_nodes, n_nodes, fuel, speed, time, gram, cell_gram):  # type: ignore[no-untyped-def]
     nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
     for k in range(1, time.size):
         h = time[k] - time[k - 1]
-        i, _ = locate(u_nodes, u_delta[k])
-        j, _ = locate(n_nodes, n_e[k])
-        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
+        i, _ = locate(u_nodes, fuel[k])
+        j, _ = locate(n_nodes, speed[k])
+        local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
         for a in range(4):
             for b in range(4):
                 product = h * weights[a] * weights[b]

@@ -1,6 +1,6 @@
 """The grid of the map (Eq. 8) and bilinear interpolation on it (Eq. 10-23, 34-35).
 
-Numbering: theta stacks the n_e blocks 1..p_2, each of p_1 values along u_delta, so node (i, j) counted from zero is
+Numbering: theta stacks p_2 blocks, one a speed, each of p_1 values along the fuel axis, so node (i, j) counted from zero is
 theta[j p_1 + i]. The printed Eq. (19) and (21) mix p_1 and p_2 and divide by zero in their last rows; the weights here are
 derived from Eq. (10)-(13). Outside the grid the map is held (Eq. 12): the same four weights with eta clipped to [0, 1],
 of which one or two remain (cases 1 to 3 of Remark 2).
@@ -17,52 +17,52 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of a map over the operating point v = (u_delta, n_e).
+    """Nodes of a map over the operating point v = (fuel, speed), in the paper (u_delta, n_e).
 
     Attributes
     ----------
-    u_delta : ndarray, shape (p_1,)
-        Fuel axis, strictly increasing, [mg/cycle] for the diesel.
-    n_e : ndarray, shape (p_2,)
+    fuel : ndarray, shape (p_1,)
+        Fuel axis, strictly increasing, in the unit of the engine's `axes`.
+    speed : ndarray, shape (p_2,)
         Speed axis, strictly increasing, [rpm].
     """
 
-    u_delta: Array
-    n_e: Array
+    fuel: Array
+    speed: Array
 
     def __post_init__(self) -> None:
-        for name, nodes in (("u_delta", self.u_delta), ("n_e", self.n_e)):
+        for name, nodes in (("fuel", self.fuel), ("speed", self.speed)):
             if nodes.ndim != 1 or nodes.size < 2 or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
                 raise ValueError(f"axis {name} needs at least two finite, strictly increasing nodes")
 
     @property
     def shape(self) -> tuple[int, int]:
         """(p_2, p_1): rows are speeds, as maps are stored."""
-        return self.n_e.size, self.u_delta.size
+        return self.speed.size, self.fuel.size
 
     @property
     def size(self) -> int:
         """The number of nodes, p = p_1 p_2."""
-        return self.n_e.size * self.u_delta.size
+        return self.speed.size * self.fuel.size
 
-    def interpolate(self, theta: Array, u_delta: Array, n_e: Array) -> Array:
+    def interpolate(self, theta: Array, fuel: Array, speed: Array) -> Array:
         """Return Psi(v) theta of Eq. (22) along N operating points.
 
         Parameters
         ----------
         theta : ndarray, shape (p,) or (p_2, p_1)
-        u_delta, n_e : ndarray, shape (N,)
+        fuel, speed : ndarray, shape (N,)
 
         Returns
         -------
         ndarray, shape (N,)
             In the unit of theta; NaN where a node that takes part is NaN.
         """
-        return _interpolate(self.u_delta, self.n_e, np.ascontiguousarray(theta).reshape(-1), u_delta, n_e)
+        return _interpolate(self.fuel, self.speed, np.ascontiguousarray(theta).reshape(-1), fuel, speed)
 
-    def regressors(self, u_delta: Array, n_e: Array) -> tuple[NDArray[np.int64], Array]:
+    def regressors(self, fuel: Array, speed: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the four node numbers and weights Psi_l of Eq. (34), each of shape (N, 4)."""
-        found: tuple[NDArray[np.int64], Array] = _regressors(self.u_delta, self.n_e, u_delta, n_e)
+        found: tuple[NDArray[np.int64], Array] = _regressors(self.fuel, self.speed, fuel, speed)
         return found
 
 
@@ -100,10 +100,10 @@ def reach(nodes: Array, i: int) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
-def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: NDArray[np.int64], weights: Array) -> None:
+def local(u_nodes: Array, n_nodes: Array, fuel: float, speed: float, nodes: NDArray[np.int64], weights: Array) -> None:
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
-    i, eta_1 = locate(u_nodes, u_delta)
-    j, eta_2 = locate(n_nodes, n_e)
+    i, eta_1 = locate(u_nodes, fuel)
+    j, eta_2 = locate(n_nodes, speed)
     first = j * u_nodes.size + i
     nodes[0], nodes[1] = first, first + 1
     nodes[2], nodes[3] = first + u_nodes.size, first + u_nodes.size + 1
@@ -112,20 +112,20 @@ def local(u_nodes: Array, n_nodes: Array, u_delta: float, n_e: float, nodes: NDA
 
 
 @njit(cache=True)
-def _regressors(u_nodes: Array, n_nodes: Array, u_delta: Array, n_e: Array):  # type: ignore[no-untyped-def]
-    nodes = np.empty((u_delta.size, 4), dtype=np.int64)
-    weights = np.empty((u_delta.size, 4))
-    for k in range(u_delta.size):
-        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes[k], weights[k])
+def _regressors(u_nodes: Array, n_nodes: Array, fuel: Array, speed: Array):  # type: ignore[no-untyped-def]
+    nodes = np.empty((fuel.size, 4), dtype=np.int64)
+    weights = np.empty((fuel.size, 4))
+    for k in range(fuel.size):
+        local(u_nodes, n_nodes, fuel[k], speed[k], nodes[k], weights[k])
     return nodes, weights
 
 
 @njit(cache=True)
-def _interpolate(u_nodes: Array, n_nodes: Array, theta: Array, u_delta: Array, n_e: Array) -> Array:
+def _interpolate(u_nodes: Array, n_nodes: Array, theta: Array, fuel: Array, speed: Array) -> Array:
     nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
-    values = np.empty(u_delta.size)
-    for k in range(u_delta.size):
-        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
+    values = np.empty(fuel.size)
+    for k in range(fuel.size):
+        local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
         total = 0.0
         for m in range(4):
             if weights[m] != 0.0:  # a node that takes no part may be unknown

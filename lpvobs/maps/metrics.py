@@ -51,7 +51,7 @@ class Metrics:
     floor_rms_ratio: float
 
 
-def compare(grid: Grid, theta: Array, u_delta: Array, n_e: Array, reference: Array) -> Metrics:
+def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Array) -> Metrics:
     """Return the errors of a map along N operating points.
 
     Parameters
@@ -59,9 +59,9 @@ def compare(grid: Grid, theta: Array, u_delta: Array, n_e: Array, reference: Arr
     grid : Grid
     theta : ndarray, shape (p_2, p_1)
         [kg/s], NaN where not estimated.
-    u_delta, n_e, reference : ndarray, shape (N,)
+    fuel, speed, reference : ndarray, shape (N,)
     """
-    return compare_pieces(grid, theta, lambda: [(u_delta, n_e, reference)])
+    return compare_pieces(grid, theta, lambda: [(fuel, speed, reference)])
 
 
 def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple[Array, Array, Array]]]) -> Metrics:
@@ -76,17 +76,17 @@ def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple
     """
     flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
     gram, right, visited, sums = _no_sums(grid)
-    for u_delta, n_e, reference in pieces():
-        _fit_sums(grid.u_delta, grid.n_e, flat, u_delta, n_e, reference, gram, right, visited, sums)
+    for fuel, speed, reference in pieces():
+        _fit_sums(grid.fuel, grid.speed, flat, fuel, speed, reference, gram, right, visited, sums)
     samples, largest = int(sums[0]), sums[1]
     if samples == 0:
         nan = float("nan")
         return Metrics(0, nan, nan, nan, nan, nan, 0, nan, nan)
     best = _nodes_of(grid, gram, right)
     shares = np.zeros(4)
-    for u_delta, n_e, reference in pieces():
+    for fuel, speed, reference in pieces():
         limit = max(NEGLIGIBLE * largest, np.finfo(float).tiny)
-        _relative_sums(grid.u_delta, grid.n_e, flat, best, u_delta, n_e, reference, limit, shares)
+        _relative_sums(grid.fuel, grid.speed, flat, best, fuel, speed, reference, limit, shares)
     counted, relative, floor, floor_squares = shares
     return Metrics(
         samples=samples,
@@ -103,7 +103,7 @@ def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple
 
 def _no_sums(grid: Grid) -> tuple[Array, Array, Array, Array]:
     """Return, per cell, Psi^T Psi, Psi^T reference and visits; then samples, largest |reference|, sums of e, e^2, reference^2."""
-    cells = (grid.n_e.size - 1) * (grid.u_delta.size - 1)
+    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
     return np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells), np.zeros(5)
 
 
@@ -128,11 +128,11 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
 
 @njit(cache=True)
 def _fit_sums(  # type: ignore[no-untyped-def]
-    u_nodes, n_nodes, theta, u_delta, n_e, reference, gram, right, visited, sums
+    u_nodes, n_nodes, theta, fuel, speed, reference, gram, right, visited, sums
 ):
     nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
     for k in range(reference.size):
-        cell = _place(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, psi)
+        cell = _place(u_nodes, n_nodes, fuel[k], speed[k], nodes, psi)
         truth = reference[k]
         error = _value(theta, nodes, psi) - truth
         if not np.isfinite(error):
@@ -151,11 +151,11 @@ def _fit_sums(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _relative_sums(  # type: ignore[no-untyped-def]
-    u_nodes, n_nodes, theta, best, u_delta, n_e, reference, limit, shares
+    u_nodes, n_nodes, theta, best, fuel, speed, reference, limit, shares
 ):
     nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
     for k in range(reference.size):
-        _place(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, psi)
+        _place(u_nodes, n_nodes, fuel[k], speed[k], nodes, psi)
         truth = reference[k]
         error = _value(theta, nodes, psi) - truth
         if not np.isfinite(error):
@@ -169,9 +169,9 @@ def _relative_sums(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _place(u_nodes, n_nodes, u_delta, n_e, nodes, psi):  # type: ignore[no-untyped-def]
+def _place(u_nodes, n_nodes, fuel, speed, nodes, psi):  # type: ignore[no-untyped-def]
     """Fill nodes and weights of one operating point and return the number of its cell."""
-    local(u_nodes, n_nodes, u_delta, n_e, nodes, psi)
+    local(u_nodes, n_nodes, fuel, speed, nodes, psi)
     return nodes[0] // u_nodes.size * (u_nodes.size - 1) + nodes[0] % u_nodes.size
 
 

@@ -71,7 +71,7 @@ def evaluate(coefficients: Array, u: Array, n: Array) -> Array:
 
 def scaled_terms(grid: Grid, u: Array, n: Array) -> Array:
     """Return the regressors of Eq. (37) in coordinates that run from -1 to 1 over the grid, shape (..., 6)."""
-    (u_0, u_s), (n_0, n_s) = _scale(grid.u_delta), _scale(grid.n_e)
+    (u_0, u_s), (n_0, n_s) = _scale(grid.fuel), _scale(grid.speed)
     return terms((u - u_0) / u_s, (n - n_0) / n_s)
 
 
@@ -105,7 +105,7 @@ def fit(
     DataError
         If fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not determined.
     """
-    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     X_all = scaled_terms(grid, u, n).reshape(-1, 6)
     chosen = np.flatnonzero(np.asarray(supported).reshape(-1))
     X, z = (X_all if design is None else design)[chosen], np.asarray(theta).reshape(-1)[chosen]
@@ -123,7 +123,7 @@ def fit(
     A = _fit_operator(X, np.diag(Sigma) + lack)
     c = A @ z
     cov = A @ (Sigma + lack * np.eye(z.size)) @ A.T
-    back = _to_raw(*_scale(grid.u_delta), *_scale(grid.n_e))
+    back = _to_raw(*_scale(grid.fuel), *_scale(grid.speed))
     filled = (X_all @ c).reshape(grid.shape)
     spread = np.sqrt(np.einsum("ij,jk,ik->i", X_all, cov, X_all) + lack).reshape(grid.shape)
     own = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(grid.shape)
@@ -153,7 +153,7 @@ def outer_coverage(
         As for `fit`.
     level : float
     """
-    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     inside: list[NDArray[np.bool_]] = []
     for axis in (u, -u, n, -n):
         outer = supported & (axis > np.quantile(axis[supported], 1.0 - OUTER_SHARE))

@@ -43,7 +43,7 @@ class Mixture:
 
 def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the number of the cell, row by row, from the first of its four nodes, shape (N,)."""
-    p_1 = grid.u_delta.size
+    p_1 = grid.fuel.size
     return np.asarray(nodes[:, 0] // p_1 * (p_1 - 1) + nodes[:, 0] % p_1, dtype=np.int64)
 
 

@@ -79,7 +79,7 @@ class Visit(NamedTuple):
 
 def no_sums(grid: Grid, balances: int, constants: int) -> CellSums:
     """Return the sums of no samples at all."""
-    cells = (grid.n_e.size - 1) * (grid.u_delta.size - 1)
+    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
     shapes = (
         (4, 4), (balances, 4), (balances, constants, 4), (len(COEFFICIENTS), 4), (balances, balances), (balances, 4), (4, 4), (),
     )  # fmt: skip
@@ -120,7 +120,7 @@ def add(
     terms : ndarray, shape (N, 6)
         Terms of Eq. (37).
     """
-    _add(sums, visit, grid.u_delta, grid.n_e, *operating_point, steps, z, slope, terms, LONGEST_VISIT)
+    _add(sums, visit, grid.fuel, grid.speed, *operating_point, steps, z, slope, terms, LONGEST_VISIT)
 
 
 @njit(cache=True)
@@ -146,15 +146,15 @@ def end_visit(sums: CellSums, visit: Visit) -> None:
 
 @njit(cache=True)
 def _add(  # type: ignore[no-untyped-def] # noqa: PLR0912 rows of views would cost more than the sums
-    sums, visit, u_nodes, n_nodes, u_delta, n_e, steps, z, slope, terms, longest
+    sums, visit, u_nodes, n_nodes, fuel, speed, steps, z, slope, terms, longest
 ):
     B, q, N = slope.shape
     psi, part = np.empty(4), np.empty(4)
     i, j = 0, 0
     for k in range(N):
         h = steps[k]
-        i, j = seek(u_nodes, u_delta[k], i), seek(n_nodes, n_e[k], j)
-        eta_1, eta_2 = share(u_nodes, u_delta[k], i), share(n_nodes, n_e[k], j)
+        i, j = seek(u_nodes, fuel[k], i), seek(n_nodes, speed[k], j)
+        eta_1, eta_2 = share(u_nodes, fuel[k], i), share(n_nodes, speed[k], j)
         psi[0], psi[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
         psi[2], psi[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2
         c = j * (u_nodes.size - 1) + i

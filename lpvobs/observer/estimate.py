@@ -177,7 +177,7 @@ def finished(
     settings: EstimateSettings,
 ) -> MapEstimate:
     """Return the estimate with the nodes marked that the drives inform."""
-    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     supported = (excited.nodes() >= settings.least_information).reshape(grid.shape)
     return MapEstimate(
         method=method,

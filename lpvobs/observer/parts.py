@@ -228,7 +228,7 @@ def _part(grid: Grid, sums: CellSums | None, constants_variance: Array, run: Log
     """Return what the sums of a log say of the map."""
     if sums is None:
         raise nothing_between(run.name, float("nan"))
-    rows, columns = grid.n_e.size - 1, grid.u_delta.size - 1
+    rows, columns = grid.speed.size - 1, grid.fuel.size - 1
     excited = Excitation(over_nodes(grid, sums.gram), sums.gram.reshape(rows, columns, 4, 4))
     evidence = Evidence(
         power=_about_own_map(grid, excited, sums),
@@ -271,7 +271,7 @@ def _about_own_map(grid: Grid, excited: Excitation, sums: CellSums) -> Array:
 
 def added_up(grid: Grid, constants: int, parts: Iterable[LogPart]) -> tuple[Information, Excitation]:
     """Return the information and the excitation of logs together, added in the order given."""
-    rows, columns = grid.n_e.size - 1, grid.u_delta.size - 1
+    rows, columns = grid.speed.size - 1, grid.fuel.size - 1
     count = rows * columns
     gram, H, h = np.zeros((count, 4, 4)), np.zeros((count, 4, 4)), np.zeros((count, 4))
     coupling = np.zeros((count, constants + len(COEFFICIENTS), 4))

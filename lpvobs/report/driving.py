@@ -32,8 +32,8 @@ def drive_rows(view: ResultView, found: Plan) -> Table:
     rows = [
         [
             str(number),
-            f"{grid.u_delta[column]:g} to {grid.u_delta[column + 1]:g}",
-            f"{grid.n_e[row]:g} to {grid.n_e[row + 1]:g}",
+            f"{grid.fuel[column]:g} to {grid.fuel[column + 1]:g}",
+            f"{grid.speed[row]:g} to {grid.speed[row + 1]:g}",
             grams(float(found.deviation[row, column])),
             f"{view.stored.excitation[row, column]:.2f}",
             f"{max(found.time[row, column], 1.0):.0f}",

@@ -55,7 +55,7 @@ def excitation_map(name: str, alt: str, surface: Surface, excitation: Array) -> 
         excited = np.where(excitation > 0, excitation, np.nan)
         grid = surface.grid
         image = axes.pcolormesh(
-            grid.u_delta, grid.n_e, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
+            grid.fuel, grid.speed, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
         )
         figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
         label_axes(axes, surface.axes)
@@ -89,8 +89,8 @@ def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: Sur
             (line,) = axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, rasterized=True)
             line.set_antialiased(False)  # an image of two colours is small
         grid = surface.grid
-        axes.set_xticks(grid.u_delta, minor=True)
-        axes.set_yticks(grid.n_e, minor=True)
+        axes.set_xticks(grid.fuel, minor=True)
+        axes.set_yticks(grid.speed, minor=True)
         axes.grid(visible=True, which="minor")
         label_axes(axes, cycle.axes)
 
@@ -146,7 +146,7 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
     """Draw a rectangle per node with its value."""
     axes = figure.add_subplot()
     grid, values = surface.grid, GRAMS * surface.values
-    u_edges, n_edges = _edges(grid.u_delta), _edges(grid.n_e)
+    u_edges, n_edges = _edges(grid.fuel), _edges(grid.speed)
     colours = DIVERGING if scale.vmin is not None and scale.vmin < 0 else SEQUENTIAL
     image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
     if surface.filled.any():
@@ -157,8 +157,8 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
             red, green, blue, _ = image.cmap(scale(value))
             dark = 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 < 0.179  # where white contrasts more
             axes.text(
-                float(grid.u_delta[i]),
-                float(grid.n_e[j]),
+                float(grid.fuel[i]),
+                float(grid.speed[j]),
                 _value(value, digits),
                 gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{', extrapolated' if surface.filled[j, i] else ''}",
                 ha="center",
@@ -168,8 +168,8 @@ def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) ->
             )
     figure.colorbar(image, ax=axes, label=label, pad=0.015, extend="both" if surface.filled.any() else "neither")
     label_axes(axes, surface.axes)
-    axes.set_xticks(grid.u_delta[::2])
-    axes.set_yticks(grid.n_e[::2])
+    axes.set_xticks(grid.fuel[::2])
+    axes.set_yticks(grid.speed[::2])
 
 
 def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
@@ -218,7 +218,7 @@ def _digits(largest: float) -> int:
 
 def _where(surface: Surface, i: int, j: int) -> str:
     fuel, speed = surface.axes
-    return f"{surface.grid.u_delta[i]:g} {fuel.unit}, {surface.grid.n_e[j]:g} {speed.unit}"
+    return f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}"
 
 
 def _value(value: float, digits: int) -> str:

@@ -38,7 +38,7 @@ def surface_view(name: str, alt: str, surface: Surface, limit: float) -> str:
         colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
         colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
         axes.plot_surface(
-            *np.meshgrid(grid.u_delta, grid.n_e),
+            *np.meshgrid(grid.fuel, grid.speed),
             values,
             facecolors=colours,
             rcount=values.shape[0],
@@ -66,11 +66,11 @@ def cuts(name: str, alt: str, surface: Surface, deviation: Array) -> str:
         left, right = figure.subplots(1, 2, sharey=True)
         fuel, speed = surface.axes
         for j, look in zip(_spread(known.sum(1)), LOOKS, strict=False):
-            text = f"{grid.n_e[j]:g} {speed.unit}"
-            _line(left, grid.u_delta, surface.values[j], deviation[j], surface.filled[j], text, look)
+            text = f"{grid.speed[j]:g} {speed.unit}"
+            _line(left, grid.fuel, surface.values[j], deviation[j], surface.filled[j], text, look)
         for i, look in zip(_spread(known.sum(0)), LOOKS, strict=False):
-            text = f"{grid.u_delta[i]:g} {fuel.unit}"
-            _line(right, grid.n_e, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
+            text = f"{grid.fuel[i]:g} {fuel.unit}"
+            _line(right, grid.speed, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
         for axes, axis in ((left, fuel), (right, speed)):
             axes.set_xlabel(f"{axis.meaning} [{axis.unit}]")
             axes.grid(visible=True)
@@ -107,7 +107,7 @@ def plan_map(name: str, alt: str, surface: Surface, plan: Plan) -> str:
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
-        u, n = surface.grid.u_delta, surface.grid.n_e
+        u, n = surface.grid.fuel, surface.grid.speed
         left = np.where(plan.time > 0.0, plan.time, np.nan)
         top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
         image = axes.pcolormesh(u, n, left, cmap=SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))

@@ -74,7 +74,7 @@ def interpolation() -> Iterator[Row]:
 def quadratic() -> Iterator[Row]:
     """Yield Eq. (39) and (40): found again from the nodes that a drive informs, and their contradiction outside."""
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
-    u, n = np.meshgrid(grid.u_delta, grid.n_e)
+    u, n = np.meshgrid(grid.fuel, grid.speed)
     supported = (u <= 32.0) & (n >= 750.0) & (n <= 2500.0)
     places = {"ETC part 1, Eq. (39)": -0.007, "FTP75 cold transient, Eq. (40)": 0.0118}
     for name, coefficients in PAPER.items():
@@ -82,7 +82,7 @@ def quadratic() -> Iterator[Row]:
         fitted = fit(grid, np.where(supported, known, np.nan), 1e-10 * np.eye(grid.size), supported)
         worst = float(np.max(np.abs(fitted.coefficients / np.array(coefficients) - 1.0)))
         yield Row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
-        at = int(np.searchsorted(grid.n_e, 2000.0)), int(np.searchsorted(grid.u_delta, 56.0))
+        at = int(np.searchsorted(grid.speed, 2000.0)), int(np.searchsorted(grid.fuel, 56.0))
         yield Row(
             f"56 mg/cycle, 2000 rpm, {name}",
             "the paper, by hand",

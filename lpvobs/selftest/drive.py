@@ -20,7 +20,7 @@ SLOWEST, FASTEST = 500.0, 30_000.0
 
 def known_map(grid: Grid) -> Array:
     """Return the error of the sensor at the nodes, shape (p_2, p_1) [kg/s]: a saddle of a few grams per second."""
-    u, n = np.meshgrid(grid.u_delta / 56.0, grid.n_e / 4000.0)
+    u, n = np.meshgrid(grid.fuel / 56.0, grid.speed / 4000.0)
     return np.asarray(1e-3 * (1.0 - 4.0 * u + 3.0 * n * n - 2.0 * u * n))
 
 
@@ -86,10 +86,10 @@ def _turbine_speed(engine: DieselEngine, c: Mapping[str, Array], flow: Array) ->
 
 def _bilinear(grid: Grid, theta: Array, u: Array, n: Array) -> Array:
     """Return a map between its nodes, from the definition: along one axis, then along the other."""
-    i = np.clip(np.searchsorted(grid.u_delta, u, side="right") - 1, 0, grid.u_delta.size - 2)
-    j = np.clip(np.searchsorted(grid.n_e, n, side="right") - 1, 0, grid.n_e.size - 2)
-    a = (u - grid.u_delta[i]) / (grid.u_delta[i + 1] - grid.u_delta[i])
-    b = (n - grid.n_e[j]) / (grid.n_e[j + 1] - grid.n_e[j])
+    i = np.clip(np.searchsorted(grid.fuel, u, side="right") - 1, 0, grid.fuel.size - 2)
+    j = np.clip(np.searchsorted(grid.speed, n, side="right") - 1, 0, grid.speed.size - 2)
+    a = (u - grid.fuel[i]) / (grid.fuel[i + 1] - grid.fuel[i])
+    b = (n - grid.speed[j]) / (grid.speed[j + 1] - grid.speed[j])
     below = (1.0 - a) * theta[j, i] + a * theta[j, i + 1]
     above = (1.0 - a) * theta[j + 1, i] + a * theta[j + 1, i + 1]
     return np.asarray((1.0 - b) * below + b * above)

@@ -44,8 +44,8 @@ def test_the_shipped_configuration_is_complete():
     assert text == TEXT
     assert config.air_path == "diesel"
     grid = config.grid()
-    np.testing.assert_array_equal(grid.u_delta, np.arange(0.0, 57.0, 4.0))
-    np.testing.assert_array_equal(grid.n_e, np.arange(0.0, 4001.0, 250.0))
+    np.testing.assert_array_equal(grid.fuel, np.arange(0.0, 57.0, 4.0))
+    np.testing.assert_array_equal(grid.speed, np.arange(0.0, 4001.0, 250.0))
     assert config.published.gamma == 200.0
     assert (config.policies.gap_limit, config.policies.backward_time) == (1.0, "refuse")
 

@@ -25,7 +25,7 @@ def of(grid, u, n, time, segments=None):
 
 def test_gram_is_the_plain_double_loop():
     u, n, time = wander(1)
-    slow = membership.gram(SMALL.u_delta, SMALL.n_e, u, n, time)
+    slow = membership.gram(SMALL.fuel, SMALL.speed, u, n, time)
     # Sums of 400 products, each rounded a few times.
     np.testing.assert_allclose(of(SMALL, u, n, time).gram, slow, rtol=0, atol=1e-14 * slow.max() * 400)
 
@@ -38,10 +38,10 @@ def test_cells_are_the_smallest_eigenvalues_of_the_time_spent_there():
             total = np.zeros((4, 4))
             nodes = [j * 3 + i, j * 3 + i + 1, j * 3 + i + 3, j * 3 + i + 4]
             for k in range(1, time.size):
-                at_u = np.clip(np.searchsorted(SMALL.u_delta, u[k]) - 1, 0, 1)
-                at_n = np.clip(np.searchsorted(SMALL.n_e, n[k]) - 1, 0, 2)
+                at_u = np.clip(np.searchsorted(SMALL.fuel, u[k]) - 1, 0, 1)
+                at_n = np.clip(np.searchsorted(SMALL.speed, n[k]) - 1, 0, 2)
                 if (at_u, at_n) == (i, j):
-                    row = membership.psi(SMALL.u_delta, SMALL.n_e, u[k], n[k])[nodes]
+                    row = membership.psi(SMALL.fuel, SMALL.speed, u[k], n[k])[nodes]
                     total += (time[k] - time[k - 1]) * np.outer(row, row)
             # Eigenvalues are good to eps times the largest entry, of the order of a second.
             assert found[j, i] == pytest.approx(max(np.linalg.eigvalsh(total)[0], 0.0), abs=1e-13)

@@ -55,14 +55,14 @@ def test_local_form_is_the_dense_one(data, u_nodes, n_nodes):
 def test_the_four_cases_of_remark_2(u, n, count):
     row = dense(UNEVEN, u, n)
     assert np.count_nonzero(row) == count
-    np.testing.assert_allclose(row, psi(UNEVEN.u_delta, UNEVEN.n_e, u, n), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(row, psi(UNEVEN.fuel, UNEVEN.speed, u, n), rtol=0, atol=ROUNDING)
 
 
 def test_a_node_takes_part_alone_where_the_drive_stands_on_it():
-    for j, n in enumerate(UNEVEN.n_e):
-        for i, u in enumerate(UNEVEN.u_delta):
+    for j, n in enumerate(UNEVEN.speed):
+        for i, u in enumerate(UNEVEN.fuel):
             row = dense(UNEVEN, u, n)
-            assert row[j * UNEVEN.u_delta.size + i] == 1.0  # exact: eta is 0 / width or width / width
+            assert row[j * UNEVEN.fuel.size + i] == 1.0  # exact: eta is 0 / width or width / width
             assert np.count_nonzero(row) == 1
 
 
@@ -74,7 +74,7 @@ def test_a_point_on_a_grid_line_belongs_to_the_interval_below():
 
 def test_an_interval_is_found_from_any_other():
     """Along a drive the search starts where the last sample was; it must end where a search from nowhere does."""
-    nodes = UNEVEN.u_delta
+    nodes = UNEVEN.fuel
     for value in (*nodes, -7.0, 0.2, 4.2, 29.0, 31.0):
         i, eta = locate(nodes, value)
         assert all(seek(nodes, value, start) == i for start in range(nodes.size - 1))
@@ -85,7 +85,7 @@ def test_an_interval_is_found_from_any_other():
 
 def test_theta_stacks_the_speed_blocks():
     theta = np.arange(UNEVEN.size, dtype=float).reshape(UNEVEN.shape)  # rows are speeds, Eq. (23)
-    u, n = np.meshgrid(UNEVEN.u_delta, UNEVEN.n_e)
+    u, n = np.meshgrid(UNEVEN.fuel, UNEVEN.speed)
     np.testing.assert_array_equal(UNEVEN.interpolate(theta, u.ravel(), n.ravel()), theta.ravel())
 
 
@@ -93,7 +93,7 @@ def test_interpolation_is_psi_times_theta_and_is_held_outside():
     rng = np.random.default_rng(3)
     theta = rng.standard_normal(UNEVEN.size)
     u, n = rng.uniform(-20, 60, 300), rng.uniform(-500, 6000, 300)
-    slow = [psi(UNEVEN.u_delta, UNEVEN.n_e, *v) @ theta for v in zip(u, n, strict=True)]
+    slow = [psi(UNEVEN.fuel, UNEVEN.speed, *v) @ theta for v in zip(u, n, strict=True)]
     np.testing.assert_allclose(UNEVEN.interpolate(theta, u, n), slow, rtol=0, atol=10 * ROUNDING)
     held = UNEVEN.interpolate(theta, np.clip(u, -1.0, 30.0), np.clip(n, 600.0, 4100.0))
     np.testing.assert_array_equal(UNEVEN.interpolate(theta, u, n), held)
@@ -103,7 +103,7 @@ def test_a_bilinear_surface_is_reproduced_inside():
     rng = np.random.default_rng(4)
     u, n = rng.uniform(-1, 30, 200), rng.uniform(600, 4100, 200)
     surface = lambda u, n: 3.0 - 0.2 * u + 1e-3 * n + 4e-5 * u * n  # noqa: E731 the formula is the test
-    nodes = surface(UNEVEN.u_delta[None, :], UNEVEN.n_e[:, None])
+    nodes = surface(UNEVEN.fuel[None, :], UNEVEN.speed[:, None])
     np.testing.assert_allclose(UNEVEN.interpolate(nodes, u, n), surface(u, n), rtol=1e-13)  # rounding
 
 
@@ -116,7 +116,7 @@ def test_an_unknown_node_spoils_only_what_it_takes_part_in():
 
 def test_exactly_one_interval_holds_a_value():
     for value in (-2.0, -1.0, 0.0, 0.5, 4.4999, 30.0, 31.0):
-        assert sum(membership(UNEVEN.u_delta, value)) == 1.0
+        assert sum(membership(UNEVEN.fuel, value)) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_exactly_one_interval_holds_a_value():
 )
 def test_an_axis_that_is_none_is_refused(nodes):
     good = np.array([0.0, 1.0])
-    with pytest.raises(ValueError, match="axis n_e"):
+    with pytest.raises(ValueError, match="axis speed"):
         Grid(good, np.array(nodes))
-    with pytest.raises(ValueError, match="axis u_delta"):
+    with pytest.raises(ValueError, match="axis fuel"):
         Grid(np.array(nodes), good)

@@ -7,7 +7,7 @@ from lpvobs.maps.excitation import corners, excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.planning import plan
 
-GRID = Grid(u_delta=np.arange(0.0, 21.0, 4.0), n_e=np.arange(0.0, 1251.0, 250.0))
+GRID = Grid(fuel=np.arange(0.0, 21.0, 4.0), speed=np.arange(0.0, 1251.0, 250.0))
 RATE, SIGMA = 100.0, 1e-3
 """[Hz] of white noise of so many [kg/s]."""
 
@@ -16,11 +16,11 @@ def driven(seconds):
     """Return operating points spread evenly over each cell for so long, shape (cells,) [s], and their time."""
     rng = np.random.default_rng(3)
     u, n = [], []
-    columns = GRID.u_delta.size - 1
+    columns = GRID.fuel.size - 1
     for cell, length in enumerate(seconds):
         count = round(length * RATE)
-        u.append(GRID.u_delta[cell % columns] + 4.0 * rng.random(count))
-        n.append(GRID.n_e[cell // columns] + 250.0 * rng.random(count))
+        u.append(GRID.fuel[cell % columns] + 4.0 * rng.random(count))
+        n.append(GRID.speed[cell // columns] + 250.0 * rng.random(count))
     u, n = np.concatenate(u), np.concatenate(n)
     return u, n, np.arange(u.size) / RATE
 

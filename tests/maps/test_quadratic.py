@@ -25,18 +25,18 @@ NODE_ERROR = 2e-4  # kg/s, a fifth of a gram per second: what a good estimate le
 @pytest.fixture(scope="module")
 def visited(grid):
     """Return the nodes outside the area that the paper's ETC part 1 leaves out."""
-    u, n = grid.u_delta[None, :], grid.n_e[:, None]
+    u, n = grid.fuel[None, :], grid.speed[:, None]
     return (n > 800) & (n < 3200) & ~((u > 40) & (n < 2000))
 
 
 def on_nodes(grid, coefficients):
-    return evaluate(np.array(coefficients), *np.meshgrid(grid.u_delta, grid.n_e))
+    return evaluate(np.array(coefficients), *np.meshgrid(grid.fuel, grid.speed))
 
 
 def noise_of(grid, seed, correlation=0.4):
     """Return a covariance that couples neighbours, and a function that draws from it."""
     rng = np.random.default_rng(seed)
-    n, u = np.divmod(np.arange(grid.size), grid.u_delta.size)
+    n, u = np.divmod(np.arange(grid.size), grid.fuel.size)
     near = np.abs(u[:, None] - u) + np.abs(n[:, None] - n)
     covariance = NODE_ERROR**2 * correlation**near
     root = np.linalg.cholesky(covariance)
@@ -107,7 +107,7 @@ def test_intervals_cover_errors_that_all_nodes_share(grid, visited):
     """A wrong engine constant moves all nodes together, in a shape that is no quadratic; it must not pass for lack of fit."""
     noise, draw = noise_of(grid, 8)
     rng = np.random.default_rng(9)
-    u, n = np.meshgrid(grid.u_delta / 56.0, grid.n_e / 4000.0)
+    u, n = np.meshgrid(grid.fuel / 56.0, grid.speed / 4000.0)
     shapes = 1e-3 * np.stack([n, n * np.sqrt(u + 0.1), np.sqrt(n + 0.1)]).reshape(3, -1)
     covariance = noise + shapes.T @ shapes
     hits, count = 0, 0
@@ -127,7 +127,7 @@ def test_errors_that_nodes_may_share_do_not_excuse_scatter(grid, visited):
     """The constants could be wrong by more than what is seen; the scatter between nodes is a lack of fit all the same."""
     noise, draw = noise_of(grid, 11)
     rng = np.random.default_rng(12)
-    shape = 5e-3 * np.sin(np.repeat(grid.n_e / 150.0, grid.u_delta.size))  # far from any quadratic
+    shape = 5e-3 * np.sin(np.repeat(grid.speed / 150.0, grid.fuel.size))  # far from any quadratic
     found = [
         fit(grid, theta, noise + np.outer(shape, shape), visited, noise).lack_of_fit
         for theta in (on_nodes(grid, EQ_40) + draw() + 1e-3 * rng.standard_normal(grid.shape) for _ in range(20))
@@ -183,7 +183,7 @@ def test_lack_of_fit_with_nodes_of_very_different_quality():
     variances = 10.0 ** rng.uniform(-9.0, -5.0, small.size)
     theta = on_nodes(small, EQ_40) + 1e-3 * rng.standard_normal(small.shape)
     found = fit(small, theta, np.diag(variances), np.ones(small.shape, dtype=bool)).lack_of_fit
-    n, u = np.meshgrid(small.n_e, small.u_delta, indexing="ij")
+    n, u = np.meshgrid(small.speed, small.fuel, indexing="ij")
     X = scaled_terms(small, u, n).reshape(-1, 6)
     expected = plain_lack(X, theta.ravel(), np.diag(variances), variances)
     assert expected > 5e-4  # otherwise both may be zero for another reason
@@ -192,7 +192,7 @@ def test_lack_of_fit_with_nodes_of_very_different_quality():
 
 def test_each_side_is_taken_away_in_turn(monkeypatch):
     small = Grid(np.linspace(0.0, 8.0, 9), np.linspace(0.0, 9.0, 10))
-    n, u = np.meshgrid(small.n_e, small.u_delta, indexing="ij")
+    n, u = np.meshgrid(small.speed, small.fuel, indexing="ij")
     left = []
 
     def watched(grid, theta, covariance, supported, *more):
@@ -283,7 +283,7 @@ def test_better_known_nodes_count_for_more():
 
 def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
-    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     visited = (n >= 750) & (n <= 3000) & (u <= 40)
     noise = (5e-5) ** 2 * np.eye(grid.size)
     design = scaled_terms(grid, u, n).reshape(-1, 6)
@@ -300,7 +300,7 @@ def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
 
 def test_too_few_nodes_to_take_any_away_tell_nothing():
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
-    n, u = np.meshgrid(grid.n_e, grid.u_delta, indexing="ij")
+    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     few = np.zeros(grid.shape, dtype=bool)
     few[3:6, 2:5] = True
     design = scaled_terms(grid, u, n).reshape(-1, 6)

@@ -36,8 +36,8 @@ def filled(u, n, steps, z, slope, terms, cuts=()):
 
 def cell_of(u, n):
     """Return the number of a cell, row by row, and its four nodes."""
-    i = int(np.clip(np.searchsorted(GRID.u_delta, u) - 1, 0, 1))
-    j = int(np.clip(np.searchsorted(GRID.n_e, n) - 1, 0, 2))
+    i = int(np.clip(np.searchsorted(GRID.fuel, u) - 1, 0, 1))
+    j = int(np.clip(np.searchsorted(GRID.speed, n) - 1, 0, 2))
     return 2 * j + i, [3 * j + i, 3 * j + i + 1, 3 * j + i + 3, 3 * j + i + 4]
 
 
@@ -59,7 +59,7 @@ def plain(u, n, steps, z, slope, terms):
     sums, rows = no_sums(GRID, B, Q), np.empty((N, 4))
     for k in range(N):
         c, nodes = cell_of(u[k], n[k])
-        row = psi(GRID.u_delta, GRID.n_e, u[k], n[k])[nodes] * steps[k]
+        row = psi(GRID.fuel, GRID.speed, u[k], n[k])[nodes] * steps[k]
         sums.gram[c] += np.outer(row, row) / steps[k]
         sums.right[c] += np.outer(z[:, k], row)
         sums.slope[c] += slope[:, :, k, None] * row
@@ -106,7 +106,7 @@ def test_the_power_of_visits_is_that_of_their_residuals_about_the_map_that_fits_
     sums = filled(u, n, steps, z, slope, terms)
     excited = Excitation(over_nodes(GRID, sums.gram), sums.gram.reshape(3, 2, 4, 4))
     found = parts._about_own_map(GRID, excited, sums)
-    rows = np.array([psi(GRID.u_delta, GRID.n_e, *v) for v in zip(u, n, strict=True)])
+    rows = np.array([psi(GRID.fuel, GRID.speed, *v) for v in zip(u, n, strict=True)])
     root = np.sqrt(steps)[:, None]
     own = np.linalg.lstsq(rows * root, z.T * root, rcond=None)[0]
     residual = (z - (rows @ own).T) * steps

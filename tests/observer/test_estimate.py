@@ -59,7 +59,7 @@ def test_its_quadratic_is_eq_40(exact, grid):
     """Without noise and with the design of the estimate, Remark 3 gives back the coefficients that made the drive."""
     found = fit(grid, exact.theta, exact.covariance, exact.supported, exact.noise, exact.design)
     # Smoothing and step leave a hundredth of a gram per second in a map of tens.
-    u, n = np.meshgrid(grid.u_delta, grid.n_e)
+    u, n = np.meshgrid(grid.fuel, grid.speed)
     assert np.abs(evaluate(found.coefficients, u, n) - surface(u, n)).max() < 0.05 * GRAM
 
 
@@ -110,7 +110,7 @@ def test_what_nobody_visited_is_unknown_and_unmoved(air_path, grid, gain, drive,
     segments = tuple(zip([0, *cuts.tolist()], [*cuts.tolist(), kept.size], strict=True))
     part = log_of(log.time[kept], {name: column[kept] for name, column in log.channels.items()}, segments)
     found = estimate_default(air_path, grid, gain, [part], settings)
-    beyond = grid.n_e > 2000.0
+    beyond = grid.speed > 2000.0
     assert found.supported[~beyond].any()
     assert not found.supported[beyond].any()
     assert np.isnan(found.theta[~found.supported]).all()

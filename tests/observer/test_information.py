@@ -24,7 +24,7 @@ def informed(u, n, weight, z, g):
 
 
 def rows(u, n):
-    return np.array([psi(GRID.u_delta, GRID.n_e, *v) for v in zip(u, n, strict=True)])
+    return np.array([psi(GRID.fuel, GRID.speed, *v) for v in zip(u, n, strict=True)])
 
 
 def test_map_and_covariance_are_those_of_dense_weighted_least_squares():

@@ -27,7 +27,7 @@ STEADY = np.array([1.5e5, 1.8e5, 9000.0])
 
 
 def rows_of(log):
-    return [psi(GRID.u_delta, GRID.n_e, u, n) for u, n in zip(log["u_delta"], log["n_e"], strict=True)]
+    return [psi(GRID.fuel, GRID.speed, u, n) for u, n in zip(log["u_delta"], log["n_e"], strict=True)]
 
 
 def point_of(log):
@@ -268,7 +268,7 @@ def test_explicit_euler_would_rise(proven):
     """What the implicit step is for: the published gain at 10 ms, explicit, amplifies some error."""
     outputs, gain = proven["published"]
     A, C = (np.array(part, dtype=float) for part in Diesel.system(gain.region.lower, outputs))
-    row = psi(GRID.u_delta, GRID.n_e, 10.0, 900.0)
+    row = psi(GRID.fuel, GRID.speed, 10.0, 900.0)
     explicit = np.eye(3 + GRID.size) + 0.01 * dense.error_matrix(A, C, gain.L, 200.0, row)
     assert np.abs(np.linalg.eigvals(explicit)).max() > 10.0
 

@@ -84,7 +84,7 @@ def test_batch_is_dense_least_squares(air_path):
     found = estimate_batch(air_path, SMALL, outputs_of("p_im", "omega_t"), [log], settings)
     used = np.ones(len(log), dtype=bool)
     used[[start for start, _ in log.segments]] = False
-    X = np.array([psi(SMALL.u_delta, SMALL.n_e, *v) for v in zip(log["u_delta"], log["n_e"], strict=True)])[used]
+    X = np.array([psi(SMALL.fuel, SMALL.speed, *v) for v in zip(log["u_delta"], log["n_e"], strict=True)])[used]
     trajectory = air_path.trajectory(log, ("p_im", "omega_t"))
     z = (log["W_maf"] - trajectory.parameters[:, 0] * log["omega_t"])[used]
     theta, residual, *_ = np.linalg.lstsq(X, z, rcond=None)

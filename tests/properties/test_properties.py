@@ -49,8 +49,8 @@ def axis(rng):
 def test_weights_of_psi_are_four_shares_of_one_wherever_the_engine_is(seed):
     rng = np.random.default_rng(seed)
     grid = Grid(axis(rng), axis(rng))
-    u, n = (rng.uniform(nodes[0] - 200.0, nodes[-1] + 200.0, 50) for nodes in (grid.u_delta, grid.n_e))
-    u[:5], n[:5] = rng.choice(grid.u_delta, 5), rng.choice(grid.n_e, 5)  # on the nodes themselves
+    u, n = (rng.uniform(nodes[0] - 200.0, nodes[-1] + 200.0, 50) for nodes in (grid.fuel, grid.speed))
+    u[:5], n[:5] = rng.choice(grid.fuel, 5), rng.choice(grid.speed, 5)  # on the nodes themselves
     nodes, weights = grid.regressors(u, n)
     assert weights.shape == (50, 4)
     assert (weights >= 0.0).all()

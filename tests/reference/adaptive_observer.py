@@ -28,7 +28,7 @@ def observe(trajectory, time, point, grid, L, gamma, x_0, theta_0):
     for k in range(len(time)):
         h = time[k] - time[k - 1] if k else 0.0
         A, E, C, y = (part[k] for part in (trajectory.A, trajectory.E, trajectory.C, trajectory.y))
-        row = psi(grid.u_delta, grid.n_e, point[0][k], point[1][k])
+        row = psi(grid.fuel, grid.speed, point[0][k], point[1][k])
         x, theta = step(x, theta, h, A, E, C, y, L, gamma, row)
         states.append(x)
         innovations.append(y[-1] - C[-1] @ x - row @ theta)

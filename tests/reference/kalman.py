@@ -12,7 +12,7 @@ def run(trajectory, time, point, grid, R, Q, map_drift, prior_map, x_0):
     P[:3, :3], P[3:, 3:] = np.diag(Q), prior_map**2 * np.eye(p)
     for k in range(len(time)):
         h = time[k] - time[k - 1] if k else 0.0
-        row = psi(grid.u_delta, grid.n_e, point[0][k], point[1][k])
+        row = psi(grid.fuel, grid.speed, point[0][k], point[1][k])
         F = np.eye(3 + p)
         F[:3, :3] = np.linalg.inv(np.eye(3) - h * trajectory.A[k])  # backward Euler of Eq. (4)
         drive = np.zeros(3 + p)

@@ -172,8 +172,8 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) ->
     units = {"u_delta": "mg/cycle", "m_f": "1"}
     both = (speed, fuel)
     nodes = {
-        speed: Field(grid.n_e, "rpm", "engine speed"),
-        fuel: Field(grid.u_delta, units[fuel], "injected fuel"),
+        speed: Field(grid.speed, "rpm", "engine speed"),
+        fuel: Field(grid.fuel, units[fuel], "injected fuel"),
     }
     support = np.where(estimate.supported, 1, 0).astype(np.int8)
     group = write_group(
