@@ -3,7 +3,8 @@
 import os
 import tomllib
 from dataclasses import fields
-from pathlib import Path
+
+from repository import CONFIGS
 
 # Before NumPy is loaded: for a few hundred rows threads of the linear algebra cost more than they give, above all on a machine
 # that has something else to do.
@@ -16,8 +17,6 @@ from hypothesis import settings
 from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.grid import Grid
-
-CONFIGURATIONS = Path(__file__).parents[1] / "configs"
 
 # The same examples on every run, and no example fails for being the first to compile a kernel.
 EXAMPLES = 8 if os.environ.get("NUMBA_DISABLE_JIT") == "1" else 40  # a hundred times slower without the compiler
@@ -33,7 +32,7 @@ def _record(kind, table):
 @pytest.fixture(scope="session")
 def engine() -> DieselEngine:
     """Return the engine of configs/diesel.toml, read without the reader that has tests of its own."""
-    tables = tomllib.loads((CONFIGURATIONS / "diesel.toml").read_text(encoding="utf-8"))["engine"]
+    tables = tomllib.loads((CONFIGS / "diesel.toml").read_text(encoding="utf-8"))["engine"]
     kinds = {
         "gas": Gas,
         "geometry": Geometry,

@@ -6,11 +6,11 @@ as well: a layer that is broken late is broken.
 
 import ast
 from graphlib import CycleError, TopologicalSorter
-from pathlib import Path
 
 import pytest
+from repository import ROOT
 
-ROOT = Path(__file__).parents[1] / "lpvobs"
+ROOT = ROOT / "lpvobs"
 ROOMS = (
     "errors", "records", "engines", "maps", "synthesis", "observer", "discovery", "simulation", "io", "ingest", "steps", "selftest",
     "report", "api", "cli",

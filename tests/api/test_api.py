@@ -4,17 +4,15 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from repository import DIESEL, ROOT
 
 import lpvobs
 from lpvobs.errors import DataError, NotProven, UsageError
 
-REPOSITORY = Path(__file__).parents[2]
-CONFIG = REPOSITORY / "configs" / "diesel.toml"
 RATE = "10"
 
 
@@ -48,7 +46,7 @@ def verbs(*calls):
 def example(tmp_path_factory):
     """Return the folder that the example has filled, and what it printed."""
     folder = tmp_path_factory.mktemp("example")
-    done = python(REPOSITORY / "examples" / "map_of_a_drive.py", "--out", folder, "--rate", RATE)
+    done = python(ROOT / "examples" / "map_of_a_drive.py", "--out", folder, "--rate", RATE)
     return folder, done.stdout
 
 
@@ -57,9 +55,9 @@ def by_verbs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("verbs")
     log, gain, result = folder / "drive.parquet", folder / "gain.h5", folder / "map.h5"
     verbs(
-        ("simulate", "--config", CONFIG, "--cycle", "ftp75_cold", "--rate", RATE, "--seed", 3, "--out", log),
-        ("synth-gain", "--config", CONFIG, log, "--out", gain),
-        ("estimate", "--config", CONFIG, "--gain", gain, log, "--out", result),
+        ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", RATE, "--seed", 3, "--out", log),
+        ("synth-gain", "--config", DIESEL, log, "--out", gain),
+        ("estimate", "--config", DIESEL, "--gain", gain, log, "--out", result),
         ("extrapolate", result),
         ("export", result, "--format", "dcm", "--name", "MAF_dW", "--out", folder / "maf.dcm"),
     )
@@ -112,7 +110,7 @@ def test_a_gain_is_proven_again(example):
 
 
 def test_what_is_in_a_log(example):
-    content = lpvobs.inspect(example[0] / "drive.parquet", CONFIG).as_content()
+    content = lpvobs.inspect(example[0] / "drive.parquet", DIESEL).as_content()
     assert content["rate"] == pytest.approx(float(RATE))
     assert lpvobs.inspect(example[0] / "drive.parquet").as_content()["channels"].keys() == content["channels"].keys()
 
@@ -120,7 +118,7 @@ def test_what_is_in_a_log(example):
 def test_an_output_that_is_an_input_is_refused(example):
     log = example[0] / "drive.parquet"
     with pytest.raises(UsageError, match="also an input"):
-        lpvobs.estimate(CONFIG, log, log)
+        lpvobs.estimate(DIESEL, log, log)
     with pytest.raises(DataError, match="no such file"):
         lpvobs.extrapolate(example[0] / "absent.h5")
 

@@ -4,9 +4,9 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-REPOSITORY = Path(__file__).parent.parent
+from repository import ROOT
+
 NUMBERS = (
     "0",
     "10",
@@ -30,9 +30,7 @@ def test_one_log_of_every_kind_is_judged_rightly(tmp_path):
         "1",
     ]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(
-        call, cwd=REPOSITORY, env=environment, capture_output=True, text=True, timeout=900, check=False
-    )
+    done = subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     rates = {rate["what"]: rate for rate in json.loads((tmp_path / "rates_1.json").read_text())}
     for what in ("single effect", "pair", "driven by a logged channel", "driven by nothing logged", "clean"):
@@ -47,7 +45,7 @@ def test_the_judged_side_cannot_import_what_knows_the_truth(tmp_path):
         "import judge; import draw"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
     )
     assert done.returncode != 0
     assert "tried to import draw" in done.stderr

@@ -8,9 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-
-REPOSITORY = Path(__file__).parents[2]
-CONFIG = REPOSITORY / "configs" / "diesel.toml"
+from repository import DIESEL
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ def lpvobs() -> Callable[..., Done]:
 
 @pytest.fixture(scope="session")
 def config() -> Path:
-    return CONFIG
+    return DIESEL
 
 
 @dataclass(frozen=True)
@@ -58,9 +56,9 @@ def chain(tmp_path_factory) -> Chain:
     folder = tmp_path_factory.mktemp("chain")
     log, gain, result = folder / "ftp75_cold.parquet", folder / "gain.h5", folder / "result.h5"
     steps = (
-        ("simulate", "--config", CONFIG, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--out", log),
-        ("synth-gain", "--config", CONFIG, log, "--out", gain),
-        ("estimate", "--config", CONFIG, "--gain", gain, log, "--out", result),
+        ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--out", log),
+        ("synth-gain", "--config", DIESEL, log, "--out", gain),
+        ("estimate", "--config", DIESEL, "--gain", gain, log, "--out", result),
         ("extrapolate", result),
     )
     for step in steps:

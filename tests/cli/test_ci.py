@@ -6,13 +6,13 @@ import shlex
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pyarrow.parquet as pq
 import pytest
+from repository import ROOT
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "ci"
+EXAMPLES = ROOT / "examples" / "ci"
 FRAGMENT, WORKFLOW = EXAMPLES / "lpvobs.mk", EXAMPLES / "github.yml"
 RUN = "from lpvobs.cli.main import run; run()"
 CALLED = re.compile(r"run: (make -f \S*lpvobs\.mk .*)")

@@ -1,10 +1,10 @@
 """One simulated drive for the whole room, a small problem made from it, and effects put into logs without the room's formulas."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import DIESEL
 
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.residual import free_map, lay_out
@@ -19,7 +19,7 @@ SECONDS = 300.0
 
 @pytest.fixture(scope="session")
 def config():
-    return load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0]
+    return load_config(DIESEL)[0]
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,11 @@
 """The closed loop on a throttled engine: a small simulator of its own is the truth, faults are put into sensors and plant."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from reference import throttled_drive as truth
+from repository import LIU_ICE
 
 from lpvobs.discovery.throttled_closing import Nominal, case_of, close
 from lpvobs.discovery.throttled_noise import healthy_errors
@@ -16,13 +16,12 @@ from lpvobs.engines.throttled.learning import learn
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 
-CONFIG = Path(__file__).parents[2] / "configs" / "liu-ice.toml"
 ONSET = 150.0
 
 
 @pytest.fixture(scope="module")
 def nominal():
-    config = load_config(CONFIG)[0]
+    config = load_config(LIU_ICE)[0]
     healthy = truth.log_of(truth.noisy(truth.drive(600.0, seed=1), 2), "healthy")
     errors = healthy_errors(config.engine, [healthy])
     return Nominal(config.engine, learn(config.engine, [healthy]), errors, config.trace, {healthy.sha256: healthy.name})

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-REPOSITORY = Path(__file__).parents[2]
+from repository import ROOT
+
 SKIPPED = ("make ", "python3 -m venv ", "pip install ", ".venv/bin/pip install ", ". .venv/bin/activate")
 """Commands that set up what the tests have already, an environment with the package in it; and `make`, which would run them all."""
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -63,7 +64,7 @@ def without_set_up(text: str) -> str:
 def prepare(folder: Path) -> dict[str, str]:
     """Make a folder look like the project's own to its reader, and return an environment in which its commands are found."""
     for name in ("configs", "examples"):
-        (folder / name).symlink_to(REPOSITORY / name)
+        (folder / name).symlink_to(ROOT / name)
     programs = folder / ".programs"
     programs.mkdir()
     verb = f'exec {sys.executable} -c "from lpvobs.cli.main import run; run()" "$@"'

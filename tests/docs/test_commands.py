@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from docs.documents import REPOSITORY, commands, missing, prepare, run, same_line, without_set_up
+from docs.documents import commands, missing, prepare, run, same_line, without_set_up
+from repository import ROOT
 
 
 def recording(folder: Path) -> None:
@@ -39,7 +40,7 @@ GIVEN = {"drive.mf4": recording, "logs/": fleet}
 def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
     environment = prepare(tmp_path)
     ready = set()
-    for block, shown in commands(REPOSITORY / page):
+    for block, shown in commands(ROOT / page):
         text = without_set_up(block.text)
         for name, put in GIVEN.items():
             if name in text and name not in ready:
@@ -53,23 +54,21 @@ def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
 
 def test_every_verb_is_shown_at_work():
     text = "\n".join(
-        without_set_up(block.text)
-        for page in ("README.md", "docs/tutorial.md")
-        for block, _ in commands(REPOSITORY / page)
+        without_set_up(block.text) for page in ("README.md", "docs/tutorial.md") for block, _ in commands(ROOT / page)
     )
     verbs = "simulate ingest profile inspect synth-gain verify estimate extrapolate trace refine export report selftest"
     assert [verb for verb in verbs.split() if f"lpvobs {verb}" not in text] == []
 
 
-@pytest.mark.parametrize("page", sorted(path.name for path in (REPOSITORY / "docs").glob("*.md")))
+@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs").glob("*.md")))
 def test_every_page_is_in_the_navigation(page):
-    assert f": {page}\n" in (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8")
+    assert f": {page}\n" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 
 
 def test_every_room_is_in_the_reference():
-    navigation = (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8")
-    rooms = {path.stem for path in (REPOSITORY / "lpvobs").iterdir() if not path.name.startswith("_")} - {"cli"}
-    assert {path.stem for path in (REPOSITORY / "docs" / "reference").glob("*.md")} == rooms | {"verbs"}
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    rooms = {path.stem for path in (ROOT / "lpvobs").iterdir() if not path.name.startswith("_")} - {"cli"}
+    assert {path.stem for path in (ROOT / "docs" / "reference").glob("*.md")} == rooms | {"verbs"}
     assert all(f": reference/{room}.md\n" in navigation for room in rooms)
 
 

@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from repository import ROOT
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.foreign import ingest
@@ -274,7 +274,7 @@ def test_shipped_profiles_load_and_others_are_named():
 
 
 def test_the_example_of_the_documentation_is_a_profile(tmp_path):
-    text = (Path(__file__).parents[2] / "docs" / "ingest.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "ingest.md").read_text(encoding="utf-8")
     example = text.split("```toml\n")[1].split("```")[0]
     assert set(profile(example, tmp_path).channels) == {"p_im", "W_maf"}
     for item in (SourceRules, TimeRules, Raster, ChannelRules):

@@ -1,10 +1,10 @@
 """The loop on a real engine: the model from the healthy log alone, faults that somebody built in found without being told."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import LIU_ICE
 
 from lpvobs.discovery.throttled_closing import Nominal, close
 from lpvobs.discovery.throttled_noise import healthy_errors
@@ -13,7 +13,6 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import read_log
 from lpvobs.steps.ingest import ingest_log
 
-CONFIG = Path(__file__).parents[2] / "configs" / "liu-ice.toml"
 FAULTS = {
     "wltp_f_waf_110": ("maf.gain", 1.10),
     "wltp_f_pim_080": ("p_im.gain", 0.80),
@@ -25,7 +24,7 @@ MORNING = 110.0  # s; the faults begin later
 
 @pytest.fixture(scope="session")
 def read(measured, tmp_path_factory):
-    folder, config = tmp_path_factory.mktemp("liu-ice"), load_config(CONFIG)[0]
+    folder, config = tmp_path_factory.mktemp("liu-ice"), load_config(LIU_ICE)[0]
     made = {}
 
     def log(name):
@@ -39,7 +38,7 @@ def read(measured, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def nominal(read):
-    config, healthy = load_config(CONFIG)[0], read("wltp_NF")
+    config, healthy = load_config(LIU_ICE)[0], read("wltp_NF")
     learned, errors = learn(config.engine, [healthy]), healthy_errors(config.engine, [healthy])
     return Nominal(config.engine, learned, errors, config.trace, {healthy.sha256: healthy.name})
 

@@ -3,7 +3,6 @@
 import re
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -12,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from repository import DIESEL
 from robust.defects import moving
 from robust.samples import make
 
@@ -29,7 +29,6 @@ from lpvobs.synthesis.problem import Problem
 from lpvobs.synthesis.published import TABLE_1
 from lpvobs.synthesis.region import Region
 
-CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
 SEEDS = st.integers(0, 2**32 - 1)
 GAIN = StateGain(
     ("p_im", "p_em", "omega_t"),
@@ -91,7 +90,7 @@ def _nothing(samples):
 
 @pytest.fixture(scope="module")
 def config():
-    return load_config(CONFIG)[0]
+    return load_config(DIESEL)[0]
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +180,7 @@ def test_a_configuration_is_what_it_was_after_a_round_trip(config, data):
 
 NUMBERS = [
     (place, found)
-    for place, line in enumerate(CONFIG.read_text().splitlines())
+    for place, line in enumerate(DIESEL.read_text().splitlines())
     if (found := re.match(r"(\w+ *= *)(-?[0-9][0-9.e+-]*)(.*)", line)) and not line.startswith("schema")
 ]
 """Lines of the shipped configuration that set a number, with the number."""
@@ -193,16 +192,16 @@ BOUND = ("step", "period", "vgt_max")
 def test_no_number_of_a_configuration_is_lost_between_its_text_and_what_is_computed_with(config, place, found):
     """Every number in the text has its place in the configuration, and the text that a result keeps gives the same one again."""
     start, number, rest = found.groups()
-    lines = CONFIG.read_text().splitlines()
+    lines = DIESEL.read_text().splitlines()
     changed = repr(float(number) * 1.001 or 0.001) if re.search(r"[.e]", number) else str(int(number) + 1)
     lines[place] = f"{start}{changed}{rest}"
     if start.split()[0] in BOUND:
         with pytest.raises(UsageError, match=start.split()[0]):
-            config_of("\n".join(lines), CONFIG)
+            config_of("\n".join(lines), DIESEL)
     else:
-        assert config_of("\n".join(lines), CONFIG) != config
+        assert config_of("\n".join(lines), DIESEL) != config
     lines[place] = f"{start}{number}{rest}"
-    assert config_of("\n".join(lines), CONFIG) == config
+    assert config_of("\n".join(lines), DIESEL) == config
 
 
 def test_a_result_is_what_was_written(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from repository import ROOT
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
@@ -681,4 +682,4 @@ def table():
 
 
 if __name__ == "__main__":
-    (Path(__file__).parents[2] / "docs" / "defects.md").write_text(table(), encoding="utf-8")
+    (ROOT / "docs" / "defects.md").write_text(table(), encoding="utf-8")

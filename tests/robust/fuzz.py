@@ -26,10 +26,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from repository import DIESEL
 from robust import foreign, mutate
 from robust.defects import UNITS, moving
 from robust.kill import CONFIGURED, prepare, start, warm
-from robust.samples import CONFIG, Samples, make
+from robust.samples import Samples, make
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import LpvobsError
@@ -81,8 +82,8 @@ class Corpus:
             path = folder / "seed.parquet"
             pq.write_table(self.table, path, compression=compression, row_group_size=150)
             self.logs.append(path.read_bytes())
-        self.config = CONFIG.read_text(encoding="utf-8")
-        self.effects = "".join(path.read_text() for path in sorted(CONFIG.parent.glob("surfaces/*.toml"))[:1])
+        self.config = DIESEL.read_text(encoding="utf-8")
+        self.effects = "".join(path.read_text() for path in sorted(DIESEL.parent.glob("surfaces/*.toml"))[:1])
         self.hdf = {"gain": samples.gain.read_bytes(), "result": samples.result.read_bytes()}
         self.seeds: dict[str, list[foreign.Seed]] = {}
 

@@ -23,9 +23,10 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
 
+from repository import DIESEL, ROOT
+
 from lpvobs.io.results.parts import part_of_bytes
 
-ROOT = Path(__file__).parents[2]
 SOURCE = "drive.csv"
 PROFILE = """
 schema = 1
@@ -79,7 +80,7 @@ VERBS = (
 
 def lay_out(folder: Path) -> None:
     """Copy the configuration and the first 80 s of a drive into a folder."""
-    shutil.copy(ROOT / "configs" / "diesel.toml", folder)
+    shutil.copy(DIESEL, folder)
     table = (ROOT / "data" / "cycles" / "nedc.csv").read_text().splitlines()
     (folder / "cycle.csv").write_text("\n".join(table[:80]) + "\n")
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from repository import DIESEL
 from robust.defects import Bench
 
 from lpvobs.io.configuration.config import load_config
@@ -11,8 +12,6 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.steps.estimate import estimate_logs
 from lpvobs.steps.extrapolate import extrapolate_result
 from lpvobs.steps.gain import make_published_gain
-
-CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
 
 
 @dataclass(frozen=True)
@@ -28,9 +27,9 @@ def make(folder: Path) -> Samples:
     """Write a log, a gain and a result with its extrapolation into a folder."""
     log, gain, result = folder / "drive.parquet", folder / "gain.h5", folder / "result.h5"
     Bench(folder).write()
-    config, text = load_config(CONFIG)
+    config, text = load_config(DIESEL)
     stored = make_published_gain(config, "ETC")
     write_gain(gain, stored, Provenance({}, text))
     estimate_logs(config, text, stored, [log], result, "batch", lambda done: None)
     extrapolate_result(result)
-    return Samples(folder, CONFIG, log, gain, result)
+    return Samples(folder, DIESEL, log, gain, result)

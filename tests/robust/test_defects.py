@@ -1,11 +1,10 @@
 """Each row of docs/defects.md holds, and the document is what the cases say."""
 
-from pathlib import Path
-
 import pytest
+from repository import ROOT
 from robust.defects import CASES, GROUPS, Bench, table
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "defects.md"
+DOCUMENT = ROOT / "docs" / "defects.md"
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.defect[:60])

@@ -6,12 +6,11 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import pytest
+from repository import DIESEL, ROOT
 from robust.defects import Bench
-from robust.samples import CONFIG
 
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
@@ -37,7 +36,7 @@ def hostile(samples, tmp_path_factory):
     bench.write()
     log, result = folder / f"{EVIL[:28]}.parquet", folder / "<b onmouseover=alert(3)>.h5"
     shutil.move(bench.path, log)
-    config, text = load_config(CONFIG)
+    config, text = load_config(DIESEL)
     estimate_logs(config, text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None)
     extrapolate_result(result)
     with changing(result, result) as file:
@@ -72,7 +71,7 @@ def test_no_string_of_a_file_becomes_markup(hostile, with_log):
 
 
 def test_nothing_in_the_package_unpickles_evaluates_or_runs_a_shell():
-    root = Path(__file__).parents[2] / "lpvobs"
+    root = ROOT / "lpvobs"
     bad = {"cPickle", "dill", "shelve", "marshal", "cloudpickle", "joblib"}
     for path in root.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -95,7 +94,7 @@ def test_nothing_in_the_package_unpickles_evaluates_or_runs_a_shell():
 def test_a_period_that_no_step_counts_is_a_usage_error(tmp_path):
     """Found by the fuzzer: 1e308 over the step of the integrator is infinite."""
     odd = tmp_path / "odd.toml"
-    text = CONFIG.read_text()
+    text = DIESEL.read_text()
     odd.write_text(text.replace("period = 0.01 ", "period = 1e308 "))
     assert odd.read_text() != text
     with pytest.raises(UsageError, match="proportion"):
@@ -116,7 +115,7 @@ def test_workers_take_no_module_from_the_folder_of_the_logs(tmp_path):
     folder.mkdir()
     (folder / "multiprocessing.py").write_text("open('run', 'w').close()\n")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
-    environment["PYTHONPATH"] = str(Path(__file__).parents[2])
+    environment["PYTHONPATH"] = str(ROOT)
     call = [sys.executable, str(script)]
     done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120)
     assert (done.stdout, done.stderr) == ("[(0, 3), (1, 4)]\n", "")

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from repository import ROOT
 
-ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-c", "from lpvobs.cli.main import run; run()"]
 
 

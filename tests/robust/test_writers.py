@@ -10,11 +10,10 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from repository import ROOT
 
 from lpvobs.errors import DataError
 from lpvobs.io.safety.atomic import claim, release, release_all, replacing
-
-ROOT = Path(__file__).parents[2]
 
 
 def names(folder):

@@ -1,13 +1,11 @@
 """Twenty seconds of an engine, simulated once for the whole room."""
 
-from pathlib import Path
-
 import pytest
+from repository import DIESEL
 
 from lpvobs.io.configuration.config import load_config
 from lpvobs.simulation.simulate import simulate
 
-CONFIG = Path(__file__).parents[2] / "configs" / "diesel.toml"
 # Idling, pulling away, full load and overrun: enough for every branch of the relations.
 SHORT = "time_s,speed_norm_pct,torque_norm_pct,motoring\n" + "\n".join(
     f"{second},{speed},{torque},{motoring}"
@@ -31,7 +29,7 @@ SHORT = "time_s,speed_norm_pct,torque_norm_pct,motoring\n" + "\n".join(
 
 @pytest.fixture(scope="session")
 def config():
-    return load_config(CONFIG)[0]
+    return load_config(DIESEL)[0]
 
 
 @pytest.fixture(scope="session")

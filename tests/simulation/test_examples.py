@@ -1,16 +1,15 @@
 """Every shipped example of an effect is read, drives, and shows in the log."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from repository import CONFIGS
 
 from lpvobs.io.configuration.config import load_effects
 from lpvobs.simulation.disturbances import UnloggedEffect
 from lpvobs.simulation.effects import CATALOGUE
 from lpvobs.simulation.simulate import simulate
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "configs" / "effects").glob("*.toml"))
+EXAMPLES = sorted((CONFIGS / "effects").glob("*.toml"))
 
 
 def test_every_kind_has_its_example():

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import DIESEL
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
@@ -20,13 +21,12 @@ from lpvobs.simulation.simulate import simulate
 from lpvobs.steps import jobs
 from lpvobs.steps.fleet import Workplace, estimate_fleet
 
-REPOSITORY = Path(__file__).parents[2]
 LOGS = 8
 
 
 @pytest.fixture(scope="module")
 def setting():
-    config, text = load_config(REPOSITORY / "configs" / "diesel.toml")
+    config, text = load_config(DIESEL)
     L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
     return config, text, StateGain(("p_im", "p_em", "omega_t"), L)
 

@@ -1,9 +1,8 @@
 """Constants of refined models: nothing counts twice, several refinements add up, and a map that stands follows its constants."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from repository import DIESEL
 
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing
@@ -23,7 +22,7 @@ REFINED = StoredRefinement(
 
 @pytest.fixture(scope="module")
 def plant():
-    return diesel_plant(load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0].engine)
+    return diesel_plant(load_config(DIESEL)[0].engine)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from repository import DIESEL
 
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
@@ -12,7 +13,7 @@ from lpvobs.steps.refined import expect_cascade, scaled
 
 
 def test_constants_are_scaled_wherever_they_stand():
-    engine = load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")[0].engine
+    engine = load_config(DIESEL)[0].engine
     moved = scaled(engine, {"V_d": 0.01, "J_t": -0.02})
     assert moved.geometry.V_d == pytest.approx(1.01 * engine.geometry.V_d)
     assert moved.turbine.J_t == pytest.approx(0.98 * engine.turbine.J_t)

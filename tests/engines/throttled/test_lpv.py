@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
 from reference import throttled_drive as truth
+from repository import LIU_ICE
 
 from lpvobs.engines.curves import on_line, on_surface, values_at
 from lpvobs.engines.throttled import relations as relation
@@ -16,12 +16,10 @@ from lpvobs.engines.throttled.lpv import CONSTANTS, Throttled
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import load_config
 
-CONFIG = Path(__file__).parents[2] / "configs" / "liu-ice.toml"
-
 
 @pytest.fixture(scope="module")
 def engine():
-    return load_config(CONFIG)[0].engine
+    return load_config(LIU_ICE)[0].engine
 
 
 @pytest.fixture(scope="module")

@@ -4,16 +4,14 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import CONFIGS, DIESEL
 
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Axis, load_config, load_effects
 
-SHIPPED = Path(__file__).parents[2] / "configs"
-DIESEL = SHIPPED / "diesel.toml"
 TEXT = DIESEL.read_text(encoding="utf-8")
 
 
@@ -246,7 +244,7 @@ def test_a_step_that_does_not_divide_the_axis_is_refused(changed):
 # --- effects -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", sorted((SHIPPED / "surfaces").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((CONFIGS / "surfaces").glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_surfaces_can_be_read(path):
     effects, text = load_effects(path)
     assert effects.surface.kind == tomllib.loads(text)["surface"]["kind"]

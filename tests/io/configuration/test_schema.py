@@ -6,21 +6,21 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from repository import ROOT
 
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration import config
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
-REPOSITORY = Path(__file__).parents[1]
-SCHEMAS = REPOSITORY / "schemas"
+SCHEMAS = ROOT / "schemas"
 FILES = ("diesel.toml", "liu-ice.toml")
 
 
 @pytest.fixture(scope="module")
 def made():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(REPOSITORY / "tools" / "schemas")
+        patch.syspath_prepend(ROOT / "tools" / "schemas")
         import make
 
         yield make.documents()
@@ -43,13 +43,13 @@ def test_the_stored_schemas_are_current(made):
 def test_the_shipped_files_validate_in_old_and_new_editors(schema, draft, name):
     validator = getattr(jsonschema, draft)
     validator.check_schema(schema.schema)
-    document = tomllib.loads((REPOSITORY / "configs" / name).read_text(encoding="utf-8"))
+    document = tomllib.loads((ROOT / "configs" / name).read_text(encoding="utf-8"))
     validator(schema.schema).validate(document)
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_editors_find_the_schema(name):
-    path = REPOSITORY / "configs" / name
+    path = ROOT / "configs" / name
     first = path.read_text(encoding="utf-8").splitlines()[0]
     assert first.startswith("#:schema ")
     assert (path.parent / first.removeprefix("#:schema ")).resolve() == SCHEMAS / "config.json"
@@ -85,7 +85,7 @@ DEPENDENT = {("ekf", "measurement_noise")}
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("name", FILES)
 def test_schema_and_reader_refuse_the_same(schema, name, change, monkeypatch):
-    document = tomllib.loads((REPOSITORY / "configs" / name).read_text(encoding="utf-8"))
+    document = tomllib.loads((ROOT / "configs" / name).read_text(encoding="utf-8"))
     start = list(CHANGES).index(change)
     refused = 0
     for path in list(paths(document))[start::EVERY]:

@@ -5,9 +5,9 @@ import stat
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
+from repository import ROOT
 
 from lpvobs.errors import DataError
 from lpvobs.io.safety.atomic import replacing
@@ -133,8 +133,7 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
             temporary.write_text("half of")
             os.kill(os.getpid(), signal.SIGKILL)
     """
-    root = Path(__file__).parents[2]
-    ended = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], cwd=root, check=False)
+    ended = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], cwd=ROOT, check=False)
     assert ended.returncode == -9
     assert target.read_text() == "old"
     assert all(name.startswith(".result.h5.") for name in names(tmp_path) if name != "result.h5")
