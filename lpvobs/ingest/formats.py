@@ -50,11 +50,11 @@ def _opener(kind: str) -> Callable[[Path, SourceRules], Recording]:
 
         return open_parquet
     if kind == "mat":
-        from lpvobs.ingest.recording_mat import open_mat
+        from lpvobs.ingest.recording_apart import open_mat
 
         return open_mat
     if kind == "mdf":
-        from lpvobs.ingest.recording_mdf import open_mdf
+        from lpvobs.ingest.recording_apart import open_mdf
 
         return open_mdf
     from lpvobs.ingest.recording_csv import open_csv

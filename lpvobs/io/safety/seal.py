@@ -24,12 +24,6 @@ SECONDS, BYTES, PATIENCE = 6, 2 * 2**30, 90
 BLOCK = 1 << 20
 
 
-def expect_readable(path: Path, remedy: str) -> None:
-    """Raise DataError for an HDF5 file of another program that cannot be read within limits; anybody can write a seal."""
-    if reason := _probe(str(path)):
-        raise DataError(f"{path}: damaged ({reason}); {remedy}")
-
-
 def sealed(content: bytes) -> bytes:
     """Return the bytes of a file with their checksum behind them."""
     return content + HEAD + hashlib.sha256(content).hexdigest().encode() + b"\n"
