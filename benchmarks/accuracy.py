@@ -10,6 +10,7 @@ from common import CYCLES, PAPER, Drive, configuration, drive, markdown, publish
 from rivals import curve_over_flow, mean_per_cell
 
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.io.configuration.config import Config
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import NEGLIGIBLE, compare
@@ -17,7 +18,6 @@ from lpvobs.observer.estimate import estimate_default, estimate_published
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Array
-from lpvobs.synthesis.published import published_gain
 
 GAMMAS = (200.0, 50.0, 20.0, 5.0, 2.0, 0.5, 0.2, 0.05, 0.02)
 Method = Callable[[Drive], Array]
@@ -26,7 +26,7 @@ Method = Callable[[Drive], Array]
 def methods(config: Config, grid: Grid, gain: StateGain) -> dict[str, Method]:
     """Return every method as a function from a drive to a map."""
     engine, settings = Diesel(config.engine), config.estimate
-    paper = StateGain(("p_im", "omega_t"), published_gain())
+    paper = StateGain(("p_im", "omega_t"), PUBLISHED.L)
 
     def published(gamma: float) -> Method:
         tuned = replace(config.published, gamma=gamma)

@@ -10,15 +10,15 @@ import numpy as np
 from common import CYCLES, configuration, drive, markdown, publish, state_gain
 
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.metrics import compare
-from lpvobs.maps.quadratic import PAPER
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.simulation.parameters import Bump, Surface
 
 NORMAL_90 = 1.645
 STEEP = Bump(amplitude=-4e-3, u_delta=12.0, n_e=1400.0, width_u_delta=4.0, width_n_e=250.0)
 SURFACES = {
-    "Eq. (39)": Surface("quadratic", coefficients=PAPER["ETC part 1, Eq. (39)"]),
+    "Eq. (39)": Surface("quadratic", coefficients=PUBLISHED.surfaces["ETC part 1, Eq. (39)"]),
     "Eq. (40) and a steep hollow": Surface("quadratic", bumps=(STEEP,)),
     "King's law, +15 % at idle, -10 % at high flow": Surface("king", offset=0.012, slope=0.92),
     "King's law, -5 % nearly everywhere": Surface("king", offset=0.001, slope=0.97),

@@ -67,7 +67,7 @@ def residual(config: Config, result: Path, log: Path, frozen: bool) -> dict[str,
     air_path, tolerance = config.engine_path(), config.estimate.tolerance
     prior = prior_of(config, read_result(result), frozen)
     drive = read_log(log, air_path.channels, config.policies, auxiliary=True)
-    linear = fit(lay_out(diesel_plant(config.diesel), config.grid(), tolerance, prior, [drive]))
+    linear = fit(lay_out(diesel_plant(config.engine), config.grid(), tolerance, prior, [drive]))
     return {"error": {"before": compare(linear, linear).comparison().before}}
 
 

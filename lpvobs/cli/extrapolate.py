@@ -22,7 +22,8 @@ def extrapolate(
 
     Example: lpvobs extrapolate nedc.h5
     """
-    from lpvobs.report.tables import coefficient_rows, extrapolation_content, percent
+    from lpvobs.io.results.results import read_result
+    from lpvobs.report.tables import coefficient_tables, extrapolation_content, percent
     from lpvobs.steps.extrapolate import extrapolate_result
 
     if result.is_file():
@@ -31,7 +32,8 @@ def extrapolate(
     if as_json:
         print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})
         return
-    print(table(*coefficient_rows([("this map", fitted)])))
+    for coefficients in coefficient_tables([("this map", read_result(result))]):
+        print(table(*coefficients))
     filled = int((fitted.support == 2).sum())
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
     say(

@@ -27,7 +27,7 @@ def inspect(
 
     Example: lpvobs inspect nedc.parquet
     """
-    from lpvobs.engines.base import Channel
+    from lpvobs.engines.channels import Channel
     from lpvobs.errors import DataError
     from lpvobs.io.configuration.config import load_config
     from lpvobs.io.logs.finding import find_logs

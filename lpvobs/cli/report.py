@@ -43,7 +43,7 @@ def report(
     from lpvobs.report.gates import enforce, judge, parse_gate
     from lpvobs.report.load import load
     from lpvobs.report.names import distinct
-    from lpvobs.report.tables import coefficient_rows, gain_line, report_content, report_rows
+    from lpvobs.report.tables import coefficient_tables, gain_line, report_content, report_rows
 
     gates = list(dict.fromkeys(parse_gate(expression) for expression in gate or []))
     if junit is not None and not gates:
@@ -70,9 +70,8 @@ def report(
         print_json("report", content)
     else:
         print(table(*report_rows(results), labels=3))
-        fits = [(name, item.extrapolation) for name, item in results if item.extrapolation is not None]
-        if fits:
-            print("\n" + table(*coefficient_rows(fits)))
+        for coefficients in coefficient_tables(results):
+            print("\n" + table(*coefficients))
         told = sentences(list(zip(names, loaded.discovered, strict=True)))
         if told:
             print("\n" + "\n".join(visible(line) for line in told))

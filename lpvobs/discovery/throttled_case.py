@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.throttled_noise import DayToDay, HealthyErrors
+from lpvobs.discovery.throttled_noise import HealthyErrors
 from lpvobs.engines.throttled.balances import BALANCES, Balancer, Scene, present, scene_of
 from lpvobs.engines.throttled.blocks import Blocks
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import DayToDay, Learned, ThrottledEngine
 from lpvobs.engines.throttled.effects import CATALOGUE, Effect
 from lpvobs.records import Array, Log
 

@@ -24,13 +24,13 @@ from lpvobs.discovery.throttled_judging import (
     same_place,
     structure_of,
 )
-from lpvobs.discovery.throttled_noise import DayToDay, HealthyErrors, held_out_engines
+from lpvobs.discovery.throttled_noise import HealthyErrors, held_out_engines
 from lpvobs.discovery.throttled_outcome import ThrottledPart, ThrottledTrace
 from lpvobs.discovery.throttled_selection import Accepted, Selection, select
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.engines.throttled.balances import BALANCES, imbalances, scene_of
 from lpvobs.engines.throttled.blocks import blocks_of
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import DayToDay, Learned, ThrottledEngine
 from lpvobs.engines.throttled.effects import CATALOGUE
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log

@@ -1,44 +1,11 @@
 """What every engine offers, so that gain, observer, tracer and report need not know which one they serve."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
+from lpvobs.engines.channels import Channel, Recorded
 from lpvobs.records import Array, Log
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A channel that the engine's air path needs.
-
-    Attributes
-    ----------
-    unit : str
-        The unit of the contract; readers convert to it.
-    low, high : float
-        What a working sensor can read at all, in that unit; a sample outside is a defect.
-    typical : tuple of float
-        Range in which the median of a whole log lies; outside, the unit or the sign is wrong.
-    meaning : str
-        For people.
-    still : float
-        [s], longest time that a working sensor may stand exactly still while the engine moves; infinite for what may rest
-        for a whole log, such as a valve or the weather.
-    above : tuple of str and float, optional
-        A channel that this one does not fall below by more than so much, in a healthy engine.
-    reaches : float
-        What some sample of every log reaches.
-    """
-
-    unit: str
-    low: float
-    high: float
-    typical: tuple[float, float]
-    meaning: str
-    still: float = math.inf
-    above: tuple[str, float] | None = None
-    reaches: float = -math.inf
 
 
 @dataclass(frozen=True)
@@ -100,47 +67,44 @@ class Balances:
 
 
 class AirPath(Protocol):
-    """An engine's air path."""
+    """An engine's air path: what holds for all engines of its kind, and the numbers of one of them.
 
-    @property
-    def name(self) -> str:
-        """Which engine this is, as in the configuration."""
+    Attributes
+    ----------
+    name : str
+        Which engine this is, as in the configuration.
+    channels : mapping of str to Channel
+        Needed channels, the sensor under test among them.
+    smoothed : tuple of str
+        Measured states and temperatures that enter the scheduling parameters.
+    axes : tuple of MapAxis
+        Inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes).
+    sensor : str
+        The channel of the sensor under test.
+    state_names, parameter_names : tuple of str
+        The states x, and the scheduling parameters.
+    temperature_names, rate_names : tuple of str
+        The temperatures that `rate_bounds` takes, and the parameters that it gives.
+    balance_constants : tuple of str
+        The engine constants that a balance depends on.
+    learns : bool
+        Whether parts of the engine are known only after a healthy log has shown them.
+    """
 
-    @property
-    def channels(self) -> Mapping[str, Channel]:
-        """Needed channels, the sensor under test among them."""
+    name: ClassVar[str]
+    channels: ClassVar[Mapping[str, Channel]]
+    smoothed: ClassVar[tuple[str, ...]]
+    axes: ClassVar[tuple[MapAxis, MapAxis]]
+    sensor: ClassVar[str]
+    state_names: ClassVar[tuple[str, ...]]
+    parameter_names: ClassVar[tuple[str, ...]]
+    temperature_names: ClassVar[tuple[str, ...]]
+    rate_names: ClassVar[tuple[str, ...]]
+    balance_constants: ClassVar[tuple[str, ...]]
+    learns: ClassVar[bool]
 
-    @property
-    def smoothed(self) -> tuple[str, ...]:
-        """Measured states and temperatures that enter the scheduling parameters."""
-
-    @property
-    def axes(self) -> tuple[MapAxis, MapAxis]:
-        """Inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)."""
-
-    @property
-    def sensor(self) -> str:
-        """The channel of the sensor under test."""
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states x."""
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of the scheduling parameters."""
-
-    @property
-    def temperature_names(self) -> tuple[str, ...]:
-        """Names of the temperatures that `rate_bounds` takes."""
-
-    @property
-    def balance_constants(self) -> tuple[str, ...]:
-        """Names of the engine constants that a balance depends on."""
-
-    @property
-    def rate_names(self) -> tuple[str, ...]:
-        """Names of the parameters that `rate_bounds` gives."""
+    def __init__(self, engine: Any) -> None:
+        """Take the configuration's `[engine]`."""
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
@@ -158,10 +122,6 @@ class AirPath(Protocol):
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
         """Return A and C as nested lists for parameters of any number type (floats or exact fractions)."""
 
-    @property
-    def learns(self) -> bool:
-        """Whether parts of the engine are known only after a healthy log has shown them."""
-
     def fingerprint(self) -> str:
         """Return a text that changes with what was learned; empty where nothing is."""
 
@@ -173,3 +133,76 @@ class AirPath(Protocol):
 
     def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
         """Return the redundant flows along a log, given the time derivative of each smoothed channel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """A gain as somebody printed it, where it is proven, and what maps came of it.
+
+    Attributes
+    ----------
+    source : str
+        Where the gain is printed.
+    outputs : tuple of str
+        Measured states among the outputs, in the order of the columns of L; the sensor comes after them.
+    L : ndarray, shape (n, r)
+        The gain, [state unit / (output unit s)].
+    epsilon : tuple of float
+        eps_1, eps_2 of Theorem 1.
+    bounds : mapping of str to tuple of (float, float)
+        Ranges of the scheduling parameters that no temperature gives, in order, by the drive that they were seen on.
+    surfaces : mapping of str to tuple of float
+        Coefficients of Eq. (37) of the maps, [kg/s] over the units of the axes, by where they are printed.
+    remark : str
+        What is to be said of these maps beside others.
+    """
+
+    source: str
+    outputs: tuple[str, ...]
+    L: Array
+    epsilon: tuple[float, float]
+    bounds: Mapping[str, tuple[tuple[float, float], ...]]
+    surfaces: Mapping[str, tuple[float, ...]]
+    remark: str
+
+    def hull(self) -> tuple[tuple[float, float], ...]:
+        """Return the smallest box around the bounds of all drives."""
+        columns = zip(*self.bounds.values(), strict=True)
+        return tuple((min(low for low, _ in rho), max(high for _, high in rho)) for rho in columns)
+
+
+@dataclass(frozen=True, eq=False)
+class EngineKind:
+    """All that the rest of the package knows of a kind of engine: its folder exports one of these, the registry lists it.
+
+    Attributes
+    ----------
+    air_path : class
+        The LPV system with its channels, states, parameters, balances and map axes, and whether it learns.
+    tables : mapping of str to class
+        Records of the configuration's tables whose keys are this engine's own: `engine`, and further ones.
+    recorded : mapping of str to Recorded
+        Under which names foreign recordings hold its channels, beside those of `COMMON`.
+    example : str
+        The shipped, commented configuration, a name in `configs`.
+    plant : str
+        What simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does.
+    published : Published, optional
+        A printed gain for it.
+    known_drive : callable, optional
+        A log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a function of
+        the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`.
+    """
+
+    air_path: type[AirPath]
+    tables: Mapping[str, type]
+    recorded: Mapping[str, Recorded]
+    example: str
+    plant: str = ""
+    published: Published | None = None
+    known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
+
+    @property
+    def name(self) -> str:
+        """How configurations, gains and results call it."""
+        return self.air_path.name

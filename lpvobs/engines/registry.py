@@ -1,6 +1,14 @@
-"""The engines that exist, by the name that configurations and gains use."""
+"""The engines that exist, by the name that configurations, gains and results use."""
 
-from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.engines.throttled.lpv import Throttled
+from lpvobs.engines import diesel, throttled
+from lpvobs.engines.base import EngineKind
 
-AIR_PATHS: dict[str, type[Diesel] | type[Throttled]] = {Diesel.name: Diesel, Throttled.name: Throttled}
+ENGINES: dict[str, EngineKind] = {
+    diesel.ENGINE.name: diesel.ENGINE,
+    throttled.ENGINE.name: throttled.ENGINE,
+}
+
+
+def usual_engine() -> EngineKind:
+    """Return the kind that is meant where nothing says which: the first one, the paper's."""
+    return next(iter(ENGINES.values()))

@@ -6,155 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvobs.engines.channels import COMMON, Recorded
+from lpvobs.engines.registry import ENGINES
 from lpvobs.ingest.recordings import Head
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.records import Array
 
-
-@dataclass(frozen=True)
-class Known:
-    """A channel that recordings may hold.
-
-    Attributes
-    ----------
-    unit : str
-        In the log.
-    typical : tuple of float
-        [unit], where the median of a drive lies.
-    units : tuple of str
-        What recordings write it in, where they do not say.
-    strong, weak : str
-        Regular expressions for normalised names: those that mean this channel alone, and those that may.
-    """
-
-    unit: str
-    typical: tuple[float, float]
-    units: tuple[str, ...]
-    strong: str
-    weak: str = r"(?!)"
-
-
 LONGEST_NAME = 200
-_PRESSURE, _TEMPERATURE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC")
-_SPEED, _SHARE = ("rpm", "rad/s"), ("%", "1")
-
-KNOWN: Mapping[str, Known] = {
-    "n_e": Known(
-        "rpm",
-        (500, 5000),
-        _SPEED,
-        r"n e|ne|n eng|n mot|nmot|engine (speed|rpm)|motordrehzahl",
-        r"n|rpm|drehzahl|speed|eng speed",
-    ),
-    "u_delta": Known(
-        "mg/cycle",
-        (1, 120),
-        ("mg/cycle",),
-        r"u delta|einspritzmenge|inj(ection|ected)? (qnt|quantity)|fuel (qnt|quantity)( .*)?",
-        r".*(fuel|inj).*",
-    ),
-    "m_f": Known(
-        "1",
-        (1e-6, 1e3),
-        ("1",),
-        r"m f|fuel (mass )?per stroke",
-        r"injected fuel mass|fuel mass",
-    ),
-    "u_egr": Known(
-        "%",
-        (-5, 105),
-        _SHARE,
-        r"u egr|(egr|agr) (valve )?(pos|position|opening)",
-        r".*\b(egr|agr)\b.*",
-    ),
-    "u_vgt": Known(
-        "%", (-5, 105), _SHARE, r"u vgt|(vgt|vtg|vnt) (pos|position|opening)", r".*\b(vgt|vtg|vnt|vane)\b.*"
-    ),
-    "alpha_th": Known(
-        "%",
-        (0, 100),
-        _SHARE,
-        r"alpha th|(absolute )?throttle (valve )?(pos|position|opening)|drosselklappe",
-        r".*\b(throttle|tps|alpha)\b.*",
-    ),
-    "u_wg": Known(
-        "1",
-        (-0.05, 1.05),
-        _SHARE,
-        r"u wg|waste ?gate (pos|position|opening)",
-        r".*waste ?gate.*",
-    ),
-    "p_im": Known(
-        "Pa",
-        (2e4, 4e5),
-        _PRESSURE,
-        r"p im|intake manifold (absolute )?press(ure)?|manifold absolute pressure|map|saugrohrdruck",
-        r"p ?(2|22|int|man|boost).*|boost pressure|ladedruck",
-    ),
-    "p_ic": Known(
-        "Pa",
-        (6e4, 4e5),
-        _PRESSURE,
-        r"p ic|intercooler press(ure)?|press(ure)? before throttle",
-        r"boost pressure|ladedruck|charge pressure",
-    ),
-    "p_em": Known(
-        "Pa",
-        (6e4, 6e5),
-        _PRESSURE,
-        r"p em|exhaust manifold (absolute )?press(ure)?",
-        r"p ?(3|31|exh).*|.*exhaust.*press.*",
-    ),
-    "p_amb": Known(
-        "Pa",
-        (5.5e4, 1.1e5),
-        _PRESSURE,
-        r"p amb|(ambient|barometric|atmospheric) press(ure)?|umgebungsdruck|baro",
-        r"p ?(0|atm|env).*",
-    ),
-    "T_im": Known(
-        "K",
-        (230, 420),
-        _TEMPERATURE,
-        r"t im|intake manifold (air )?temp(erature)?",
-        r"t ?(2|22|int).*|iat|intake air temp(erature)?",
-    ),
-    "T_ic": Known(
-        "K",
-        (230, 420),
-        _TEMPERATURE,
-        r"t ic|intercooler temp(erature)?",
-        r"intake air temp(erature)?|iat|charge air temp(erature)?",
-    ),
-    "T_em": Known(
-        "K",
-        (300, 1300),
-        _TEMPERATURE,
-        r"t em|exhaust manifold temp(erature)?",
-        r"t ?(3|31|exh).*|egt|.*exhaust.*temp.*",
-    ),
-    "T_amb": Known(
-        "K",
-        (220, 330),
-        _TEMPERATURE,
-        r"t amb|(ambient|outside) (air )?temp(erature)?|umgebungstemperatur",
-        r"t ?(0|1|env).*",
-    ),
-    "omega_t": Known(
-        "rad/s",
-        (300, 3e4),
-        _SPEED,
-        r"omega t|turb(o|ine) speed|n (turb|tc)",
-        r".*(turbo|turbine|charger).*(speed|rpm).*",
-    ),
-    "W_maf": Known(
-        "kg/s",
-        (5e-4, 0.5),
-        ("kg/s", "g/s", "kg/h"),
-        r"w maf|maf|(mass air|air mass) ?flow|air flow rate( from mass flow sensor)?|luftmasse(nstrom)?|hfm",
-        r".*\b(maf|air ?flow|airmass|luft)\b.*",
-    ),
-}
+KNOWN: Mapping[str, Recorded] = COMMON | {name: how for kind in ENGINES.values() for name, how in kind.recorded.items()}
+"""Channels that recordings may hold, of whichever engine."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +91,7 @@ def guess(channel: str, column: str, head: Head, values: Array) -> Guess | None:
     return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
 
 
-def _typical(known: Known, middle: float, unit: str) -> bool | None:
+def _typical(known: Recorded, middle: float, unit: str) -> bool | None:
     """Return whether a median is usual in a unit, None where the unit is of another kind."""
     try:
         value = float(convert(np.array([middle]), unit, known.unit)[0])

@@ -24,11 +24,6 @@ LACK_PASSES = 3
 COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
 """Order of Eq. (37): u^2, u, n^2, n, u n, 1."""
 
-PAPER = {
-    "ETC part 1, Eq. (39)": (9.12e-6, -4.39e-4, 1.30e-9, -5.74e-6, -5.37e-8, 0.0012887),
-    "FTP75 cold transient, Eq. (40)": (2.10e-5, -8.62e-4, 1.46e-9, -6.40e-6, -1.84e-8, 0.0032316),
-}
-
 
 @dataclass(frozen=True)
 class QuadraticFit:

@@ -162,7 +162,7 @@ def _along(result: StoredResult, drive: Drive) -> Array:
     return result.grid.interpolate(result.theta, drive.fuel, drive.speed)
 
 
-def _drive(air_path: AirPath, grid: Grid, given: LoadedLog) -> Drive:
+def _drive(air_path: type[AirPath], grid: Grid, given: LoadedLog) -> Drive:
     log, references = given.log, given.references
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     reference = None if references is None else references.delta_W_c
@@ -178,7 +178,7 @@ def _drive(air_path: AirPath, grid: Grid, given: LoadedLog) -> Drive:
     )
 
 
-def _reference_surface(air_path: AirPath, grid: Grid, log: Log, reference: Array) -> Surface | None:
+def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference: Array) -> Surface | None:
     """Return the best bilinear fit to the reference, or None where no sample has one."""
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     known = np.isfinite(reference)

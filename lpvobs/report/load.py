@@ -4,10 +4,9 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.registry import AIR_PATHS
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.logs.reading import LogPolicies, References, file_digest, read_log, read_references
 from lpvobs.io.results.hdf import is_hdf5, reading
@@ -77,7 +76,7 @@ def load(paths: Sequence[Path]) -> Loaded:
     )
 
 
-def air_path_of(result: StoredResult) -> AirPath:
+def air_path_of(result: StoredResult) -> type[AirPath]:
     """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor.
 
     Raises
@@ -85,12 +84,12 @@ def air_path_of(result: StoredResult) -> AirPath:
     DataError
         If the result is for an engine that this version does not know.
     """
-    if result.air_path not in AIR_PATHS:
+    if result.air_path not in ENGINES:
         raise DataError(
-            f"{result.path}: result for air path '{result.air_path}', expected one of {', '.join(AIR_PATHS)}; "
+            f"{result.path}: result for air path '{result.air_path}', expected one of {', '.join(ENGINES)}; "
             f"read it with the version of lpvobs that wrote it"
         )
-    return cast(AirPath, AIR_PATHS[result.air_path])
+    return ENGINES[result.air_path].air_path
 
 
 def read_origin(path: Path) -> Origin:

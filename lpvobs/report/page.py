@@ -10,6 +10,7 @@ import jinja2
 import numpy as np
 
 from lpvobs import __version__
+from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report import figures, surface_figures
@@ -21,7 +22,7 @@ from lpvobs.report.residual import Picture, picture, residual_sections
 from lpvobs.report.tables import (
     Table,
     bounds_table,
-    coefficient_rows,
+    coefficient_tables,
     gain_line,
     grams,
     percent,
@@ -55,7 +56,6 @@ def page(report: Report) -> str:
         (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
     )
     named = [(view.name, view.stored) for view in report.results]
-    fits = [(view.name, view.stored.extrapolation) for view in report.results if view.stored.extrapolation is not None]
     text = template.render(
         version=__version__,
         verdicts=[
@@ -68,7 +68,8 @@ def page(report: Report) -> str:
         driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
         bounds=_bounds(report),
-        coefficients=coefficient_rows(fits) if fits else None,
+        coefficients=coefficient_tables(named),
+        remarks=_remarks(report),
         held=[
             (view.name, percent(view.stored.outer_coverage, 0))
             for view in report.results
@@ -101,11 +102,12 @@ def _sentence(view: ResultView, log: LogSummary) -> str:
     m = log.metrics
     beside = paper_error(log.name)
     paper = f"; the paper reports {percent(beside)}" if beside is not None else ""
+    constant = ENGINES[view.stored.air_path].air_path.rate_names
+    held = f", {' and '.join(constant)} held constant" if view.stored.method == "published" else ""
     return (
         f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
         f"{percent(m.mean_relative_error)} on average (floor of the grid {percent(m.floor_mean_relative_error)}{paper}), "
-        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples inside the certificate"
-        f"{', a_1 and a_2 held constant' if view.stored.method == 'published' else ''}."
+        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples inside the certificate{held}."
     )
 
 
@@ -132,6 +134,12 @@ def _bounds(report: Report) -> Table:
     """Return Table 1 for the gain that saw the most logs."""
     view = max(report.results, key=lambda item: len(item.stored.gain.log_bounds))
     return bounds_table(view.stored.gain, view.stored.logs)
+
+
+def _remarks(report: Report) -> list[str]:
+    """Return what is to be said of the printed surfaces beside those of the results."""
+    kinds = [ENGINES[view.stored.air_path] for view in report.results if view.stored.extrapolation is not None]
+    return list(dict.fromkeys(kind.published.remark for kind in kinds if kind.published is not None))
 
 
 def _cycle(cycle: CycleView, number: int) -> Section:

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.engines.registry import ENGINES
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.calibration.surfaces import ORIGINS, Surface
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
-from lpvobs.maps.quadratic import COEFFICIENTS, PAPER, QuadraticFit
+from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error
-from lpvobs.synthesis.published import TABLE_1
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
@@ -121,15 +121,21 @@ def extrapolation_content(fitted: QuadraticFit) -> dict[str, Any]:
     }
 
 
-def coefficient_rows(fits: Sequence[tuple[str, QuadraticFit]]) -> Table:
-    """Return the six coefficients of Eq. (37) of each fit with standard errors, beside Eq. (39) and (40)."""
-    header = ["kg/s, mg/cycle, rpm", *COEFFICIENTS]
-    rows = []
-    for name, fitted in fits:
-        rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
-        rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
-    rows += [[f"paper, {name}", *(f"{value:.4g}" for value in values)] for name, values in PAPER.items()]
-    return header, rows
+def coefficient_tables(results: Sequence[tuple[str, StoredResult]]) -> list[Table]:
+    """Return the six coefficients of Eq. (37) with standard errors, beside printed ones: a table for each kind of engine."""
+    filled = [(name, item.air_path, item.extrapolation) for name, item in results if item.extrapolation is not None]
+    tables = []
+    for air_path in dict.fromkeys(kind for _, kind, _ in filled):
+        kind = ENGINES[air_path]
+        rows = []
+        for name, fitted in [(name, fitted) for name, own, fitted in filled if own == air_path]:
+            rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
+            rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
+        printed = {} if kind.published is None else kind.published.surfaces
+        rows += [[f"paper, {name}", *(f"{value:.4g}" for value in values)] for name, values in printed.items()]
+        axes = ", ".join(f"{axis.channel} [{axis.unit}]" for axis in kind.air_path.axes)
+        tables.append(([f"kg/s over {axes}", *COEFFICIENTS], rows))
+    return tables
 
 
 def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = ()) -> Table:
@@ -137,12 +143,12 @@ def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = ()) -> Table:
 
     `logs` are those of a result; the logs that the gain's region was drawn from come first.
     """
-    names = gain.gain.region.names
+    kind, names = ENGINES.get(gain.air_path), gain.gain.region.names
+    printed = kind.published.bounds if kind and kind.published else {}
     header = ["", *names]
     rows = [
         [f"paper, {column}", *(_range(low, high) for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
-        for column, bounds in TABLE_1.items()
-        if len(bounds) <= len(names)
+        for column, bounds in printed.items()
     ]
     ranges = {log.name: (log.lower, log.upper) for log in logs if log.lower.size == len(names)}
     ranges = {name: (low, high) for name, (low, high) in gain.log_bounds.items()} | ranges

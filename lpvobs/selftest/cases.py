@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import write_log
@@ -19,29 +19,32 @@ from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import StoredResult, read_result
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import PAPER, evaluate, fit
-from lpvobs.selftest.drive import drive, known_map
+from lpvobs.maps.quadratic import evaluate, fit
+from lpvobs.selftest.known_map import bilinear, known_map
 from lpvobs.selftest.rows import Case, Row
 from lpvobs.steps.estimate import estimate_logs
 from lpvobs.steps.extrapolate import extrapolate_result
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import EPSILON, TABLE_1, published_gain
 from lpvobs.synthesis.region import Region
 
+KIND, PRINTED, DRIVE = next(
+    (kind, kind.published, kind.known_drive) for kind in ENGINES.values() if kind.published and kind.known_drive
+)
+"""The engine that is examined: one with printed answers and a drive by formula."""
 UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
-    name: channel.unit for name, channel in Diesel.channels.items()
+    name: channel.unit for name, channel in KIND.air_path.channels.items()
 }
 METHODS = {"observer": 5e-5, "batch": 1e-9}
 """Tolerance of a node, [kg/s], of a map that reaches 3e-3: smoothing costs a fifth of it; without, rounding is left."""
 
 
 def shipped_config() -> tuple[Config, str]:
-    """Return configs/diesel.toml as it was shipped: inside the package where it is installed, beside it in a checkout."""
+    """Return the example of the engine's configuration as shipped: inside the package where it is installed, else beside it."""
     package = Path(__file__).resolve().parents[1]
     inside = package / "configs"
-    return load_config((inside if inside.is_dir() else package.parent / "configs") / "diesel.toml")
+    return load_config((inside if inside.is_dir() else package.parent / "configs") / KIND.example)
 
 
 def units() -> Iterator[Row]:
@@ -73,18 +76,19 @@ def interpolation() -> Iterator[Row]:
 
 def quadratic() -> Iterator[Row]:
     """Yield Eq. (39) and (40): found again from the nodes that a drive informs, and their contradiction outside."""
+    fuel, speed = KIND.air_path.axes
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
     u, n = np.meshgrid(grid.fuel, grid.speed)
     supported = (u <= 32.0) & (n >= 750.0) & (n <= 2500.0)
     places = {"ETC part 1, Eq. (39)": -0.007, "FTP75 cold transient, Eq. (40)": 0.0118}
-    for name, coefficients in PAPER.items():
+    for name, coefficients in PRINTED.surfaces.items():
         known = evaluate(np.array(coefficients), u, n)
         fitted = fit(grid, np.where(supported, known, np.nan), 1e-10 * np.eye(grid.size), supported)
         worst = float(np.max(np.abs(fitted.coefficients / np.array(coefficients) - 1.0)))
         yield Row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
         at = int(np.searchsorted(grid.speed, 2000.0)), int(np.searchsorted(grid.fuel, 56.0))
         yield Row(
-            f"56 mg/cycle, 2000 rpm, {name}",
+            f"56 {fuel.unit}, 2000 {speed.unit}, {name}",
             "the paper, by hand",
             places[name],
             float(fitted.delta_W_c[at]),
@@ -98,23 +102,23 @@ def published() -> Iterator[Row]:
     config, _ = shipped_config()
     path, known = config.engine_path(), _known()["published"]
     still = path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})
-    for column, rho in TABLE_1.items():
+    for column, rho in PRINTED.bounds.items():
         lower, upper = zip(*rho, *still.values(), strict=True)
         region = Region(path.parameter_names, tuple(map(float, lower)), tuple(map(float, upper)))
         for what, L, expected in (
-            ("proven", published_gain(), 1.0),
-            ("refused with one sign changed", published_gain() * np.array([[-1.0, 1, 1], [1, 1, 1], [1, 1, 1]]), 0.0),
+            ("proven", PRINTED.L, 1.0),
+            ("refused with one sign changed", PRINTED.L * np.array([[-1.0, 1, 1], [1, 1, 1], [1, 1, 1]]), 0.0),
         ):
-            proof = _proof(("p_im", "omega_t"), region, L, known[column], EPSILON)
+            proof = _proof(PRINTED.outputs, region, L, known[column], PRINTED.epsilon)
             yield Row(
                 f"L of Eq. (38) on Table 1, {column}: {what}", "exact arithmetic", expected, float(proof.proven), 0.0
             )
 
 
 def default_gain() -> Iterator[Row]:
-    """Yield the proof of a shipped gain with p_em as an output on the hull of Table 1, temperatures moving."""
-    gain = _shipped_gain()
-    again = _proof(("p_im", "p_em", "omega_t"), gain.region, gain.L, _known()["default"], (gain.eps_1, gain.eps_2))
+    """Yield the proof of a shipped gain with all states as outputs on the hull of Table 1, temperatures moving."""
+    gain, known = _shipped_gain(), _known()["default"]
+    again = _proof(tuple(known["outputs"]), gain.region, gain.L, known, (gain.eps_1, gain.eps_2))
     yield Row("shipped gain: Theorem 1", "exact arithmetic", 1.0, float(again.proven), 0.0)
     yield Row("shipped gain: vertices", "two to the seventh", 128.0, float(again.vertices), 0.0)
 
@@ -170,7 +174,7 @@ def _known() -> dict[str, Any]:
 def _proof(
     outputs: tuple[str, ...], region: Region, L: Any, known: dict[str, Any], epsilon: tuple[float, float]
 ) -> Certificate:
-    problem = Problem(partial(Diesel.system, outputs=outputs), region, len(outputs))
+    problem = Problem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
     return check(problem, L, np.array(known["P"]), np.array(known["Q"]), *epsilon)
 
 
@@ -179,7 +183,7 @@ def _shipped_gain() -> Gain:
     region = Region(tuple(known["names"]), tuple(known["lower"]), tuple(known["upper"]))
     L, P, Q = (np.array(known[name]) for name in ("L", "P", "Q"))
     outputs = tuple(known["outputs"])
-    problem = Problem(partial(Diesel.system, outputs=outputs), region, len(outputs))
+    problem = Problem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
     proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"], falling_gain=True)
     return Gain(L, P, Q, known["eps_1"], known["eps_2"], region, proof)
 
@@ -187,7 +191,8 @@ def _shipped_gain() -> Gain:
 def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
     """Write the log and the gain; return the gain as it is read back, and the log's path."""
     path = config.engine_path()
-    channels = drive(config.diesel, config.grid())
+    grid = config.grid()
+    channels = DRIVE(config.engine, partial(bilinear, grid, known_map(grid)))
     write_log(folder / "known.parquet", channels, UNITS)
     outputs = tuple(_known()["default"]["outputs"])
     made = StoredGain(

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.engines.registry import AIR_PATHS
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.stream import LogFile
@@ -20,11 +19,8 @@ from lpvobs.steps.learning import learned_path
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import EPSILON, TABLE_1, published_gain
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.settings import GainSettings
-
-PUBLISHED_OUTPUTS = ("p_im", "omega_t")
 
 
 def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
@@ -73,20 +69,31 @@ def _what_is_feasible(problem: Problem, settings: GainSettings) -> str:
 
 
 def make_published_gain(config: Config, column: str) -> StoredGain:
-    """Return the paper's own L of Eq. (38), with a proof on one column of Table 1 at fixed temperatures."""
+    """Return the gain that is printed for the engine, with a proof on the bounds of one drive at fixed temperatures.
+
+    Raises
+    ------
+    UsageError
+        If none is printed for this engine, or no such bounds.
+    """
     from lpvobs.synthesis.solve import certify_fixed_gain
 
-    air_path = Diesel(config.diesel)
-    if column not in TABLE_1:
-        raise UsageError(f"--published {column}: unknown; expected one of {', '.join(TABLE_1)}")
-    rho = dict(zip(air_path.parameter_names, TABLE_1[column], strict=False))
+    air_path, printed = config.engine_path(), config.kind.published
+    if printed is None:
+        able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.published)
+        raise UsageError(
+            f"air_path = '{config.air_path}': no gain is published for it; make one with `lpvobs synth-gain`, or see {able}"
+        )
+    if column not in printed.bounds:
+        raise UsageError(f"--published {column}: unknown; expected one of {', '.join(printed.bounds)}")
+    rho = dict(zip(air_path.parameter_names, printed.bounds[column], strict=False))
     region = _region(
         air_path,
         rho | dict(air_path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})),
         (),
     )
-    gain = certify_fixed_gain(problem_of(air_path, PUBLISHED_OUTPUTS, region), published_gain(), EPSILON)
-    return _stored(f"Eq. (38), proven on Table 1, {column}", air_path, PUBLISHED_OUTPUTS, gain, {})
+    gain = certify_fixed_gain(problem_of(air_path, printed.outputs, region), printed.L, printed.epsilon)
+    return _stored(f"{printed.source}, proven on Table 1, {column}", air_path, printed.outputs, gain, {})
 
 
 def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> Problem:
@@ -102,16 +109,15 @@ def check_again(stored: StoredGain) -> Certificate:
     DataError
         If the gain is for an engine that this version does not know, or its numbers are not finite or do not fit.
     """
-    if stored.air_path not in AIR_PATHS:
-        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(AIR_PATHS)}")
-    gain, known = stored.gain, AIR_PATHS[stored.air_path]
+    if stored.air_path not in ENGINES:
+        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(ENGINES)}")
+    gain, known = stored.gain, ENGINES[stored.air_path].air_path
     if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
         raise DataError(
             f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
             f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
-    system = known.system
-    problem = Problem(partial(system, outputs=stored.outputs), gain.region, len(stored.outputs))
+    problem = Problem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
     return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
 
 

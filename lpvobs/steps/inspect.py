@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.base import Channel
-from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.engines.registry import AIR_PATHS
+from lpvobs.engines.channels import Channel
+from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.io.logs.ingest_record import stored_record
 from lpvobs.io.logs.reading import LogPolicies, channel_units, read_log
 from lpvobs.records import Array, Defects, Log
@@ -104,17 +103,18 @@ class Inspection:
 def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> Inspection:
     """Return what is in a log; raises DataError where no estimate could use it.
 
-    `needed` is what the engine needs; None: the first engine that the log suits, else the diesel. A log that `ingest` made is shown
-    even if it suits no engine: it may have been recorded for something else.
+    `needed` is what the engine needs; None: the first engine that the log suits, else the usual one. A log that `ingest` made is
+    shown even if it suits no engine: it may have been recorded for something else.
     """
     units, record = channel_units(path), stored_record(path)
     lacking: dict[str, list[str]] = {}
     if needed is None:
         lacking = {
-            name: [channel for channel in kind.channels if channel not in units] for name, kind in AIR_PATHS.items()
+            name: [channel for channel in kind.air_path.channels if channel not in units]
+            for name, kind in ENGINES.items()
         }
-        suited = [AIR_PATHS[name].channels for name, missing in lacking.items() if not missing]
-        needed = suited[0] if suited else {} if record else Diesel.channels
+        suited = [ENGINES[name].air_path.channels for name, missing in lacking.items() if not missing]
+        needed = suited[0] if suited else {} if record else usual_engine().air_path.channels
         lacking = {} if suited else lacking
     log = read_log(path, needed, policies, auxiliary=True)
     return Inspection(path, log, needed, units, record, lacking)

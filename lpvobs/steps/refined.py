@@ -98,7 +98,7 @@ def refined_model(
     to 1 % the map of a refined model missed by 0.7 to 2.1 %, and by 1.3 to 6.8 % with the constants as configured; where they are
     exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
     """
-    engine = scaled(config.diesel, constants)
+    engine = scaled(config.engine, constants)
     air_path = replace(config, engine=engine).engine_path()
     return Refined(diesel_plant(engine), air_path, gain.outputs, gain.gain.L, config.estimate.smoothing, effects)
 

@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Effects, load_config, load_effects
 from lpvobs.io.logs.reading import write_log
-from lpvobs.simulation.simulate import SimulatedLog, simulate
+from lpvobs.simulation.plants import PLANTS
+from lpvobs.simulation.simulate import SimulatedLog
 
 
 def simulate_log(
@@ -35,11 +37,17 @@ def simulate_log(
         For a configuration without a simulation, and as `lpvobs.simulation.simulate.simulate`.
     """
     configuration, _ = load_config(config)
+    plant = configuration.kind.plant
+    if not plant:
+        able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
+        raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
     if configuration.simulation is None:
-        raise UsageError(f"{config}: has no [simulation] tables; simulate needs them, see configs/diesel.toml")
+        raise UsageError(
+            f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
+        )
     wanted = load_effects(effects)[0] if effects else Effects()
-    log = simulate(
-        configuration.diesel,
+    log = PLANTS[plant].run(
+        configuration.engine,
         configuration.simulation,
         cycle,
         rate,

@@ -11,7 +11,7 @@ import h5py
 from lpvobs.discovery.throttled_closing import Closed, Nominal, close
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
-from lpvobs.io.configuration.config import ThrottledConfig, config_of
+from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs.reading import channel_units, read_log
 from lpvobs.io.results.hdf import changing, reading
 from lpvobs.io.results.learned import read_learned
@@ -86,7 +86,7 @@ def _closed(
     stored: StoredResult, paths: Sequence[Path], hold_out: Sequence[Path], frozen: bool | None, progress: Progress
 ) -> tuple[Closed, bool, tuple[str, ...]]:
     config = config_of(stored.provenance.config, stored.path)
-    if not isinstance(config, ThrottledConfig):
+    if config.air_path != Throttled.name:
         raise DataError(f"{stored.path}: its configuration is not that of a throttled engine; {REMEDY} again")
     with reading(stored.path, KIND, REMEDY) as file:
         learned, healthy = read_learned(file)
@@ -101,7 +101,7 @@ def _closed(
     return closed, stands, refused + refused_unseen
 
 
-def read_what_is_there(path: Path, config: ThrottledConfig) -> Log:
+def read_what_is_there(path: Path, config: Config) -> Log:
     """Return a log that may lack channels; the balances without them are left out later.
 
     Raises

@@ -246,7 +246,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
-    prior, plant = prior_of(config, stored, frozen), diesel_plant(config.diesel)
+    prior, plant = prior_of(config, stored, frozen), diesel_plant(config.engine)
     start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
     had = () if refined is None else refined.effects
     found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import DataError
 from lpvobs.maps import quadratic
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import (
     COEFFICIENTS,
-    PAPER,
     evaluate,
     fit,
     interval_factor,
@@ -18,7 +18,7 @@ from lpvobs.maps.quadratic import (
     terms,
 )
 
-EQ_39, EQ_40 = PAPER.values()
+EQ_39, EQ_40 = PUBLISHED.surfaces.values()
 NODE_ERROR = 2e-4  # kg/s, a fifth of a gram per second: what a good estimate leaves
 
 
@@ -43,7 +43,7 @@ def noise_of(grid, seed, correlation=0.4):
     return covariance, lambda: (root @ rng.standard_normal(grid.size)).reshape(grid.shape)
 
 
-@pytest.mark.parametrize("coefficients", PAPER.values(), ids=PAPER)
+@pytest.mark.parametrize("coefficients", PUBLISHED.surfaces.values(), ids=PUBLISHED.surfaces)
 def test_a_noiseless_quadratic_comes_back_in_the_papers_units(grid, visited, coefficients):
     surface = on_nodes(grid, coefficients)
     found = fit(grid, np.where(visited, surface, np.nan), NODE_ERROR**2 * np.eye(grid.size), visited)
@@ -288,7 +288,7 @@ def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
     noise = (5e-5) ** 2 * np.eye(grid.size)
     design = scaled_terms(grid, u, n).reshape(-1, 6)
     rng = np.random.default_rng(7)
-    flat = evaluate(np.array(PAPER["FTP75 cold transient, Eq. (40)"]), u, n)
+    flat = evaluate(np.array(PUBLISHED.surfaces["FTP75 cold transient, Eq. (40)"]), u, n)
     smooth = [
         outer_coverage(grid, flat + 5e-5 * rng.standard_normal(grid.shape), noise, visited, design) for _ in range(20)
     ]

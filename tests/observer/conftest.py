@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from reference.drives import integrated
 
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.metrics import best_fit
-from lpvobs.maps.quadratic import PAPER, evaluate
+from lpvobs.maps.quadratic import evaluate
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import EstimateSettings
 
-EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])
+EQ_40 = np.array(PUBLISHED.surfaces["FTP75 cold transient, Eq. (40)"])
 LEGS = 3 if os.environ.get("NUMBA_DISABLE_JIT") == "1" else 100
 """Of the drive. Without the compiler a short one: what compares two ways holds on it as well, what is about accuracy does not."""
 TOLERANCE = dict.fromkeys(

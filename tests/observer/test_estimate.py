@@ -7,19 +7,19 @@ import pytest
 from reference.drives import log_of, noisy
 
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
-from lpvobs.maps.quadratic import PAPER, evaluate, fit
+from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.observer.estimate import estimate_default, estimate_published, steps_of
 from lpvobs.observer.information import solve
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
-from lpvobs.synthesis.published import published_gain
 
 GRAM = 1e-3  # kg/s
-EQ_40 = np.array(PAPER["FTP75 cold transient, Eq. (40)"])
-PUBLISHED = PublishedSettings(gamma=200.0, x_0=(9.8e4, 9.8e4, 0.0), temperatures={"T_im": 310.0, "T_em": 750.0})
+EQ_40 = np.array(PUBLISHED.surfaces["FTP75 cold transient, Eq. (40)"])
+SETTINGS = PublishedSettings(gamma=200.0, x_0=(9.8e4, 9.8e4, 0.0), temperatures={"T_im": 310.0, "T_em": 750.0})
 
 
 def surface(u_delta, n_e):
@@ -90,7 +90,7 @@ def test_the_default_is_better_than_the_observer_as_published(air_path, grid, ga
     maps = {
         "default": estimate_default(air_path, grid, gain, [recorded], settings),
         "published": estimate_published(
-            air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), [recorded], PUBLISHED, settings
+            air_path, grid, StateGain(("p_im", "omega_t"), PUBLISHED.L), [recorded], SETTINGS, settings
         ),
     }
     error = {
@@ -236,15 +236,13 @@ def test_auxiliary_channels_change_nothing(air_path, grid, gain, drive, settings
 
 def test_published_is_eq_26_on_the_signals_as_recorded(air_path, grid, drive, other_drive, settings):
     logs = noisy(drive[0], 11), noisy(other_drive[0], 12)
-    found = estimate_published(
-        air_path, grid, StateGain(("p_im", "omega_t"), published_gain()), logs, PUBLISHED, settings
-    )
+    found = estimate_published(air_path, grid, StateGain(("p_im", "omega_t"), PUBLISHED.L), logs, SETTINGS, settings)
     theta = np.zeros(grid.size)
     for log in logs:  # the map goes on from log to log
         x_0 = np.tile([9.8e4, 9.8e4, 0.0], (len(log.segments), 1))
         trajectory = air_path.trajectory(log, ("p_im", "omega_t"), {"T_im": 310.0, "T_em": 750.0})
         point = log["u_delta"], log["n_e"]
-        theta = observe(trajectory, log.time, log.segments, point, grid, published_gain(), 200.0, x_0, theta).theta
+        theta = observe(trajectory, log.time, log.segments, point, grid, PUBLISHED.L, 200.0, x_0, theta).theta
     np.testing.assert_array_equal(found.theta[found.supported], theta.reshape(grid.shape)[found.supported])
     assert np.isnan(found.theta[~found.supported]).all()
     assert np.isnan(found.standard_error).all()  # the method states none

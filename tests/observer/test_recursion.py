@@ -14,10 +14,10 @@ from reference.membership import psi
 
 from lpvobs.engines.base import Trajectory
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.recursion import observe
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import EPSILON, TABLE_1, published_gain
 from lpvobs.synthesis.region import Region
 
 GRID = Grid(np.array([0.0, 8.0, 20.0, 30.0, 56.0]), np.array([500.0, 1200.0, 2000.0, 4000.0]))
@@ -57,8 +57,8 @@ def exact_plant(log, trajectory, theta, x_0):
     [
         (FOUR, L_FOUR, 200.0),
         (FOUR, L_FOUR, 0.5),
-        (("p_im", "omega_t"), published_gain(), 200.0),
-        (("p_im", "omega_t"), published_gain(), 0.0),
+        (("p_im", "omega_t"), PUBLISHED.L, 200.0),
+        (("p_im", "omega_t"), PUBLISHED.L, 0.0),
     ],
 )
 def test_eq_26_and_eq_36_are_equal(air_path, outputs, L, gamma):
@@ -200,10 +200,12 @@ def proven():
     """Return two gains with P on the ETC column of Table 1 at fixed a_1, a_2: the paper's, and one from four outputs."""
     from lpvobs.synthesis.solve import certify_fixed_gain, synthesise
 
-    bounds = (*TABLE_1["ETC"], (287 * 310 / 5e-3,) * 2, (286 * 750 / 1.5e-3,) * 2)
+    bounds = (*PUBLISHED.bounds["ETC"], (287 * 310 / 5e-3,) * 2, (286 * 750 / 1.5e-3,) * 2)
     region = Region(Diesel.parameter_names, *(tuple(map(float, ends)) for ends in zip(*bounds, strict=True)))
     three, four = ("p_im", "omega_t"), FOUR
-    published = certify_fixed_gain(Problem(partial(Diesel.system, outputs=three), region, 2), published_gain(), EPSILON)
+    published = certify_fixed_gain(
+        Problem(partial(Diesel.system, outputs=three), region, 2), PUBLISHED.L, PUBLISHED.epsilon
+    )
     ours = synthesise(Problem(partial(Diesel.system, outputs=four), region, 3), falling_gain=False, cascade=False)
     return {"published": (three, published), "four outputs": (four, ours)}
 

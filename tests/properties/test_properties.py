@@ -17,6 +17,7 @@ from robust.samples import make
 
 from lpvobs.engines.base import Trajectory
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import config_of, load_config
 from lpvobs.io.logs.reading import LogPolicies, read_log
@@ -26,7 +27,6 @@ from lpvobs.observer.parts import StateGain, inform
 from lpvobs.observer.recursion import observe
 from lpvobs.records import Log
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import TABLE_1
 from lpvobs.synthesis.region import Region
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -244,7 +244,7 @@ def random_region(rng):
     names = Diesel.parameter_names
     fixed = ((287 * 310 / 5e-3,) * 2, (286 * 750 / 1.5e-3,) * 2)
     moving_temperatures = ((287 * 280 / 5e-3, 287 * 400 / 5e-3), (286 * 500 / 1.5e-3, 286 * 1100 / 1.5e-3))
-    bounds = (*TABLE_1[rng.choice(["ETC", "NEDC"])], *(fixed if rng.random() < 0.5 else moving_temperatures))
+    bounds = (*PUBLISHED.bounds[rng.choice(["ETC", "NEDC"])], *(fixed if rng.random() < 0.5 else moving_temperatures))
     lower, upper = [], []
     for low, high in bounds:
         a, b = np.sort(rng.uniform(low, high, 2)) if high > low else (low, high)

@@ -5,35 +5,35 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import NotProven, UsageError
-from lpvobs.synthesis.gain import hurwitz_at_vertices
+from lpvobs.synthesis.gain import hurwitz_at_vertices, hurwitz_interval
 from lpvobs.synthesis.problem import Problem
-from lpvobs.synthesis.published import EPSILON, OUTPUTS, TABLE_1, hull, hurwitz_interval, published_gain
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import certify_fixed_gain
 
 
 @pytest.mark.parametrize("column", ["ETC", "FTP75", "NEDC", "hull"])
 def test_the_published_gain_is_certified_at_nominal_temperatures(diesel, column):
-    gain = certify_fixed_gain(diesel(column), published_gain(), EPSILON)
+    gain = certify_fixed_gain(diesel(column), PUBLISHED.L, PUBLISHED.epsilon)
     assert gain.certificate.vertices == 32
     assert gain.certificate.falling_gain  # 1 - 0.25 - 0.11 = 0.64
-    assert (gain.eps_1, gain.eps_2) == EPSILON
-    np.testing.assert_array_equal(gain.L, published_gain())
+    assert (gain.eps_1, gain.eps_2) == PUBLISHED.epsilon
+    np.testing.assert_array_equal(gain.L, PUBLISHED.L)
 
 
 @pytest.mark.parametrize("V_em", [1.7e-3, 2e-3, 3e-3])
 def test_it_is_not_for_larger_exhaust_manifolds(diesel, V_em):
     with pytest.raises(NotProven):
-        certify_fixed_gain(diesel("ETC", V_em=V_em), published_gain(), EPSILON)
+        certify_fixed_gain(diesel("ETC", V_em=V_em), PUBLISHED.L, PUBLISHED.epsilon)
 
 
 @pytest.mark.parametrize("column", ["ETC", "FTP75", "NEDC"])
 def test_it_is_certified_nowhere_once_temperatures_move(diesel, column):
     problem = diesel(column, (280.0, 400.0), (400.0, 1100.0))
-    assert not hurwitz_at_vertices(problem, published_gain())
+    assert not hurwitz_at_vertices(problem, PUBLISHED.L)
     with pytest.raises(NotProven):
-        certify_fixed_gain(problem, published_gain(), EPSILON)
+        certify_fixed_gain(problem, PUBLISHED.L, PUBLISHED.epsilon)
 
 
 def at_ratio(diesel, moved):
@@ -52,21 +52,21 @@ def at_ratio(diesel, moved):
 @pytest.mark.parametrize("moved", ["a_1", "a_2"])
 def test_it_is_hurwitz_only_for_a_narrow_range_of_a_1_over_a_2(diesel, moved):
     problem, nominal = at_ratio(diesel, moved)
-    low, high = hurwitz_interval(problem, published_gain(), nominal)
+    low, high = hurwitz_interval(problem, PUBLISHED.L, nominal)
     # 0.065 and 0.139 as known, to their last digit: which of a_1, a_2 moves shifts the lower end by one unit of it.
     assert low == pytest.approx(0.065, abs=1.5e-3)
     assert high == pytest.approx(0.139, abs=5e-4)
     # The limits are limits: just inside it is Hurwitz, just outside not.
-    assert hurwitz_at_vertices(problem(low * 1.001), published_gain())
-    assert not hurwitz_at_vertices(problem(low * 0.999), published_gain())
-    assert not hurwitz_at_vertices(problem(high * 1.001), published_gain())
+    assert hurwitz_at_vertices(problem(low * 1.001), PUBLISHED.L)
+    assert not hurwitz_at_vertices(problem(low * 0.999), PUBLISHED.L)
+    assert not hurwitz_at_vertices(problem(high * 1.001), PUBLISHED.L)
 
 
 def test_far_inside_there_is_no_limit_to_find_and_far_outside_no_start(diesel):
     problem, nominal = at_ratio(diesel, "a_1")
-    assert hurwitz_interval(problem, published_gain(), nominal, reach=1.05) == (nominal / 1.05, nominal * 1.05)
+    assert hurwitz_interval(problem, PUBLISHED.L, nominal, reach=1.05) == (nominal / 1.05, nominal * 1.05)
     with pytest.raises(UsageError):
-        hurwitz_interval(problem, published_gain(), 1.0)
+        hurwitz_interval(problem, PUBLISHED.L, 1.0)
 
 
 def scalar(entry):
@@ -121,28 +121,28 @@ def test_table_1_is_as_printed():
         "FTP75": "46 110  -0.56 1.15  1.18 6  0.75 5.4  0 2.78",
         "NEDC": "49 130  -0.003 1.0  1.1 5.4  0.62 4.7  0 2.67",
     }
-    assert list(TABLE_1) == list(printed)
+    assert list(PUBLISHED.bounds) == list(printed)
     for column, row in printed.items():
         expected = np.array(row.split(), dtype=float).reshape(5, 2)
         units = np.array([[1e-7]] * 4 + [[1.0]])
         # a product with 1e-7 rounds once, a literal with its exponent does, too
-        np.testing.assert_allclose(TABLE_1[column], expected * units, rtol=1e-15)
+        np.testing.assert_allclose(PUBLISHED.bounds[column], expected * units, rtol=1e-15)
         assert (expected[:, 0] < expected[:, 1]).all()
 
 
 def test_the_hull_is_the_etc_column_which_holds_the_others():
-    assert hull() == TABLE_1["ETC"]
-    for column in TABLE_1.values():
-        for (low, high), (hull_low, hull_high) in zip(column, hull(), strict=True):
+    assert PUBLISHED.hull() == PUBLISHED.bounds["ETC"]
+    for column in PUBLISHED.bounds.values():
+        for (low, high), (hull_low, hull_high) in zip(column, PUBLISHED.hull(), strict=True):
             assert hull_low <= low <= high <= hull_high
 
 
 def test_the_published_gain_is_as_printed():
     """Eq. (38) and what stands before it, digit by digit."""
-    assert published_gain().tolist() == [
+    assert PUBLISHED.L.tolist() == [
         [float("1635.83"), -float("124.95"), float("6.52e-7")],
         [-float("16063.4"), float("3135.43"), float("1.67e-7")],
         [float("4.2"), float("29.7"), float("4.55e-20")],
     ]
-    assert EPSILON == (0.25, 0.11)
-    assert OUTPUTS == ("p_im", "omega_t", "W_maf")
+    assert PUBLISHED.epsilon == (0.25, 0.11)
+    assert PUBLISHED.outputs == ("p_im", "omega_t")

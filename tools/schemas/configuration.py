@@ -8,12 +8,12 @@ from typing import Any
 import msgspec
 
 from lpvobs.engines.base import AirPath
-from lpvobs.io.configuration.config import KINDS, SCHEMA, load_config
+from lpvobs.engines.registry import ENGINES
+from lpvobs.io.configuration.config import SCHEMA, load_config, record_of
 from lpvobs.simulation.parameters import SURFACE_KINDS
 
 Schema = dict[str, Any]
 CONFIGS = Path(__file__).parents[2] / "configs"
-EXAMPLES = {"diesel": CONFIGS / "diesel.toml", "throttled": CONFIGS / "liu-ice.toml"}
 CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("Surface", "kind"): SURFACE_KINDS}
 """Texts of which only these are taken; the records check them when they are made."""
 TABLE = re.compile(r"\[(?P<name>[\w.]+)\]\s*(#\s*(?P<comment>.*\S))?\s*")
@@ -26,21 +26,24 @@ def config_schema() -> Schema:
 
     Arrays are written so that drafts before 2020-12, which editors still use, read them alike.
     """
-    kinds = list(KINDS.values())
-    _, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+    records = {name: record_of(kind) for name, kind in ENGINES.items()}
+    _, components = msgspec.json.schema_components(records.values(), ref_template="#/$defs/{name}")
     defs = {name: _strict(component) for name, component in components.items()}
     for (record, key), choices in CHOICES.items():
         defs[record]["properties"][key]["enum"] = list(choices)
-    for name, kind in KINDS.items():
-        defs[kind.__name__] = _of_engine(defs[kind.__name__], name, load_config(EXAMPLES[name])[0].engine_path())
-        for path, comment in comments(EXAMPLES[name].read_text(encoding="utf-8")):
-            _describe(defs, kind.__name__, path, comment)
+    for name, kind in ENGINES.items():
+        record, example = records[name].__name__, CONFIGS / kind.example
+        defs[record] = _of_engine(defs[record], name, load_config(example)[0].engine_path())
+        for path, comment in comments(example.read_text(encoding="utf-8")):
+            _describe(defs, record, path, comment)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:lpvobs:config:{SCHEMA}",
         "title": "Configuration of lpvobs",
-        "description": "Engine, map grid, gain and policies; commented examples: configs/diesel.toml, configs/liu-ice.toml.",
-        "oneOf": [{"$ref": f"#/$defs/{kind.__name__}"} for kind in kinds],
+        "description": "Engine, map grid, gain and policies; commented examples: "
+        + ", ".join(f"configs/{kind.example}" for kind in ENGINES.values())
+        + ".",
+        "oneOf": [{"$ref": f"#/$defs/{record.__name__}"} for record in records.values()],
         "$defs": defs,
     }
 

@@ -1,1 +1,18 @@
 """A diesel with EGR and VGT: the paper's engine."""
+
+from lpvobs.engines.base import EngineKind
+from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.known_drive import drive
+from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.diesel.published import PUBLISHED
+from lpvobs.engines.diesel.recorded import RECORDED
+
+ENGINE = EngineKind(
+    air_path=Diesel,
+    tables={"engine": DieselEngine},
+    recorded=RECORDED,
+    example="diesel.toml",
+    plant="nine states",
+    published=PUBLISHED,
+    known_drive=drive,
+)

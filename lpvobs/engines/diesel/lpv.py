@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from lpvobs.engines.base import Balances, Channel, MapAxis, Trajectory
+from lpvobs.engines.base import Balances, MapAxis, Trajectory
+from lpvobs.engines.channels import Channel
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.records import Array, Log

@@ -99,6 +99,40 @@ class ThrottledEngine:
 
 
 @dataclass(frozen=True)
+class DayToDay:
+    """What may differ from one day to another without being a fault: standard deviations; the configuration's `[trace]`.
+
+    Attributes
+    ----------
+    balance : float
+        Of the level of throttle and speed-density balance, as a fraction.
+    fuel : float
+        Of the fuel balance: fuels and mixtures differ, too.
+    ambient : float
+        Of p_ic against p_amb at low flow, as a fraction.
+    pressure_gain : float
+        Of the gain of either pressure sensor.
+    pressure_offset : float
+        [Pa], of the zero of either pressure sensor.
+    opening : float
+        [%], of the zero of the throttle's position.
+
+    Channels may be off against each other by a sample, whatever the day.
+    """
+
+    balance: float = 0.015
+    fuel: float = 0.02
+    ambient: float = 0.003
+    pressure_gain: float = 0.003
+    pressure_offset: float = 300.0
+    opening: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not min(vars(self).values()) > 0:
+            raise ValueError("what may differ from day to day must be positive")
+
+
+@dataclass(frozen=True)
 class Learned:
     """A throttled engine as a healthy log shows it.
 

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import Balances, Channel, MapAxis, Trajectory
+from lpvobs.engines.base import Balances, MapAxis, Trajectory
+from lpvobs.engines.channels import Channel
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import learn

@@ -4,18 +4,15 @@ What the file does not know is refused with the nearest key that exists; what it
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields, make_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.discovery.throttled_noise import DayToDay
-from lpvobs.engines.base import AirPath
-from lpvobs.engines.diesel.constants import DieselEngine
-from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.engines.throttled.constants import ThrottledEngine
-from lpvobs.engines.throttled.lpv import Throttled
+from lpvobs.engines.base import AirPath, EngineKind
+from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert
 from lpvobs.io.configuration.strict import parse as _parse
@@ -26,10 +23,10 @@ from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.simulation.disturbances import Injected, injected_of
 from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.road import Auxiliary
 from lpvobs.synthesis.settings import GainSettings
 
-Record = TypeVar("Record")
 SCHEMA = 1
 MOST_NODES = 3000  # the information matrix of more does not fit a small machine
 
@@ -59,53 +56,56 @@ class Axis:
 
 @dataclass(frozen=True)
 class Config:
-    """A complete configuration; see `configs/diesel.toml` and `configs/liu-ice.toml` for what every key means."""
+    """A complete configuration; see `configs/diesel.toml` and `configs/liu-ice.toml` for what every key means.
+
+    The tables that are an engine's own have the records that its kind names; `record_of` gives them their types.
+    """
 
     schema: int
     air_path: str
     map: Mapping[str, Axis]
-    engine: DieselEngine | ThrottledEngine
+    engine: Any
     gain: GainSettings
     estimate: EstimateSettings
     published: PublishedSettings
     ekf: KalmanSettings
     policies: LogPolicies = field(default_factory=LogPolicies)
-    simulation: SimulationParameters | None = None
+
+    simulation: ClassVar[SimulationParameters | None] = None
+    trace: ClassVar[Any] = None
+
+    @property
+    def kind(self) -> EngineKind:
+        """The kind of the configured engine."""
+        return ENGINES[self.air_path]
 
     def engine_path(self) -> AirPath:
         """Return the air path of the configured engine."""
-        return Throttled(self.engine) if isinstance(self.engine, ThrottledEngine) else Diesel(self.engine)
-
-    @property
-    def diesel(self) -> DieselEngine:
-        """The engine, for what only a diesel can do; raises UsageError for another one."""
-        if not isinstance(self.engine, DieselEngine):
-            raise UsageError(f"air_path = '{self.air_path}': only a diesel can do this, see configs/diesel.toml")
-        return self.engine
+        return self.kind.air_path(self.engine)
 
     def grid(self) -> Grid:
         """Return the grid of the map, fuel axis first."""
-        fuel, speed = (self.map[axis.channel].nodes() for axis in self.engine_path().axes)
+        fuel, speed = (self.map[axis.channel].nodes() for axis in self.kind.air_path.axes)
         return Grid(fuel, speed)
 
 
-@dataclass(frozen=True)
-class DieselConfig(Config):
-    """That of a diesel."""
-
-    engine: DieselEngine
-
-
-@dataclass(frozen=True)
-class ThrottledConfig(Config):
-    """That of a throttled engine."""
-
-    engine: ThrottledEngine
-    trace: DayToDay = field(default_factory=DayToDay)
+@cache
+def record_of(kind: EngineKind) -> type[Config]:
+    """Return the record of the configuration of a kind of engine: the tables of all, and those of its own."""
+    own: dict[str, Any] = dict(kind.tables)
+    if kind.plant:
+        own["simulation"] = PLANTS[kind.plant].parameters | None
+    tables = [(name, record, _default(record)) for name, record in own.items()]
+    said = {"__doc__": f"The configuration of a {kind.name} engine."}
+    return make_dataclass(f"{kind.name.capitalize()}Config", tables, bases=(Config,), namespace=said, frozen=True)
 
 
-KINDS: dict[str, type[Config]] = {Diesel.name: DieselConfig, Throttled.name: ThrottledConfig}
-"""The configuration of every air path."""
+def _default(record: Any) -> Any:
+    """Return the field of a table that may be left out where every key in it may, or nothing stands for it."""
+    if not isinstance(record, type):
+        return field(default=None)
+    needed = any(item.default is MISSING and item.default_factory is MISSING for item in fields(record))
+    return field() if needed else field(default_factory=record)
 
 
 def load_config(path: Path) -> tuple[Config, str]:
@@ -123,10 +123,11 @@ def load_config(path: Path) -> tuple[Config, str]:
 def config_of(text: str, path: Path) -> Config:
     """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
     document = _parse(text, path)
-    kind = document.get("air_path", Diesel.name)
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise UsageError(f"{path}: air_path = {kind!r}, expected one of {', '.join(map(repr, KINDS))}")
-    config = _convert(path, document, KINDS[kind])
+    name = document.get("air_path", usual_engine().name)
+    if not isinstance(name, str) or name not in ENGINES:
+        raise UsageError(f"{path}: air_path = {name!r}, expected one of {', '.join(map(repr, ENGINES))}")
+    kind = ENGINES[name]
+    config = convert(path, document, record_of(kind), f"configs/{kind.example}")
     if config.schema != SCHEMA:
         raise UsageError(
             f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
@@ -215,7 +216,3 @@ def _check_names(path: Path, config: Config) -> None:
                 raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
     if len(set(config.gain.outputs)) < len(config.gain.outputs):
         raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")
-
-
-def _convert(path: Path, document: Mapping[str, Any], record: type[Record]) -> Record:
-    return convert(path, document, record, "configs/diesel.toml")

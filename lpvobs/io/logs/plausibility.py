@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import Channel
+from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Finding
 

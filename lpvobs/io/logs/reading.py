@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import Channel
+from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of, refuse_huge, schema_of, state_of, unreadable
 from lpvobs.io.logs.plausibility import refuse_implausible, refuse_odd_rate, spoiled

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import Channel
+from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.logs import reading as logs
 from lpvobs.io.logs.parquet import state_of, unreadable

@@ -1,15 +1,14 @@
-"""A drive by formula with a known map: nothing drawn, nothing integrated, none of the package's own relations.
+"""A drive by formula: nothing drawn, nothing integrated, none of the package's own relations.
 
 EGR stays shut. Load and speed follow sines, and with them the intake pressure. What flows into the cylinders and what fills the
 manifold is then what the compressor has to deliver, and the turbine turns as fast as that takes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from lpvobs.engines.diesel.constants import DieselEngine
-from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 
 RATE, DURATION = 50.0, 240.0
@@ -18,14 +17,11 @@ SLOWEST, FASTEST = 500.0, 30_000.0
 """[rad/s], between which the turbine's speed is sought."""
 
 
-def known_map(grid: Grid) -> Array:
-    """Return the error of the sensor at the nodes, shape (p_2, p_1) [kg/s]: a saddle of a few grams per second."""
-    u, n = np.meshgrid(grid.fuel / 56.0, grid.speed / 4000.0)
-    return np.asarray(1e-3 * (1.0 - 4.0 * u + 3.0 * n * n - 2.0 * u * n))
+def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Mapping[str, Array]:
+    """Return every channel of a diesel's log, with `time` [s] and the two reference channels.
 
-
-def drive(engine: DieselEngine, grid: Grid) -> Mapping[str, Array]:
-    """Return every channel of a diesel's log, with `time` [s] and the two reference channels."""
+    `error_at` gives the error of the sensor [kg/s] at fuel [mg/cycle] and speed [rpm].
+    """
     t = np.arange(round(RATE * DURATION) + 1) / RATE
     load, speed = 0.5 + 0.5 * np.sin(0.61 * t), 0.5 + 0.5 * np.sin(0.083 * t + 0.4)
     p_im, rise = _pressure(load, speed, t)
@@ -43,7 +39,7 @@ def drive(engine: DieselEngine, grid: Grid) -> Mapping[str, Array]:
         "T_amb": np.full_like(t, T_AMB),
     }
     flow = _cylinders(engine, channels) + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
-    error = _bilinear(grid, known_map(grid), channels["u_delta"], channels["n_e"])
+    error = error_at(channels["u_delta"], channels["n_e"])
     turbine = {"omega_t": _turbine_speed(engine, channels, flow), "W_maf": flow + error}
     return channels | turbine | {"ref_W_c": flow, "ref_delta_W_c": error}
 
@@ -82,14 +78,3 @@ def _turbine_speed(engine: DieselEngine, c: Mapping[str, Array], flow: Array) ->
         enough = _compressor(engine, c["p_im"], middle) >= flow
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     return 0.5 * (low + high)
-
-
-def _bilinear(grid: Grid, theta: Array, u: Array, n: Array) -> Array:
-    """Return a map between its nodes, from the definition: along one axis, then along the other."""
-    i = np.clip(np.searchsorted(grid.fuel, u, side="right") - 1, 0, grid.fuel.size - 2)
-    j = np.clip(np.searchsorted(grid.speed, n, side="right") - 1, 0, grid.speed.size - 2)
-    a = (u - grid.fuel[i]) / (grid.fuel[i + 1] - grid.fuel[i])
-    b = (n - grid.speed[j]) / (grid.speed[j + 1] - grid.speed[j])
-    below = (1.0 - a) * theta[j, i] + a * theta[j, i + 1]
-    above = (1.0 - a) * theta[j + 1, i] + a * theta[j + 1, i + 1]
-    return np.asarray((1.0 - b) * below + b * above)

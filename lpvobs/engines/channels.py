@@ -1,0 +1,103 @@
+"""Channels of a log: what a working sensor reads, how recordings of other programs call them, and those that all engines share."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel that the engine's air path needs.
+
+    Attributes
+    ----------
+    unit : str
+        The unit of the contract; readers convert to it.
+    low, high : float
+        What a working sensor can read at all, in that unit; a sample outside is a defect.
+    typical : tuple of float
+        Range in which the median of a whole log lies; outside, the unit or the sign is wrong.
+    meaning : str
+        For people.
+    still : float
+        [s], longest time that a working sensor may stand exactly still while the engine moves; infinite for what may rest
+        for a whole log, such as a valve or the weather.
+    above : tuple of str and float, optional
+        A channel that this one does not fall below by more than so much, in a healthy engine.
+    reaches : float
+        What some sample of every log reaches.
+    """
+
+    unit: str
+    low: float
+    high: float
+    typical: tuple[float, float]
+    meaning: str
+    still: float = math.inf
+    above: tuple[str, float] | None = None
+    reaches: float = -math.inf
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """How recordings of other programs hold a channel.
+
+    Attributes
+    ----------
+    unit : str
+        In the log.
+    typical : tuple of float
+        [unit], where the median of a drive lies; narrower than `Channel.typical`, because it has to tell units apart.
+    units : tuple of str
+        What recordings write it in, where they do not say.
+    strong, weak : str
+        Regular expressions for names in lower-case words: those that mean this channel alone, and those that may.
+    """
+
+    unit: str
+    typical: tuple[float, float]
+    units: tuple[str, ...]
+    strong: str
+    weak: str = r"(?!)"
+
+
+PRESSURE, TEMPERATURE, SPEED, SHARE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC"), ("rpm", "rad/s"), ("%", "1")
+"""Units that recordings write a quantity in."""
+
+COMMON: dict[str, Recorded] = {
+    "n_e": Recorded(
+        "rpm",
+        (500, 5000),
+        SPEED,
+        r"n e|ne|n eng|n mot|nmot|engine (speed|rpm)|motordrehzahl",
+        r"n|rpm|drehzahl|speed|eng speed",
+    ),
+    "p_im": Recorded(
+        "Pa",
+        (2e4, 4e5),
+        PRESSURE,
+        r"p im|intake manifold (absolute )?press(ure)?|manifold absolute pressure|map|saugrohrdruck",
+        r"p ?(2|22|int|man|boost).*|boost pressure|ladedruck",
+    ),
+    "p_amb": Recorded(
+        "Pa",
+        (5.5e4, 1.1e5),
+        PRESSURE,
+        r"p amb|(ambient|barometric|atmospheric) press(ure)?|umgebungsdruck|baro",
+        r"p ?(0|atm|env).*",
+    ),
+    "T_amb": Recorded(
+        "K",
+        (220, 330),
+        TEMPERATURE,
+        r"t amb|(ambient|outside) (air )?temp(erature)?|umgebungstemperatur",
+        r"t ?(0|1|env).*",
+    ),
+    "W_maf": Recorded(
+        "kg/s",
+        (5e-4, 0.5),
+        ("kg/s", "g/s", "kg/h"),
+        r"w maf|maf|(mass air|air mass) ?flow|air flow rate( from mass flow sensor)?|luftmasse(nstrom)?|hfm",
+        r".*\b(maf|air ?flow|airmass|luft)\b.*",
+    ),
+}
+"""Channels of every engine."""
