@@ -1,18 +1,23 @@
 """What every room's tests share: the engine and grid of the shipped configuration, and how Hypothesis draws."""
 
+import fcntl
 import os
+import shutil
 import tomllib
-from dataclasses import fields
-
-from repository import CONFIGS
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
 
 # Before NumPy is loaded: for a few hundred rows threads of the linear algebra cost more than they give, above all on a machine
 # that has something else to do.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+import verbs
 from hypothesis import settings
+from repository import DIESEL
 
 from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
 from lpvobs.engines.diesel.lpv import Diesel
@@ -32,7 +37,7 @@ def _record(kind, table):
 @pytest.fixture(scope="session")
 def engine() -> DieselEngine:
     """Return the engine of configs/diesel.toml, read without the reader that has tests of its own."""
-    tables = tomllib.loads((CONFIGS / "diesel.toml").read_text(encoding="utf-8"))["engine"]
+    tables = tomllib.loads(DIESEL.read_text(encoding="utf-8"))["engine"]
     kinds = {
         "gas": Gas,
         "geometry": Geometry,
@@ -53,3 +58,76 @@ def air_path(engine) -> Diesel:
 def grid() -> Grid:
     """Return the default grid of the contract, 15 fuel by 17 speed nodes."""
     return Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """Return a function that fills a folder once for all workers of a run; who comes second waits and takes it as it is."""
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent
+
+    def fill(name: str, make: Callable[[Path], None]) -> Path:
+        folder, done = root / name, root / f"{name}.done"
+        with (root / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not done.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # of a worker that failed half-way
+                folder.mkdir()
+                make(folder)
+                done.touch()
+        return folder
+
+    return fill
+
+
+@pytest.fixture(scope="session")
+def lpvobs() -> Callable[..., verbs.Done]:
+    """Return a function that runs a command line in a process of its own."""
+    return verbs.lpvobs
+
+
+@pytest.fixture(scope="session")
+def config() -> Path:
+    return DIESEL
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One pass through the chain at 20 Hz. Every room's tests share the files: copy what is to be changed."""
+
+    folder: Path
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "ftp75_cold.parquet"
+
+    @property
+    def gain(self) -> Path:
+        return self.folder / "gain.h5"
+
+    @property
+    def result(self) -> Path:
+        return self.folder / "result.h5"
+
+
+@pytest.fixture(scope="session")
+def chain(once) -> Chain:
+    def make(folder: Path) -> None:
+        new = Chain(folder)
+        for step in (
+            ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--out", new.log),
+            ("synth-gain", "--config", DIESEL, new.log, "--out", new.gain),
+            ("estimate", "--config", DIESEL, "--gain", new.gain, new.log, "--out", new.result),
+            ("extrapolate", new.result),
+        ):
+            done = verbs.lpvobs(*step)
+            assert done.code == 0, f"{step}: {done.err}"
+
+    return Chain(once("chain", make))
+
+
+@pytest.fixture(scope="session")
+def table(chain):
+    """Return the log of the chain as a table of Arrow's."""
+    return pq.read_table(chain.log)

@@ -109,7 +109,7 @@ def test_removing_the_references_changes_no_byte_of_the_estimate(lpvobs, config,
         assert done.code == 0, done.err
         with h5py.File(out) as file:
             stored.append({name: file[name][()].tobytes() for name in (*ESTIMATED, "nodes/covariance")})
-            assert ("metrics/ftp75_cold" in file) == (log is chain.log)
+            assert ("metrics/ftp75_cold" in file) == (log == chain.log)
     assert stored[0] == stored[1]
 
 
