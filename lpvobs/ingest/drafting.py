@@ -11,7 +11,7 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.ingest.clocks import Stamps, stamps
 from lpvobs.ingest.formats import open_recording, sniff
-from lpvobs.ingest.guesses import KNOWN, Guess, guess, kind_of, normalised
+from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, Head, Recording, as_numbers
@@ -61,7 +61,7 @@ def draft_profile(path: Path) -> str:
     blocks = [_head(path), _source(seen), _time(seen), _raster(seen, sure)]
     blocks += [
         _channel(found, seen, sure)
-        for found in sorted(guesses, key=lambda item: list(KNOWN).index(item.channel))
+        for found in sorted(guesses, key=lambda item: list(known_channels()).index(item.channel))
         if _told(found, sure)
     ]
     return "\n\n".join([*blocks, _rest(seen, guesses)]) + "\n"
@@ -103,7 +103,8 @@ def _worth_reading(recording: Recording, kind: str) -> list[str]:
     speaks = [
         name
         for name, head in recording.heads.items()
-        if TIMES.fullmatch(normalised(head.name)) or any(guess(channel, name, head, nothing) for channel in KNOWN)
+        if TIMES.fullmatch(normalised(head.name))
+        or any(guess(channel, name, head, nothing) for channel in known_channels())
     ]
     return speaks[:MOST_COLUMNS]
 
@@ -135,7 +136,7 @@ def _guesses(name: str, head: Head, seen: Evidence) -> list[Guess]:
     values = seen.columns.get(name)
     if values is None:
         return []
-    return [found for channel in KNOWN if (found := guess(channel, name, head, values)) is not None]
+    return [found for channel in known_channels() if (found := guess(channel, name, head, values)) is not None]
 
 
 def _sure(guesses: Sequence[Guess]) -> dict[str, Guess]:
@@ -224,7 +225,7 @@ def _channel(found: Guess, seen: Evidence, sure: Mapping[str, Guess]) -> str:
     lines += [f"{mark}[channels.{found.channel}]", f"{mark}source = {_text(found.column)}"]
     if not found.unit_sure:
         lines.append(f"# source_unit = {_text(found.unit)}" + ("" if found.unit else "  # which?"))
-    lines.append(f"{mark}unit = {_text(KNOWN[found.channel].unit)}")
+    lines.append(f"{mark}unit = {_text(known_channels()[found.channel].unit)}")
     if seen.rules.format == "mat" and len(seen.clocks) > 1:
         lines += _own_clock(found, seen, mark)
     return "\n".join(lines)

@@ -13,8 +13,11 @@ from lpvobs.io.logs.units import canonical, convert
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
-KNOWN: Mapping[str, Recorded] = COMMON | {name: how for kind in ENGINES.values() for name, how in kind.recorded.items()}
-"""Channels that recordings may hold, of whichever engine."""
+
+
+def known_channels() -> Mapping[str, Recorded]:
+    """Return the channels that recordings may hold: those that all engines share, and those of each."""
+    return COMMON | {name: how for kind in ENGINES.values() for name, how in kind.recorded.items()}
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,13 @@ def guess(channel: str, column: str, head: Head, values: Array) -> Guess | None:
     Parameters
     ----------
     channel : str
-        One of KNOWN.
+        One of `known_channels`.
     column : str
     head : Head
     values : ndarray, shape (N,)
         As recorded, NaN where there is none.
     """
-    known, name = KNOWN[channel], normalised(head.name)[:LONGEST_NAME]
+    known, name = known_channels()[channel], normalised(head.name)[:LONGEST_NAME]
     strong = re.fullmatch(known.strong, name) is not None
     if not strong and not re.fullmatch(known.weak, name):
         return None
@@ -103,5 +106,7 @@ def _typical(known: Recorded, middle: float, unit: str) -> bool | None:
 def kind_of(unit: str) -> list[str]:
     """Return the channels that have a unit of this kind."""
     return [
-        name for name, known in KNOWN.items() if unit and known.unit != "1" and _typical(known, 0.0, unit) is not None
+        name
+        for name, known in known_channels().items()
+        if unit and known.unit != "1" and _typical(known, 0.0, unit) is not None
     ]

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from lpvobs.engines.registry import usual_engine
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert, parse, read_text
 
@@ -208,7 +209,8 @@ def profile_of(text: str, path: Path) -> Profile:
             f"{path}: schema = {profile.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
         )
     if not profile.channels:
-        raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.W_maf]")
+        sensor = usual_engine().air_path.sensor
+        raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.{sensor}]")
     for name in profile.channels:
         if name == "time" or name.startswith("ref_"):
             raise UsageError(

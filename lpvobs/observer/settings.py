@@ -59,13 +59,13 @@ class PublishedSettings:
     gamma : float
         [1/s], Gamma = gamma I.
     x_0 : tuple of float
-        Initial state; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa.
+        Initial state, one value each; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa.
     temperatures : mapping of str to float
         [K], behind a_1 and a_2.
     """
 
     gamma: float
-    x_0: tuple[float, float, float]
+    x_0: tuple[float, ...]
     temperatures: Mapping[str, float]
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from scipy.io import savemat
 from lpvobs.errors import DataError
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.ingest.foreign import ingest
-from lpvobs.ingest.guesses import KNOWN, guess
+from lpvobs.ingest.guesses import guess, known_channels
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import profile_of
 from lpvobs.ingest.recordings import Head
@@ -158,9 +158,11 @@ def test_what_is_no_recording(tmp_path):
 
 def test_the_patterns_of_a_channel_do_not_claim_anothers_name():
     """A name that means one channel surely means no other."""
-    for name, known in KNOWN.items():
+    for name, known in known_channels().items():
         middle = np.array([np.mean(known.typical)])
         sure = [
-            other for other in KNOWN if (found := guess(other, name, Head(name, known.unit), middle)) and found.sure
+            other
+            for other in known_channels()
+            if (found := guess(other, name, Head(name, known.unit), middle)) and found.sure
         ]
         assert sure == [name]

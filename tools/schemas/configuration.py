@@ -96,7 +96,9 @@ def _of_engine(schema: Schema, name: str, path: AirPath) -> Schema:
             temperatures=temperatures,
         ),
         "estimate": _with(tolerance=_named(constants, needed=())),
-        "published": _with(temperatures=temperatures),
+        "published": _with(
+            temperatures=temperatures, x_0=dict.fromkeys(("minItems", "maxItems"), len(path.state_names))
+        ),
         "ekf": _with(
             process_noise=_named(path.state_names),
             measurement_noise=_named((*path.state_names, path.sensor), needed=(path.sensor,)),

@@ -214,5 +214,9 @@ def _check_names(path: Path, config: Config) -> None:
         for name in needed:
             if name not in found:
                 raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
+    if len(config.published.x_0) != len(states):
+        raise UsageError(
+            f"{path}: published.x_0: has {len(config.published.x_0)} values, expected one of {', '.join(states)} each"
+        )
     if len(set(config.gain.outputs)) < len(config.gain.outputs):
         raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")

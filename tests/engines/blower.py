@@ -1,0 +1,123 @@
+"""A third engine for tests: a box that a blower fills and a nozzle empties. One state, other channels, everything else as usual.
+
+dp_box/dt = a_box (W_b - rho_n p_box),    W_maf = rho_n p_box
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from lpvobs.engines.base import Balances, EngineKind, MapAxis, Trajectory
+from lpvobs.engines.channels import PRESSURE, Channel, Recorded
+
+TEXT = """\
+schema = 1
+air_path = "blower"
+[map]
+v_b = { start = 0, stop = 10, step = 2 }  # V, blower voltage
+n_b = { start = 0, stop = 4000, step = 1000 }  # rpm
+[estimate]
+smoothing = 0.05
+least_information = 0.1
+prior_map = 0.1
+tolerance = { A_n = 0.01 }
+[published]
+gamma = 200.0
+x_0 = [1e5]
+temperatures = { T_box = 300.0 }
+[gain]
+outputs = ["p_box"]
+cascade = true
+falling_gain = true
+decay = 1.0
+margin = 0.05
+bounds = { rho_n = [1e-7, 1e-6] }
+temperatures = { T_box = [280, 320] }
+[ekf]
+map_drift = 1e-5
+prior_map = 0.02
+measurement_noise = { p_box = 100.0, W_maf = 5e-4 }
+process_noise = { p_box = 1e3 }
+[engine]
+V_box = 0.01  # m^3, volume of the box
+A_n = 1e-4  # m^2, area of the nozzle
+"""
+
+
+@dataclass(frozen=True)
+class Box:
+    """The configuration's `[engine]`."""
+
+    V_box: float
+    A_n: float
+
+
+@dataclass(frozen=True)
+class Blower:
+    """The air path."""
+
+    engine: Box
+
+    name: ClassVar[str] = "blower"
+    learns: ClassVar[bool] = False
+    sensor: ClassVar[str] = "W_maf"
+    state_names: ClassVar[tuple[str, ...]] = ("p_box",)
+    parameter_names: ClassVar[tuple[str, ...]] = ("rho_n", "a_box")
+    temperature_names: ClassVar[tuple[str, ...]] = ("T_box",)
+    rate_names: ClassVar[tuple[str, ...]] = ("a_box",)
+    balance_constants: ClassVar[tuple[str, ...]] = ("A_n",)
+    smoothed: ClassVar[tuple[str, ...]] = ("p_box",)
+    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
+        MapAxis("v_b", "V", "blower voltage"),
+        MapAxis("n_b", "rpm", "blower speed"),
+    )
+    channels: ClassVar[Mapping[str, Channel]] = {
+        "v_b": Channel("V", -1.0, 20.0, (0.0, 15.0), "blower voltage"),
+        "n_b": Channel("rpm", -50.0, 8000.0, (100.0, 6000.0), "blower speed"),
+        "p_box": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "pressure in the box"),
+        "T_box": Channel("K", 200.0, 500.0, (230.0, 420.0), "temperature in the box"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor"),
+    }
+
+    def engine_constants(self):
+        return vars(self.engine)
+
+    def rate_bounds(self, temperatures):
+        low, high = temperatures["T_box"]
+        return {"a_box": (287.0 * low / self.engine.V_box, 287.0 * high / self.engine.V_box)}
+
+    @staticmethod
+    def system(parameters, outputs):
+        rho, a = parameters
+        return [[-a * rho]], [*([0 * rho + 1] for _ in outputs), [rho]]
+
+    def _rho(self, log):
+        return self.engine.A_n / np.sqrt(287.0 * log["T_box"])
+
+    def trajectory(self, log, outputs, constant=None):
+        T = log["T_box"] if constant is None else np.full(len(log), constant["T_box"])
+        rho, a = self._rho(log), 287.0 * T / self.engine.V_box
+        A, C = (np.moveaxis(np.array(rows), -1, 0) for rows in self.system((rho, a), outputs))
+        y = np.column_stack([log[name] for name in (*outputs, self.sensor)])
+        return Trajectory(np.stack([rho, a], axis=1), A, np.zeros((len(log), 1)), C, y)
+
+    def states(self, log):
+        return log["p_box"][:, None]
+
+    def fingerprint(self):
+        return ""
+
+    def learned_from(self, logs):
+        return self
+
+    def balances(self, log, rates, uncertain):
+        flow = self._rho(log) * log["p_box"]
+        return Balances(("nozzle",), flow[None], np.tile(flow, (1, len(uncertain), 1)))
+
+
+def kind(example: str, **more: Any) -> EngineKind:
+    """Return the record of the engine with its commented configuration in a file."""
+    recorded = {"p_box": Recorded("Pa", (6e4, 4e5), PRESSURE, r"p box|box pressure")}
+    return EngineKind(Blower, {"engine": Box}, recorded, example, **more)

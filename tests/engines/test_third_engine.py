@@ -1,0 +1,102 @@
+"""An engine that the package has never seen: a record and a line in the registry are all that the verbs need."""
+
+import json
+import tomllib
+
+import jsonschema
+import numpy as np
+import pytest
+from engines import blower
+from repository import DIESEL, ROOT
+
+from lpvobs.engines.registry import ENGINES
+from lpvobs.errors import UsageError
+from lpvobs.ingest.drafting import draft_profile
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.logs.reading import LogPolicies, write_log
+from lpvobs.steps.gain import check_again, make_gain, make_published_gain
+from lpvobs.steps.inspect import inspect_log
+from lpvobs.steps.simulate import simulate_log
+
+UNITS = {"time": "s"} | {name: channel.unit for name, channel in blower.Blower.channels.items()}
+
+
+@pytest.fixture(autouse=True)
+def example(tmp_path, monkeypatch):
+    path = tmp_path / "blower.toml"
+    path.write_text(blower.TEXT, encoding="utf-8")
+    monkeypatch.setitem(ENGINES, "blower", blower.kind(str(path)))
+    return path
+
+
+@pytest.fixture
+def log(tmp_path):
+    t = np.arange(2000) / 100.0
+    wave = 0.5 + 0.5 * np.sin(t)
+    p_box, T_box = 1.2e5 + 2e4 * wave, 300.0 + wave
+    flow = 1e-4 / np.sqrt(287.0 * T_box) * p_box
+    channels = {
+        "time": t,
+        "v_b": 4.0 + 4.0 * wave,
+        "n_b": 1000.0 + 2000.0 * wave,
+        "p_box": p_box,
+        "T_box": T_box,
+        "W_maf": flow,
+    }
+    write_log(tmp_path / "log.parquet", channels, UNITS)
+    return tmp_path / "log.parquet"
+
+
+def test_its_configuration_is_read_and_refused(example):
+    config, _ = load_config(example)
+    assert config.engine == blower.Box(0.01, 1e-4)
+    assert config.grid().shape == (5, 6)
+    for old, new, said in (
+        ("[engine]", "[simulation]\n[engine]", "simulation"),  # no plant simulates it
+        ("[engine]", "[trace]\n[engine]", "trace"),  # nor has it this table of the throttled engine's
+        ("x_0 = [1e5]", "x_0 = [1e5, 1e5]", "x_0"),
+        ("A_n = 0.01", "R_c = 0.01", "R_c"),
+    ):
+        path = example.with_name("changed.toml")
+        path.write_text(blower.TEXT.replace(old, new), encoding="utf-8")
+        with pytest.raises(UsageError, match=said):
+            load_config(path)
+
+
+def test_inspect_finds_the_engine_that_a_log_suits(log):
+    found = inspect_log(log, None, LogPolicies()).as_content()
+    assert [name for name, channel in found["channels"].items() if channel["use"] == "needed"] == list(UNITS)
+
+
+def test_a_draft_guesses_its_channels(tmp_path):
+    source = tmp_path / "foreign.csv"
+    source.write_text(
+        "time [s],Box pressure [bar]\n" + "".join(f"{k / 10},1.{k % 10}\n" for k in range(50)), encoding="utf-8"
+    )
+    assert '[channels.p_box]\nsource = "Box pressure [bar]"' in draft_profile(source)
+
+
+def test_the_schema_has_it(monkeypatch, example):
+    monkeypatch.syspath_prepend(ROOT / "tools" / "schemas")
+    import configuration
+
+    schema = json.loads(json.dumps(configuration.config_schema()))
+    validator = jsonschema.Draft202012Validator(schema)
+    validator.validate(tomllib.loads(blower.TEXT))
+    assert not validator.is_valid(tomllib.loads(blower.TEXT.replace("V_box", "V_d")))
+    assert schema["$defs"]["Box"]["properties"]["V_box"]["description"] == "m^3, volume of the box"
+
+
+def test_its_gain_is_proven(example, log):
+    config, _ = load_config(example)
+    stored, _ = make_gain(config, [log])
+    assert stored.gain.L.shape == (1, 2)
+    assert check_again(stored).proven
+
+
+def test_what_it_has_not_is_said(example, tmp_path):
+    config, _ = load_config(example)
+    with pytest.raises(UsageError, match=f"no gain is published.*{DIESEL.name}"):
+        make_published_gain(config, "ETC")
+    with pytest.raises(UsageError, match=f"no plant simulates it; see configs/{DIESEL.name}"):
+        simulate_log(example, "nedc", tmp_path / "log.parquet", None, 100.0, 1, lambda done: None)
