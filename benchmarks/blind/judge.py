@@ -1,8 +1,9 @@
-"""The judged side of the blind bank, a process of its own: `python judge.py FOLDER SHARE OF refine|residual`.
+"""The judged side of the blind bank, a process of its own: `python judge.py CODE CONFIG FOLDER VERDICTS SHARE OF refine|trace`.
 
-It is given a folder of logs and nothing else. It cannot read what is in them: the truth is in the memory of the process that drew
-it and is on no disk while this one runs, names and metadata of the logs do not depend on it, and this process ends if anything in
-it imports the simulator or the code that draws.
+It is given a folder of logs, and nothing else that has to do with them. It cannot read what is in them: the truth is in the
+memory of the process that drew it and on no disk while this one runs, names and metadata of the logs do not depend on it, and
+this process ends if anything in it imports the simulator or the code that draws. It judges with the code in the folder CODE,
+through the functions that the package offers to everybody, so that any version of the package can be judged.
 """
 
 import json
@@ -10,7 +11,15 @@ import sys
 import time
 from pathlib import Path
 
-FORBIDDEN = ("draw", "record", "score", "lpvobs.simulation.simulate", "lpvobs.simulation.integrate")
+FORBIDDEN = (
+    "draw",
+    "alter",
+    "diesel",
+    "throttled",
+    "score",
+    "lpvobs.simulation.simulate",
+    "lpvobs.simulation.integrate",
+)
 
 
 def refuse(event: str, arguments: tuple[object, ...]) -> None:
@@ -21,55 +30,35 @@ def refuse(event: str, arguments: tuple[object, ...]) -> None:
 
 sys.addaudithook(refuse)  # before anything of the project is imported
 
-from lpvobs.discovery.fit import fit  # noqa: E402
-from lpvobs.discovery.held_out import compare  # noqa: E402
-from lpvobs.discovery.residual import lay_out  # noqa: E402
-from lpvobs.engines.diesel.effects import diesel_plant  # noqa: E402
-from lpvobs.io.configuration.config import Config, load_config  # noqa: E402
-from lpvobs.io.logs.reading import read_log  # noqa: E402
-from lpvobs.io.results.results import read_result  # noqa: E402
-from lpvobs.steps.estimate import estimate_logs  # noqa: E402
-from lpvobs.steps.gain import make_gain  # noqa: E402
-from lpvobs.steps.trace import Sources, prior_of, refine_result  # noqa: E402
+import lpvobs  # noqa: E402
 
 
-def main(folder: Path, share: int, of: int, what: str) -> None:
+def main(code: Path, config: Path, folder: Path, verdicts: Path, share: int, of: int, verb: str) -> None:
     """Judge every `of`-th log that has no verdict yet."""
-    config, text = load_config(Path(__file__).parents[2] / "configs" / "diesel.toml")
-    gain, _ = make_gain(config, ())
+    if Path(lpvobs.__file__).parents[1] != code.resolve():
+        raise SystemExit(f"{lpvobs.__file__} was imported instead of the package in {code}")
+    gain = verdicts / f"gain_{share}.h5"
+    lpvobs.synth_gain(config, out=gain)
     logs = sorted(path for path in folder.glob("*.parquet") if not path.name.endswith(".nominal.parquet"))
     for log in logs[share::of]:
-        verdict = log.with_suffix(".json")
+        verdict = verdicts / f"{log.stem}.json"
         if verdict.exists():
             continue
         nominal = log.with_suffix(".nominal.parquet")
-        source = nominal if nominal.exists() else log
-        result = log.with_suffix(".h5")
-        estimate_logs(config, text, gain, [source], result, "observer", lambda _: None)
+        result, refined = verdict.with_suffix(".h5"), verdict.with_suffix(".refined.h5")
+        lpvobs.estimate(config, nominal if nominal.exists() else log, result, gain=gain)
         begin = time.process_time()
-        content = refined(result, log) if what == "refine" else residual(config, result, log, source != log)
+        if verb == "refine":
+            found = lpvobs.refine(result, log, refined).found.as_json(refined=True)
+            refined.unlink()
+        else:
+            found = lpvobs.trace(result, log).found.as_json(refined=False)
         part = verdict.with_suffix(".part")
-        part.write_text(json.dumps(content | {"seconds": time.process_time() - begin}), encoding="utf-8")
+        part.write_text(json.dumps(found | {"seconds": time.process_time() - begin}), encoding="utf-8")
         part.rename(verdict)
         result.unlink()
-
-
-def refined(result: Path, log: Path) -> dict[str, object]:
-    """Return what `lpvobs refine --json` says."""
-    out = log.with_suffix(".refined.h5")
-    found = refine_result(Sources(result, [log]), out, lambda _: None).found
-    out.unlink()
-    return found.as_json(refined=True)
-
-
-def residual(config: Config, result: Path, log: Path, frozen: bool) -> dict[str, object]:
-    """Return the held-out residual alone, as `lpvobs trace --json` has it, without the search."""
-    air_path, tolerance = config.engine_path(), config.estimate.tolerance
-    prior = prior_of(config, read_result(result), frozen)
-    drive = read_log(log, air_path.channels, config.policies, auxiliary=True)
-    linear = fit(lay_out(diesel_plant(config.engine), config.grid(), tolerance, prior, [drive]))
-    return {"error": {"before": compare(linear, linear).comparison().before}}
+    gain.unlink()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4])
+    main(*map(Path, sys.argv[1:5]), int(sys.argv[5]), int(sys.argv[6]), sys.argv[7])

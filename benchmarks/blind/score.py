@@ -1,14 +1,14 @@
 """What the verdicts are worth: the only part of the bank that knows both the truth and the verdicts."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.stats
 from common import markdown
-from draw import KINDS, SIZES, Case
+from draw import KINDS, Case, Size
 
 SHOWS = 1.1
 """B over N from which an effect counts as one that moves the residual."""
@@ -19,7 +19,7 @@ MOST_ALIKE = 3
 
 @dataclass(frozen=True)
 class Judged:
-    """A case, the verdict on its log, and the residual of the same log without the effect, or of the log itself if it has none.
+    """A case, the verdict on its log, and on the same log without the effect, or on the log itself if it has none.
 
     Of a pair also the residual of the log with the one and with the other effect alone [kg/s].
     """
@@ -70,20 +70,22 @@ class Judged:
             return all(any(self.finds(k, truth) for k in range(len(self.named))) for truth in truths)
         return self.finds(0, truths[0])
 
-    def line(self) -> str:
-        """Return one line for a list of misses."""
-        truth = "; ".join(", ".join(f"{k} {_short(v)}" for k, v in effect.items()) for effect in self.case.effects)
+    @property
+    def said(self) -> str:
+        """The verdict in words."""
         found = "; ".join(
             f"{e['id']} {_short(next(iter(e['parameters'].values()))['value'])} from {_short(e['onset'])}"
             + (f" like {', '.join(e['indistinguishable'])}" if e["indistinguishable"] else "")
             for e in self.verdict["effects"]
         )
+        return f"{self.verdict['verdict']} {found}".rstrip()
+
+    def line(self) -> str:
+        """Return one line for a list of misses."""
+        truth = "; ".join(", ".join(f"{k} {_short(v)}" for k, v in effect.items()) for effect in self.case.effects)
         mode = "nominal" if self.case.nominal else "free"
         piece = f"{self.case.piece[0]} {self.case.piece[1]:.0f}"
-        return (
-            f"{self.case.number} ({piece}, {mode}, B/N {self.before:.2f}): {truth or 'clean'} -> "
-            f"{self.verdict['verdict']} {found}"
-        )
+        return f"{self.case.number} ({piece}, {mode}, B/N {self.before:.2f}): {truth or 'clean'} -> {self.said}"
 
 
 def _hidden(judged: Judged) -> str:
@@ -97,8 +99,8 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def page(judged: Sequence[Judged]) -> str:
-    """Return the tables of the bank."""
+def page(judged: Sequence[Judged], sizes: Mapping[str, Size]) -> str:
+    """Return the tables of one engine's bank."""
     shown = [j for j in judged if j.case.kind == "clean" or j.before >= SHOWS]
     parts = [
         f"{len(judged)} logs: {sum(j.case.kind == 'clean' for j in judged)} clean, "
@@ -107,10 +109,11 @@ def page(judged: Sequence[Judged]) -> str:
         markdown(["what", "seen", "of", "rate", "95 % interval", "wanted"], [rate.row() for rate in rates(judged)]),
         f"Worst A/B {max(j.verdict['error']['ratio'] for j in judged):.3f}; median CPU time of a refinement "
         f"{np.median([j.verdict['seconds'] for j in judged]):.1f} s.",
-        "## Single effects\n\n" + effects_table([j for j in shown if j.case.kind == "single"]),
-        "## Confusion\n\n" + confusion([j for j in shown if j.case.kind in ("single", "channel", "unlogged", "clean")]),
-        "## Smaller than that\n\n" + small([j for j in judged if j not in shown]),
-        "## Misses\n\n" + "\n".join(f"- {j.line()}{_hidden(j)}" for j in shown if not j.right),
+        "### Single effects\n\n" + effects_table([j for j in shown if j.case.kind == "single"], sizes),
+        "### Confusion\n\n"
+        + confusion([j for j in shown if j.case.kind in ("single", "channel", "unlogged", "clean")]),
+        "### Smaller than that\n\n" + small([j for j in judged if j not in shown]),
+        "### Misses\n\n" + "\n".join(f"- {j.line()}{_hidden(j)}" for j in shown if not j.right),
     ]
     return "\n\n".join(parts)
 
@@ -143,6 +146,7 @@ def rates(judged: Sequence[Judged]) -> list[Rate]:
     visible = [j.right for j in shown if j.case.kind == "pair" and j.both_show]
     held = [inside for inside, _, _ in _intervals(shown)]
     recovered = [j.recovered >= 0.7 for j in clear]
+    silent = [j.twin["verdict"] == "none" for j in judged if j.case.effects]
     unharmed = [j.verdict["error"]["ratio"] <= 1.02 for j in judged]
     return [
         _rate("single effect: first named right, or in a set of three at most", right["single"], 0.90),
@@ -151,6 +155,7 @@ def rates(judged: Sequence[Judged]) -> list[Rate]:
         _rate("driven by a logged channel: named", right["channel"], 0.90),
         _rate("driven by nothing logged: `unexplained`, no name", right["unlogged"], 0.95),
         _rate("clean: `none`", right["clean"], 0.98),
+        _rate("the same log without its effects: `none`", silent, 0.98),
         _rate("truth inside its 90 % interval", held, 0.85, 0.95),
         _rate(f"(B - A)/(B - N) at least 0.7 where B >= {CLEAR} N", recovered, 0.90),
         _rate("A/B at most 1.02, all logs", unharmed, 0.98),
@@ -176,10 +181,10 @@ def _intervals(judged: Iterable[Judged]) -> Iterable[tuple[bool, str, float]]:
                     yield low <= truth[name] <= high, truth["id"], float(error)
 
 
-def effects_table(singles: Sequence[Judged]) -> str:
+def effects_table(singles: Sequence[Judged], sizes: Mapping[str, Size]) -> str:
     """Return a line per effect of the catalogue: found, size, interval, onset, what is left."""
     rows = []
-    for id_ in SIZES:
+    for id_ in sizes:
         own = [j for j in singles if j.case.effects[0]["id"] == id_]
         if not own:
             continue
@@ -228,3 +233,27 @@ def small(judged: Sequence[Judged]) -> str:
     counts = Counter("right" if j.right else ("nothing said" if not j.named else "wrong name") for j in judged)
     lines = [f"- {j.line()}" for j in judged if j.named and not j.right]
     return ", ".join(f"{what}: {n}" for what, n in counts.most_common()) + "\n\n" + "\n".join(lines)
+
+
+def differences(before: Sequence[Judged], after: Sequence[Judged]) -> str:
+    """Return how many verdicts on the same logs are equal by name, and a line for each that is not."""
+    lines, sizes = [], []
+    for old, new in zip(before, after, strict=True):
+        if (old.verdict["verdict"], old.named) != (new.verdict["verdict"], new.named):
+            judgement = f"{'right' if old.right else 'wrong'}, {'right' if new.right else 'wrong'}"
+            lines.append(f"- {judgement}: {old.line()}; then {new.said} (B/N {new.before:.2f})")
+        else:
+            sizes += [_moved(*both) for both in zip(old.verdict["effects"], new.verdict["effects"], strict=True)]
+    beyond = sum(each > 1.0 for each in sizes)
+    head = (
+        f"{len(before) - len(lines)} of {len(before)} verdicts are equal by name; of their {len(sizes)} sizes, {beyond} moved "
+        "by more than half their 90 % interval."
+    )
+    return "\n\n".join([head, "\n".join(lines)])
+
+
+def _moved(old: Mapping[str, Any], new: Mapping[str, Any]) -> float:
+    """Return how far a size moved, in half widths of its 90 % interval of before."""
+    (was, now) = (next(iter(effect["parameters"].values())) for effect in (old, new))
+    low, high = was["ci90"]
+    return float(abs(now["value"] - was["value"]) / max(0.5 * (high - low), 1e-300))
