@@ -88,7 +88,6 @@ def estimate_logs(
         done = _by_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress, air_path)
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
-    axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
     provenance = Provenance(inputs, config_text)
@@ -100,8 +99,7 @@ def estimate_logs(
         if write_engine is not None:
             write_engine(file)
 
-    names = air_path.parameter_names
-    write_result(out, air_path.name, axes, names, done.estimate, done.summaries, stored, provenance, further)
+    write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     remove_parts(out)
     progress(1.0)
     return done

@@ -138,7 +138,6 @@ def _write_anew(out: Path, closed: "_Closed") -> None:
     effects = tuple(from_off(effect) for effect in closed.refinement.standing)
     seen = estimate_refined(config, stored.gain, effects, closed.constants, closed.used)
     air_path = config.engine_path()
-    axes = (air_path.axes[0].channel, air_path.axes[1].channel)
     provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
@@ -146,8 +145,7 @@ def _write_anew(out: Path, closed: "_Closed") -> None:
         if seen.sensor_state is not None:
             write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
 
-    names, gain = air_path.parameter_names, stored.gain
-    write_result(out, air_path.name, axes, names, seen.estimate, seen.summaries, gain, provenance, further)
+    write_result(out, air_path, seen.estimate, seen.summaries, stored.gain, provenance, further)
 
 
 @dataclass(frozen=True)

@@ -216,16 +216,7 @@ def test_a_result_is_what_was_written(tmp_path):
         constants=first.constants, sensitivity=first.sensitivity, method=first.method, runs=(),
     )  # fmt: skip
     again = samples.folder / "again.h5"
-    write_result(
-        again,
-        first.air_path,
-        ("u_delta", "n_e"),
-        first.parameter_names,
-        estimate,
-        first.logs,
-        first.gain,
-        first.provenance,
-    )
+    write_result(again, load_config(DIESEL)[0].engine_path(), estimate, first.logs, first.gain, first.provenance)
     second = read_result(again)
     for name in ("theta", "standard_error", "covariance", "noise", "design", "supported", "excitation", "sensitivity"):
         np.testing.assert_array_equal(getattr(second, name), getattr(first, name))

@@ -1,6 +1,5 @@
 """A gain with its certificate, in a file of its own and inside every result that it made."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,8 @@ import h5py
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, creating, flags, number, numbers, reading, text, texts, write_group
+from lpvobs.io.results.hdf import creating, reading, write_group
+from lpvobs.io.results.mapping import ENDS, Item, Layout, fields, read, read_rows, rows, values
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate
@@ -47,6 +47,65 @@ class StoredGain:
     log_bounds: Mapping[str, Array]
 
 
+@dataclass(frozen=True)
+class _Bounds:
+    """The region that a certificate covers, its bounds in one array of shape (m, 2), as the contract has it."""
+
+    names: tuple[str, ...]
+    rho_bounds: Array
+    nonnegative_sums: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class _LogBounds:
+    log: str
+    log_bounds: Array
+
+
+STORED = Layout(
+    StoredGain,
+    {"state": Item("1", "state", of="states")},
+    attributes=("origin", "air_path", "engine", "outputs"),
+)
+GAIN = Layout(
+    Gain,
+    {
+        "L": Item("SI", "observer gain of Eq. (26), state unit per output unit and second", ("state", "output")),
+        "P": Item("SI", "Lyapunov matrix of Theorem 1", ("state", "other_state")),
+        "Q": Item("SI", "matrix Q of Theorem 1", ("state", "other_state")),
+        "eps_1": Item("1", "eps_1 of Theorem 1"),
+        "eps_2": Item("1", "eps_2 of Theorem 1"),
+    },
+    {"other_state": "state", "output": "output"},
+)
+REGION = Layout(
+    _Bounds,
+    {
+        "parameter": Item("1", "scheduling parameter", of="names"),
+        "rho_bounds": Item("SI", "region that the certificate covers", ("parameter", "bound")),
+    },
+    {"bound": ENDS},
+    ("nonnegative_sums",),
+)
+LOG_BOUNDS = Layout(
+    _LogBounds,
+    {
+        "log": Item("1", "log that the region was drawn from"),
+        "log_bounds": Item("SI", "smallest and largest scheduling parameters of the log", ("bound", "parameter")),
+    },
+    row="log",
+)
+CERTIFICATE = Layout(
+    Certificate,
+    {
+        "proven": Item("1", "Theorem 1 proven"),
+        "falling_gain": Item("1", "1 - eps_1 - eps_2 > 0 proven, too"),
+        "vertices": Item("1", "vertices of the region"),
+        "smallest_pivot": Item("1", "smallest relative pivot", gaps=True),
+    },
+)
+
+
 def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
     """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
     with creating(path) as file:
@@ -70,107 +129,33 @@ def read_gain(path: Path) -> StoredGain:
 def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     """Write `/gain`."""
     gain, region = stored.gain, stored.gain.region
-    sensor_row = (*stored.outputs, "sensor")
+    bounds = _Bounds(region.names, np.stack([region.lower, region.upper], axis=1), region.nonnegative_sums)
     group = write_group(
         parent,
         "gain",
-        {
-            "state": Field(text(stored.states), "1", "state"),
-            "other_state": Field(text(stored.states), "1", "state"),
-            "output": Field(text(sensor_row), "1", "output"),
-            "parameter": Field(text(region.names), "1", "scheduling parameter"),
-            "bound": Field(np.array([0, 1], dtype=np.int8), "1", "which bound", (), flags([0, 1], ["lower", "upper"])),
-            "L": Field(
-                gain.L, "SI", "observer gain of Eq. (26), state unit per output unit and second", ("state", "output")
-            ),
-            "P": Field(gain.P, "SI", "Lyapunov matrix of Theorem 1", ("state", "other_state")),
-            "Q": Field(gain.Q, "SI", "matrix Q of Theorem 1", ("state", "other_state")),
-            "eps_1": Field(gain.eps_1, "1", "eps_1 of Theorem 1"),
-            "eps_2": Field(gain.eps_2, "1", "eps_2 of Theorem 1"),
-            "rho_bounds": Field(
-                np.stack([region.lower, region.upper], axis=1),
-                "SI",
-                "region that the certificate covers",
-                ("parameter", "bound"),
-            ),
-        },
+        fields(STORED, stored)
+        | fields(GAIN, gain, {"other_state": stored.states, "output": (*stored.outputs, "sensor")})
+        | fields(REGION, bounds)
+        | rows(LOG_BOUNDS, [_LogBounds(*item) for item in stored.log_bounds.items()]),
     )
-    group.attrs["origin"] = stored.origin
-    group.attrs["air_path"] = stored.air_path
-    group.attrs["engine"] = json.dumps(dict(stored.engine))
-    group.attrs["outputs"] = " ".join(stored.outputs)
-    group.attrs["nonnegative_sums"] = " ".join("+".join(pair) for pair in region.nonnegative_sums)
-    certificate = gain.certificate
-    write_group(
-        group,
-        "certificate",
-        {
-            "proven": Field(np.int8(certificate.proven), "1", "Theorem 1 proven", (), flags([0, 1], ["no", "yes"])),
-            "falling_gain": Field(
-                np.int8(certificate.falling_gain),
-                "1",
-                "1 - eps_1 - eps_2 > 0 proven, too",
-                (),
-                flags([0, 1], ["no", "yes"]),
-            ),
-            "vertices": Field(certificate.vertices, "1", "vertices of the region"),
-            "smallest_pivot": Field(certificate.smallest_pivot, "1", "smallest relative pivot"),
-        },
-    )
-    bounds = group.create_group("log_bounds")
-    for name, values in stored.log_bounds.items():
-        dataset = bounds.create_dataset(name, data=values)
-        dataset.attrs["units"] = "SI"
-        dataset.attrs["long_name"] = "smallest and largest scheduling parameters of the log"
-        for dimension, axis in enumerate(("bound", "parameter")):
-            dataset.dims[dimension].attach_scale(group[axis])
+    write_group(group, "certificate", fields(CERTIFICATE, gain.certificate))
 
 
 def read_gain_group(parent: h5py.File) -> StoredGain:
     """Return what `write_gain_group` wrote."""
     group = parent["gain"]
-    names, states = texts(group, "parameter"), texts(group, "state")
-    outputs = tuple(str(group.attrs["outputs"]).split())
-    bounds = numbers(group, "rho_bounds", len(names), 2)
-    pairs = [pair.split("+") for pair in str(group.attrs["nonnegative_sums"]).split()]
-    region = Region(
-        names,
-        tuple(bounds[:, 0].tolist()),
-        tuple(bounds[:, 1].tolist()),
-        tuple((first, second) for first, second in pairs),
+    bounds = read(group, REGION)
+    lower, upper = bounds.rho_bounds.T.tolist()
+    certificate = values(group["certificate"], CERTIFICATE)
+    reason = "" if certificate["proven"] else "not proven when it was written"
+    gain = read(
+        group,
+        GAIN,
+        region=Region(bounds.names, tuple(lower), tuple(upper), bounds.nonnegative_sums),
+        certificate=Certificate(**certificate, failed_vertex=None, reason=reason),
     )
-    stored = group["certificate"]
-    proven = number(stored, "proven") == 1
-    certificate = Certificate(
-        proven=proven,
-        vertices=int(number(stored, "vertices")),
-        smallest_pivot=number(stored, "smallest_pivot"),
-        failed_vertex=None,
-        falling_gain=number(stored, "falling_gain") == 1,
-        reason="" if proven else "not proven when it was written",
-    )
-    n = len(states)
-    gain = Gain(
-        numbers(group, "L", n, len(outputs) + 1),
-        numbers(group, "P", n, n),
-        numbers(group, "Q", n, n),
-        number(group, "eps_1"),
-        number(group, "eps_2"),
-        region,
-        certificate,
-    )
-    engine = json.loads(group.attrs["engine"])
-    if not isinstance(engine, dict):
-        raise ValueError("'engine' is no table of constants")
-    return StoredGain(
-        origin=str(group.attrs["origin"]),
-        air_path=str(group.attrs["air_path"]),
-        engine=engine,
-        states=states,
-        outputs=outputs,
-        gain=gain,
-        log_bounds={name: numbers(group["log_bounds"], name, 2, len(names)) for name in group["log_bounds"]},
-    )
+    logs = {item.log: item.log_bounds for item in read_rows(group, LOG_BOUNDS)}
+    return read(group, STORED, gain=gain, log_bounds=logs)
 
 
 def expect_engine(path: Path, stored: StoredGain, air_path: str, engine: Mapping[str, float]) -> None:

@@ -16,6 +16,8 @@ from lpvobs.io.safety.plain import expect_plain
 from lpvobs.io.safety.seal import expect_sound, sealed
 from lpvobs.records import Array
 
+Attribute = str | int | float | np.number[Any]
+
 
 @dataclass(frozen=True)
 class Field:
@@ -28,16 +30,14 @@ class Field:
     attributes: Mapping[str, Any] | None = None
 
 
-def write_group(parent: h5py.Group, name: str, fields: Mapping[str, Field]) -> h5py.Group:
-    """Write fields into a new group; a field that others name as an axis becomes their dimension scale.
-
-    Axes have to come before the fields that they belong to.
-    """
-    return write_fields(parent.create_group(name), fields)
+def write_group(parent: h5py.Group, name: str, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
+    """Write fields and attributes into a new group; a field that others name as an axis becomes their dimension scale."""
+    return write_fields(parent.create_group(name), contents)
 
 
-def write_fields(group: h5py.Group, fields: Mapping[str, Field]) -> h5py.Group:
-    """Write fields into an empty group or file, as `write_group` does."""
+def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
+    """Write fields and attributes into an empty group or file, as `write_group` does."""
+    fields = {key: field for key, field in contents.items() if isinstance(field, Field)}
     scales = {axis for field in fields.values() for axis in field.axes}
     for key, field in fields.items():
         large = np.size(field.values) > 10_000  # mostly nodes that no drive informs, which compress to nothing
@@ -48,8 +48,12 @@ def write_fields(group: h5py.Group, fields: Mapping[str, Field]) -> h5py.Group:
             dataset.attrs[attribute] = value
         if key in scales:
             dataset.make_scale(key)
+    for key, field in fields.items():
         for dimension, axis in enumerate(field.axes):
-            dataset.dims[dimension].attach_scale(group[axis])
+            group[key].dims[dimension].attach_scale(group[axis])
+    for key, value in contents.items():
+        if key not in fields:
+            group.attrs[key] = value
     return group
 
 

@@ -2,20 +2,24 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import state_of
 from lpvobs.io.results.agreement import read_agreement
+from lpvobs.io.results.axes import Axes, axes_of, grid_layout
 from lpvobs.io.results.extrapolations import read_extrapolation, write_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.results.hdf import Field, changing, creating, flags, number, numbers, reading, text, texts, write_group
+from lpvobs.io.results.hdf import changing, creating, number, reading, texts, write_group
 from lpvobs.io.results.log_summaries import LogSummary, read_log_summary, write_log
+from lpvobs.io.results.mapping import Item, Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
@@ -56,9 +60,7 @@ class StoredResult:
 
 def write_result(
     path: Path,
-    air_path: str,
-    axes: tuple[str, str],
-    parameter_names: tuple[str, ...],
+    air_path: AirPath,
     estimate: MapEstimate,
     logs: tuple[LogSummary, ...],
     gain: StoredGain,
@@ -71,14 +73,13 @@ def write_result(
     """
     with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
-        file.attrs["air_path"] = air_path
+        file.attrs["air_path"] = air_path.name
         file.attrs["method"] = estimate.method
-        _write_map(file, estimate, axes)
-        _write_sensitivity(file, estimate, axes)
+        _write_map(file, estimate, {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes})
         write_gain_group(file, gain)
         groups = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
-            write_log(*groups, log, parameter_names)
+            write_log(*groups, log, air_path.parameter_names)
         provenance.write(file)
         if further is not None:
             further(file)
@@ -89,7 +90,7 @@ def add_extrapolation(stored: StoredResult, fitted: QuadraticFit, outer_coverage
 
     `outer_coverage` is the share of outer estimated nodes that the quadratic of the others predicts within their interval.
     """
-    update(stored, lambda file: write_extrapolation(file, _axis_names(file), fitted, outer_coverage))
+    update(stored, lambda file: write_extrapolation(file, axes_of(file), stored.grid, fitted, outer_coverage))
 
 
 def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
@@ -129,30 +130,21 @@ def read_result(path: Path) -> StoredResult:
     """
     state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
-        fuel, speed = _axis_names(file)
-        stored = file["map"]
-        grid = Grid(*(numbers(stored, name, stored[name].size) for name in (fuel, speed)))
-        parameter_names = tuple(file["logs"].attrs["parameter_names"].split()) if file["logs"].keys() else ()
-        constants = texts(file["sensitivity"], "constant")
-        p_2, p_1 = grid.shape
+        axes = axes_of(file)
+        found: dict[str, Any] = {}
+        for name, layout in _layouts(*axes).items():
+            found |= values(file[name], layout)
+        logs = file["logs"]
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
             method=str(file.attrs["method"]),
-            grid=grid,
-            theta=numbers(stored, "delta_W_c", p_2, p_1),
-            standard_error=numbers(stored, "standard_error", p_2, p_1),
-            covariance=numbers(file["nodes"], "covariance", grid.size, grid.size),
-            noise=numbers(file["nodes"], "noise", grid.size, grid.size),
-            design=numbers(file["nodes"], "design", grid.size, len(COEFFICIENTS)),
-            supported=numbers(stored, "support", p_2, p_1) == 1,
-            excitation=numbers(file["excitation"], "delta_1", p_2 - 1, p_1 - 1),
-            constants=constants,
-            sensitivity=numbers(file["sensitivity"], "delta_W_c", len(constants), p_2, p_1),
-            parameter_names=parameter_names,
-            logs=tuple(read_log_summary(file, name, len(parameter_names)) for name in file["logs"]),
+            grid=read(file["map"], grid_layout(axes)),
+            **found,
+            parameter_names=next((texts(logs[name], "parameter") for name in logs), ()),
+            logs=tuple(read_log_summary(file, name) for name in logs),
             gain=read_gain_group(file),
-            extrapolation=read_extrapolation(file, grid),
+            extrapolation=read_extrapolation(file, axes),
             outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
             provenance=read_provenance(file),
             agreement=read_agreement(file),
@@ -160,78 +152,68 @@ def read_result(path: Path) -> StoredResult:
         )
 
 
-def _axis_names(file: h5py.File) -> tuple[str, str]:
-    """Return the names of the fuel and the speed axis."""
-    fuel, speed = str(file["map"].attrs["axes"]).split()
-    return fuel, speed
-
-
-def _write_map(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) -> None:
-    fuel, speed = axes
-    grid = estimate.grid
-    units = {"u_delta": "mg/cycle", "m_f": "1"}
+def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
+    """Return how a map and what belongs to it stand in their groups."""
     both = (speed, fuel)
-    nodes = {
-        speed: Field(grid.speed, "rpm", "engine speed"),
-        fuel: Field(grid.fuel, units[fuel], "injected fuel"),
+    node = "node in the order of Eq. (23): n_e block by n_e block"
+    square = ("node", "other_node")
+    return {
+        "map": Layout(
+            StoredResult,
+            {
+                "delta_W_c": Item(
+                    "kg/s", "error of the mass air flow sensor, reading minus truth", both, "theta", gaps=True
+                ),
+                "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
+                "support": Item(
+                    "1", "where the value comes from", both, "supported", meanings={0: "none", 1: "estimated"}
+                ),
+            },
+        ),
+        "excitation": Layout(
+            StoredResult,
+            {"delta_1": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "excitation")},
+        ),
+        "nodes": Layout(
+            StoredResult,
+            {
+                "covariance": Item("kg^2/s^2", "covariance of the nodes", square),
+                "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square),
+                "design": Item("1", "node values that stand for each term", ("node", "term")),
+            },
+            {
+                "node": node,
+                "other_node": node,
+                "term": "term of Eq. (37), in coordinates from -1 to 1 over the grid",
+            },
+        ),
+        "sensitivity": Layout(
+            StoredResult,
+            {
+                "constant": Item("1", "uncertain constant of the engine", of="constants"),
+                "delta_W_c": Item(
+                    "kg/s",
+                    "change of the map per relative error of the constant",
+                    ("constant", *both),
+                    "sensitivity",
+                    gaps=True,
+                ),
+            },
+        ),
     }
-    support = np.where(estimate.supported, 1, 0).astype(np.int8)
-    group = write_group(
-        file,
-        "map",
-        nodes
-        | {
-            "delta_W_c": Field(estimate.theta, "kg/s", "error of the mass air flow sensor, reading minus truth", both),
-            "standard_error": Field(estimate.standard_error, "kg/s", "standard error of delta_W_c", both),
-            "support": Field(support, "1", "where the value comes from", both, flags([0, 1], ["none", "estimated"])),
-        },
-    )
-    group.attrs["axes"] = f"{fuel} {speed}"
-    middle = {name: 0.5 * (field.values[1:] + field.values[:-1]) for name, field in nodes.items()}
-    write_group(
-        file,
-        "excitation",
-        {
-            name: Field(middle[name], field.units, f"{field.long_name}, middle of the cell")
-            for name, field in nodes.items()
-        }
-        | {
-            "delta_1": Field(
-                estimate.excitation, "s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both
-            )
-        },
-    )
-    order = np.arange(grid.size, dtype=np.int32)
-    write_group(
-        file,
-        "nodes",
-        {
-            "node": Field(order, "1", "node in the order of Eq. (23): n_e block by n_e block"),
-            "other_node": Field(order, "1", "the same"),
-            "term": Field(text(COEFFICIENTS), "1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
-            "covariance": Field(estimate.covariance, "kg^2/s^2", "covariance of the nodes", ("node", "other_node")),
-            "noise": Field(
-                estimate.noise, "kg^2/s^2", "part of it that no engine constant explains", ("node", "other_node")
-            ),
-            "design": Field(estimate.design, "1", "node values that stand for each term", ("node", "term")),
-        },
-    )
 
 
-def _write_sensitivity(file: h5py.File, estimate: MapEstimate, axes: tuple[str, str]) -> None:
-    fuel, speed = axes
-    nodes = {name: Field(file["map"][name][()], file["map"][name].attrs["units"], name) for name in axes}
-    write_group(
-        file,
-        "sensitivity",
-        nodes
-        | {
-            "constant": Field(text(estimate.constants), "1", "uncertain constant of the engine"),
-            "delta_W_c": Field(
-                np.where(estimate.supported, estimate.sensitivity, np.nan),
-                "kg/s",
-                "change of the map per relative error of the constant",
-                ("constant", speed, fuel),
-            ),
-        },
-    )
+def _write_map(file: h5py.File, estimate: MapEstimate, axes: Axes) -> None:
+    grid, on_nodes = estimate.grid, grid_layout(axes)
+    middle = Grid(*(0.5 * (nodes[1:] + nodes[:-1]) for nodes in (grid.fuel, grid.speed)))
+    of_cells = {name: replace(axis, long_name=f"{axis.long_name}, middle of the cell") for name, axis in axes.items()}
+    scales = {
+        "map": fields(on_nodes, grid),
+        "excitation": fields(grid_layout(of_cells), middle),
+        "nodes": {},
+        "sensitivity": fields(on_nodes, grid),
+    }
+    shown = replace(estimate, sensitivity=np.where(estimate.supported, estimate.sensitivity, np.nan))
+    for name, layout in _layouts(*axes).items():
+        write_group(file, name, scales[name] | fields(layout, shown, {"term": COEFFICIENTS}))
+    file["map"].attrs["axes"] = " ".join(axes)
