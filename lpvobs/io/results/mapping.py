@@ -137,6 +137,12 @@ def read_rows(group: h5py.Group, layout: Layout[Record]) -> tuple[Record, ...]:
     return tuple(layout.record(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
 
 
+def numbered(group: h5py.Group, name: str) -> list[h5py.Group]:
+    """Return the groups `name_1`, `name_2` and so on that a group holds, in this order."""
+    inner = [key for key in group if key.startswith(f"{name}_")]
+    return [group[f"{name}_{i + 1}"] for i in range(len(inner))]
+
+
 @cache
 def _annotations(record: Any) -> dict[str, Any]:
     return get_type_hints(record)

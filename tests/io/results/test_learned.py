@@ -1,0 +1,32 @@
+"""What a healthy log has taught comes back from a result as it was."""
+
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from lpvobs.discovery.throttled_noise import HealthyErrors
+from lpvobs.engines.throttled.constants import Learned
+from lpvobs.errors import DataError
+from lpvobs.io.results.learned import read_learned, write_learned
+
+
+def test_a_learned_engine_comes_back(tmp_path):
+    rng = np.random.default_rng(3)
+    nodes = SimpleNamespace(
+        alpha_th=(1.0, 2.0, 3.0), n_e=(1e3, 2e3), p_im=(4e4, 9e4), m_f=(1.0, 2.0, 3.0), fuel_n_e=(1e3, 3e3)
+    )
+    root = rng.random((15, 15))  # 3 + 2 x 2 + 3 x 2 nodes and two volumes
+    learned = Learned(rng.random(3), rng.random((2, 2)), rng.random((3, 2)), 0.01, 0.004, root @ root.T, ("day one",))
+    healthy = HealthyErrors(rng.random(2), rng.random((3, 4)), rng.random((3, 3)), rng.random(4), rng.random(4), 0.02)
+    with h5py.File(tmp_path / "some.h5", "w") as file:
+        with pytest.raises(DataError, match="estimate"):
+            read_learned(file)
+        write_learned(file, SimpleNamespace(curves=nodes), learned, healthy)
+        for again, first in zip(read_learned(file), (learned, healthy), strict=True):
+            for name, value in vars(first).items():
+                np.testing.assert_array_equal(getattr(again, name), value)
+        error = file["engine/fuel/relative_error"]
+        np.testing.assert_allclose(error[()].ravel() ** 2, np.diag(learned.covariance)[7:13], rtol=1e-14)
+        assert [scale[0].name for scale in error.dims] == ["/engine/fuel/m_f", "/engine/fuel/n_e"]
