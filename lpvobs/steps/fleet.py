@@ -18,7 +18,7 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.reading import LogPolicies, file_digest, has_references
 from lpvobs.io.logs.stream import LogFile, references
-from lpvobs.io.results.parts import PartsFolder, StoredPart, part_bytes, part_of_bytes, run_key
+from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.disagreement import Agreement, agreements
@@ -78,17 +78,16 @@ class PartTask:
     gain: StateGain
     settings: EstimateSettings
     policies: LogPolicies
-    key: str
     done: frozenset[str]
     alone: bool
 
 
 @dataclass(frozen=True)
 class PartOutcome:
-    """What came of a log: the bytes of its part, unless that is there already, or why it cannot be used."""
+    """What came of a log: its part, unless that is there already, or why it cannot be used."""
 
     sha256: str
-    data: bytes | None = None
+    stored: StoredPart | None = None
     refusal: str | None = None
 
 
@@ -148,7 +147,7 @@ def estimate_fleet(
     store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
     with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
         alone = workplace == Workplace()
-        task = PartTask(Path(), air_path, grid, gain, settings, config.policies, key, store.done(), alone)
+        task = PartTask(Path(), air_path, grid, gain, settings, config.policies, store.done(), alone)
         found, refusals = _parts(workers, task, paths, store, lambda f: progress(PARTS_SHARE * f))
         estimate, solution = merged(grid, store.parts(found), settings)
         check(estimate)
@@ -198,7 +197,7 @@ def part_of(task: PartTask) -> PartOutcome:
         part = inform(task.air_path, task.grid, task.gain, log, task.settings)
     except DataError as error:
         return PartOutcome(sha256, refusal=str(error))
-    return PartOutcome(sha256, part_bytes(StoredPart(part, log.kept), task.key))
+    return PartOutcome(sha256, StoredPart(part, log.kept))
 
 
 def compared(task: MetricsTask) -> Metrics:
@@ -263,12 +262,12 @@ class _Store:
         return self.folder.found() if self.folder else frozenset()
 
     def keep(self, outcome: PartOutcome) -> None:
-        if outcome.data is None:
+        if outcome.stored is None:
             return
         if self.folder:
-            self.folder.keep(outcome.sha256, outcome.data)
+            self.folder.keep(outcome.stored)
         else:
-            self.held[outcome.sha256] = part_of_bytes(outcome.data)[0]
+            self.held[outcome.sha256] = outcome.stored
 
     def read(self, sha256: str) -> StoredPart:
         return self.folder.read(sha256) if self.folder else self.held[sha256]

@@ -14,7 +14,7 @@ import pytest
 
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
-from lpvobs.io.results.parts import run_key
+from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.observer.parts import StateGain
 from lpvobs.steps.fleet import PartTask, part_of
 
@@ -138,8 +138,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     configuration, text = load_config(other)
     stored = read_gain(chain.gain)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    parts = tmp_path / "r.h5.parts"
-    parts.mkdir()
+    folder = PartsFolder(out, run_key(text, gain))
     for path in sorted(fleet.iterdir())[:2]:
         task = PartTask(
             path,
@@ -148,14 +147,13 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
             gain,
             configuration.estimate,
             configuration.policies,
-            run_key(text, gain),
             frozenset(),
             True,
         )
         outcome = part_of(task)
-        (parts / f"{outcome.sha256}.part").write_bytes(outcome.data)
+        folder.keep(outcome.stored)
         assert (
-            part_of(replace(task, done=frozenset({outcome.sha256}))).data is None
+            part_of(replace(task, done=frozenset({outcome.sha256}))).stored is None
         )  # its own run would not do it again
     done = estimate(fleet, "--out", out)
     assert done.code == 0, done.err

@@ -85,7 +85,7 @@ class Layout(Generic[Record]):
 
     def meanings(self, name: str) -> Mapping[int, str]:
         """Return what the small integers of a dataset mean; nothing for other values."""
-        return self.items[name].meanings or (NO_YES if _element(self.kind(name)) in (bool, np.bool_) else {})
+        return self.items[name].meanings or (NO_YES if element_of(self.kind(name)) in (bool, np.bool_) else {})
 
     def axes_of(self, name: str) -> tuple[str, ...]:
         """Return the names of all axes of a dataset."""
@@ -148,12 +148,12 @@ def _annotations(record: Any) -> dict[str, Any]:
     return get_type_hints(record)
 
 
-def _element(kind: Any) -> type:
+def element_of(kind: Any) -> type:
     """Return the type of single values: float of `float | None`, of `tuple[float, ...]` and of an array of floats."""
     parts = [part for part in get_args(kind) if part is not type(None)]
     if not parts:
         return kind  # type: ignore[no-any-return]
-    return _element(parts[-1] if get_origin(kind) is np.ndarray else parts[0])
+    return element_of(parts[-1] if get_origin(kind) is np.ndarray else parts[0])
 
 
 def _single(kind: Any) -> bool:
@@ -174,7 +174,7 @@ def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels | No
 
 
 def _field(layout: Layout[Any], name: str, value: Any) -> Field:
-    item, element, meanings = layout.items[name], _element(layout.kind(name)), layout.meanings(name)
+    item, element, meanings = layout.items[name], element_of(layout.kind(name)), layout.meanings(name)
     stored = (
         text(value)
         if element is str
@@ -190,7 +190,7 @@ def _meanings(meanings: Mapping[int, str]) -> dict[str, Any]:
 def _loaded(group: h5py.Group, layout: Layout[Any], name: str) -> Values:
     """Return a dataset as it is stored; raises for another kind, shape or value than the declaration has."""
     item, kind, axes = layout.items[name], layout.kind(name), layout.axes_of(name)
-    dataset, element = group[name], _element(kind)
+    dataset, element = group[name], element_of(kind)
     found = np.asarray(dataset.asstr()[()] if element is str else dataset[()])
     is_axis = not axes and (name == layout.row or not _single(kind))
     shape = (dataset.size,) if is_axis else tuple(group[axis].size for axis in axes)
@@ -212,7 +212,7 @@ def _loaded(group: h5py.Group, layout: Layout[Any], name: str) -> Values:
 
 def _as_field(found: Values, kind: Any) -> Any:
     """Return what a dataset holds as the record has it."""
-    element = _element(kind)
+    element = element_of(kind)
     if get_origin(kind) is np.ndarray:
         return found.astype(element, copy=False)
     if get_origin(kind) is tuple:

@@ -1,4 +1,4 @@
-"""The parts of logs as bytes, and where they wait beside the result until all of them are there.
+"""Where the parts of logs wait beside the result, as files, until all of them are there.
 
 `RESULT.h5.parts/` holds one file per finished log, named by the SHA-256 of the log, until the result has been written. A run that
 was killed finds there what it had done. Each file says what it was computed with, so parts of another configuration, gain or
@@ -7,28 +7,28 @@ version are not taken for this run's; it appears whole or not at all.
 
 import hashlib
 import json
-import math
 import re
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISREG
+from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs import __version__
 from lpvobs.errors import DataError
-from lpvobs.observer.parts import LogPart, LogRun, StateGain
-from lpvobs.records import Defects, Finding
+from lpvobs.io.results.mapping import element_of
+from lpvobs.observer.parts import LogPart, StateGain
 
-FORMAT = 2
+FORMAT = 3
 ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
 MOST_BYTES = 2**29
 """Of a part; that of 10^9 samples has a quarter of it."""
-ARRAYS = ("cells", "gram", "H", "h", "coupling")
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,14 @@ class StoredPart:
     kept: tuple[NDArray[np.uint8], ...]
 
 
+@dataclass(frozen=True)
+class _File:
+    """What a file holds, and what it was made with."""
+
+    key: str
+    stored: StoredPart
+
+
 def run_key(config_text: str, gain: StateGain) -> str:
     """Return a digest of everything but the logs that a part depends on."""
     made_with = [FORMAT, __version__, config_text, list(gain.outputs), gain.L.tolist(), str(gain.region)]
@@ -46,28 +54,8 @@ def run_key(config_text: str, gain: StateGain) -> str:
 
 
 def part_bytes(stored: StoredPart, key: str) -> bytes:
-    """Return a part as the bytes of its file; the same part gives the same bytes.
-
-    A digest, the length of a heading in JSON, the heading, and the arrays that it lists one after the other: parts of a thousand
-    logs are read by one process while the others wait.
-    """
-    part = stored.part
-    run = part.run
-    arrays = [*(getattr(part, name) for name in ARRAYS), run.lower, run.upper, *stored.kept]
-    head = {
-        "key": key,
-        "name": run.name,
-        "sha256": run.sha256,
-        "samples": run.samples,
-        "duration": run.duration,
-        "share_certified": run.share_certified,
-        "defects": asdict(run.defects),
-        "arrays": [(array.dtype.str, array.shape) for array in arrays],
-    }
-    text = json.dumps(head).encode()
-    body = b"".join(
-        [len(text).to_bytes(8, "little"), text, *(np.ascontiguousarray(array).tobytes() for array in arrays)]
-    )
+    """Return a part as the bytes of its file, a digest before them; the same part gives the same bytes."""
+    body = msgspec.msgpack.encode(_File(key, stored), enc_hook=_shape_and_bytes)
     return hashlib.sha256(body).digest() + body
 
 
@@ -77,29 +65,21 @@ def part_of_bytes(data: bytes) -> tuple[StoredPart, str]:
     if hashlib.sha256(body).digest() != digest:
         raise ValueError("not a part, or a damaged one")
     try:
-        begin = 8 + int.from_bytes(body[:8], "little")
-        head = json.loads(body[8:begin])
-        arrays = []
-        for kind, shape in head["arrays"]:
-            count = math.prod(shape)
-            arrays.append(np.frombuffer(body, kind, count, begin).reshape(shape).copy())
-            begin += arrays[-1].nbytes
-        named, (lower, upper, *kept) = arrays[: len(ARRAYS)], arrays[len(ARRAYS) :]
-        run = LogRun(
-            name=head["name"],
-            sha256=head["sha256"],
-            samples=head["samples"],
-            duration=head["duration"],
-            defects=replace(
-                Defects(**head["defects"]), findings=tuple(Finding(**item) for item in head["defects"]["findings"])
-            ),
-            lower=lower,
-            upper=upper,
-            share_certified=head["share_certified"],
-        )
-        return StoredPart(LogPart(run, *named), tuple(kept)), str(head["key"])
-    except (KeyError, TypeError, AttributeError, OverflowError, RecursionError, SyntaxError) as error:
+        file = msgspec.msgpack.decode(body, type=_File, dec_hook=_array)
+    except (msgspec.MsgspecError, RecursionError, MemoryError, OverflowError) as error:
         raise ValueError(f"not a part ({error})") from None
+    return file.stored, file.key
+
+
+def _shape_and_bytes(value: Any) -> Any:
+    """Return an array in terms of what MessagePack has."""
+    return value.item() if isinstance(value, np.generic) else (value.shape, value.tobytes())
+
+
+def _array(kind: Any, stored: Any) -> NDArray[Any]:
+    """Return the array that was stored, of the type that the record's field has."""
+    shape, data = msgspec.convert(stored, tuple[tuple[int, ...], bytes])
+    return np.frombuffer(data, element_of(kind)).reshape(shape).copy()
 
 
 class PartsFolder:
@@ -121,7 +101,7 @@ class PartsFolder:
         """Return the digests of the logs that an earlier run has done."""
         return frozenset(file.stem for file in self._own(OWN) if self._usable(file))
 
-    def keep(self, sha256: str, data: bytes) -> None:
+    def keep(self, stored: StoredPart) -> None:
         """Store the part of a log."""
         try:
             self.path.mkdir(exist_ok=True)
@@ -130,10 +110,10 @@ class PartsFolder:
                 f"{self.path}: cannot be made ({error.strerror}); parts of many logs wait there: name a writable folder in --out"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
-        file = self._file(sha256)
+        file = self._file(stored.part.run.sha256)
         temporary = file.with_name(f".{file.name}{ENDING}")
         try:
-            temporary.write_bytes(data)
+            temporary.write_bytes(part_bytes(stored, self.key))
             temporary.replace(file)
         except OSError as error:
             with suppress(OSError):

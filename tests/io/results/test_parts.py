@@ -1,22 +1,48 @@
 """What stands in the folder of parts that no run of this program has put there."""
 
 import hashlib
-import json
 import os
+from dataclasses import asdict
 
+import msgspec
+import numpy as np
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, part_of_bytes
+from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, StoredPart, part_bytes, part_of_bytes
+from lpvobs.observer.parts import LogPart, LogRun
+from lpvobs.records import Defects, Finding
 
 NAME = "a" * 64
+
+
+def part(sha256):
+    """Return the part of a log with this digest: two cells visited, an engine of one uncertain constant."""
+    found = (Finding("stuck", "p_im", 3, 1.5, "dropped"),)
+    defects = Defects(12, {"p_im": 2}, dropped_rows=2, findings=found)
+    run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
+    sums = (np.full((2, *shape), 0.1) for shape in ((4, 4), (4, 4), (4,), (7, 4)))
+    return StoredPart(LogPart(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),))
 
 
 @pytest.fixture
 def folder(tmp_path):
     parts = PartsFolder(tmp_path / "r.h5", "key")
-    parts.keep(NAME, b"half a part")
+    parts.keep(part(NAME))
+    (parts.path / f"{NAME}.part").write_bytes(b"half a part")
     return parts
+
+
+def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
+    parts, other = (PartsFolder(tmp_path / "r.h5", key) for key in ("key", "another"))
+    parts.keep(part(NAME))
+    assert (parts.found(), other.found()) == (frozenset({NAME}), frozenset())
+    first, again = part(NAME), parts.read(NAME)
+    np.testing.assert_equal(asdict(again), asdict(first))
+    assert isinstance(again.part.run.defects.findings[0], Finding)
+    assert [each.dtype for each in (again.part.cells, again.part.H, again.kept[0])] == [np.int64, np.float64, np.uint8]
+    again.part.H[0] = 0.0  # the sums are added to in place
+    assert part_bytes(first, "key") == (parts.path / f"{NAME}.part").read_bytes()
 
 
 def test_files_of_somebody_else_are_neither_read_nor_removed(folder):
@@ -52,7 +78,7 @@ def test_a_folder_whose_name_is_too_long_or_taken_is_refused(tmp_path):
         parts = PartsFolder(result, "key")
         assert parts.found() == frozenset()
         with pytest.raises(DataError, match="cannot be made"):
-            parts.keep(NAME, b"")
+            parts.keep(part(NAME))
 
 
 def test_a_full_disk_keeps_no_half_part(folder, monkeypatch):
@@ -62,26 +88,39 @@ def test_a_full_disk_keeps_no_half_part(folder, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
     with pytest.raises(DataError, match="No space left on device"):
-        folder.keep("b" * 64, b"")
+        folder.keep(part("b" * 64))
     assert [path.name for path in folder.path.iterdir()] == [f"{NAME}.part"]
 
 
-def sealed(heading: bytes) -> bytes:
-    """Return a part with this heading and a digest that is right."""
-    body = len(heading).to_bytes(8, "little") + heading + bytes(8)
+def sealed(body: bytes) -> bytes:
+    """Return a file of this content with a digest that is right."""
     return hashlib.sha256(body).digest() + body
 
 
+def altered(*keys, value):
+    """Return the content of a part's file in which one entry is another."""
+    content = msgspec.msgpack.decode(part_bytes(part(NAME), "key")[32:])
+    inner = content
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    return msgspec.msgpack.encode(content)
+
+
+H = ("stored", "part", "H")
+
+
 @pytest.mark.parametrize(
-    "heading",
+    "body",
     [
-        b"[" * 200_000, b"\xff", b"[]", b"null", b"{}", b"NaN",
-        *(json.dumps({"arrays": arrays}).encode() for arrays in (
-            "f8", [["O", [1]]], [["f8", [-1]]], [["f8", [10**30]]], [["(2,", [1]]], [["{", [1]]], [[{"a": 1}, [1]]],
-            [["f8", "xx"]], [["f8", [1.5]]], [["V0", [5]]], [["f8", [0]]] * 9,
+        b"", b"\x91" * 200_000, b"\xc1", b"\xdd\xff\xff\xff\xff", msgspec.msgpack.encode({}), altered("key", value=1),
+        altered("stored", "part", "run", value=None), altered("stored", "kept", value=[1]),
+        *(altered(*H, value=value) for value in (
+            1, [], [[1], b"12345678", 0], [[2], b"12345678"], [[-1, -1], b"12345678"], [[2**62], b""], [["1"], b"12345678"],
+            [[1.5], b"12345678"], [[1], b"1234567"], [[1], "12345678"],
         )),
     ],
 )  # fmt: skip
-def test_a_heading_that_makes_no_sense_is_no_part(heading):
+def test_a_content_that_makes_no_sense_is_no_part(body):
     with pytest.raises(ValueError, match=r"."):
-        part_of_bytes(sealed(heading))
+        part_of_bytes(sealed(body))
