@@ -87,7 +87,7 @@ EQUIVALENT = {
         ("observer/smoothing.py:255", "5", "6"),
     },
     "the scale of the coordinates is taken back exactly": {
-        ("maps/quadratic.py:179", "0.5", "1.0"),
+        ("maps/quadratic.py:174", "0.5", "1.0"),
     },
     "the matrices are square": {
         ("observer/balance_errors.py:90", "-1", "1"),
@@ -132,9 +132,6 @@ EQUIVALENT = {
     },
     "a corner has a value for each name": {
         ("synthesis/problem.py:80", "True", "False"),
-    },
-    "all columns of the table have five rows": {
-        ("synthesis/published.py:34", "True", "False"),
     },
     "a region of other lengths is refused": {
         ("synthesis/region.py:113", "True", "False"),

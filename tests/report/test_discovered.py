@@ -64,7 +64,7 @@ def test_nothing_and_something_without_a_name(refined):
     assert sentence(replace(refined, content=content("none"))).startswith("Nothing that the model lacks was found on a")
     said = sentence(replace(refined, content=content("unexplained"), left=LEFT))
     assert "nothing was named" in said
-    for part in ("40 to 80 s of a", "sensor-filling", "1000 to 1250 rpm", "0.0125 Hz", "heat (-0.40)"):
+    for part in ("40 to 80 s of a", "sensor-filling", "4 to 8 and speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
         assert part in said
 
 
