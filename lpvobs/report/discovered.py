@@ -112,7 +112,8 @@ def where(left: Leftover | None) -> str:
     slow = f" Half of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
     return (
         f"{when}Most of it in the balance {left.balance}; in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g} and speed "
-        f"{left.speed[0]:g} to {left.speed[1]:g}, in the units of its axes ({left.times_noise:.1f} times the usual power).{slow} It follows {follows}."
+        f"{left.speed[0]:g} to {left.speed[1]:g}, in the units of its axes ({left.times_noise:.1f} times the usual power).{slow} "
+        f"It follows {follows}."
     )
 
 

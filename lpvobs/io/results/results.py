@@ -155,7 +155,7 @@ def read_result(path: Path) -> StoredResult:
 def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     """Return how a map and what belongs to it stand in their groups."""
     both = (speed, fuel)
-    node = "node in the order of Eq. (23): n_e block by n_e block"
+    node = "node in the order of Eq. (23): speed by speed"
     square = ("node", "other_node")
     return {
         "map": Layout(
