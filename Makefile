@@ -16,12 +16,13 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test lint bench blind docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
-	@echo 'make test    the tests'
+	@echo 'make test    the tests that take a moment; four minutes on two cores at most'
+	@echo 'make test-all them and then the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, judged by a process that cannot know them; about an hour'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
@@ -92,7 +93,10 @@ $(BUILD)/report.html: $(RESULTS) $(BUILD)/refined.h5 $(REPORTING)
 
 # --- checks -----------------------------------------------------------------------------------------------------------------
 test: $(VENV)/.ready
-	$(VENV)/bin/python -m pytest -n auto --dist loadfile
+	$(VENV)/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
+
+test-all: test
+	$(VENV)/bin/python -m pytest -n auto --dist loadfile -m slow
 
 lint: $(VENV)/.ready
 	$(VENV)/bin/ruff check .

@@ -1,6 +1,5 @@
 """The library does what the verbs do: the same files, the same refusals."""
 
-import json
 import os
 import subprocess
 import sys
@@ -8,7 +7,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from repository import DIESEL, ROOT
+from repository import DIESEL, ROOT, short_cycle
 
 import lpvobs
 from lpvobs.errors import DataError, NotProven, UsageError
@@ -25,42 +24,28 @@ def python(*arguments):
     return done
 
 
-VERBS = """
-import json, sys
-from lpvobs.cli.main import app
-for arguments in json.load(sys.stdin):
-    app(arguments, standalone_mode=False)
-"""
-
-
-def verbs(*calls):
-    """Run verbs one after the other in one process, which loads the libraries once."""
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    text = json.dumps([[str(argument) for argument in call] for call in calls])
-    call = [sys.executable, "-c", VERBS]
-    done = subprocess.run(call, input=text, capture_output=True, text=True, timeout=300, env=environment, check=False)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
     """Return the folder that the example has filled, and what it printed."""
     folder = tmp_path_factory.mktemp("example")
-    done = python(ROOT / "examples" / "map_of_a_drive.py", "--out", folder, "--rate", RATE)
-    return folder, done.stdout
+    script, cycle = ROOT / "examples" / "map_of_a_drive.py", short_cycle(folder)
+    done = python(script, "--out", folder / "out", "--cycle", cycle, "--rate", RATE)
+    return folder / "out", done.stdout
 
 
 @pytest.fixture(scope="module")
-def by_verbs(tmp_path_factory):
+def by_verbs(lpvobs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("verbs")
     log, gain, result = folder / "drive.parquet", folder / "gain.h5", folder / "map.h5"
-    verbs(
-        ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", RATE, "--seed", 3, "--out", log),
+    for call in (
+        ("simulate", "--config", DIESEL, "--cycle", short_cycle(folder), "--rate", RATE, "--seed", 3, "--out", log),
         ("synth-gain", "--config", DIESEL, log, "--out", gain),
         ("estimate", "--config", DIESEL, "--gain", gain, log, "--out", result),
         ("extrapolate", result),
         ("export", result, "--format", "dcm", "--name", "MAF_dW", "--out", folder / "maf.dcm"),
-    )
+    ):
+        done = lpvobs(*call)
+        assert done.code == 0, done.err
     return folder
 
 

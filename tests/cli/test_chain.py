@@ -7,16 +7,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import xarray as xr
+from repository import short_cycle
 
 ESTIMATED = ("map/delta_W_c", "map/standard_error", "map/support")
 
 
 def test_same_seed_same_bytes_other_seed_other_bytes(lpvobs, config, tmp_path):
+    cycle = short_cycle(tmp_path)
     paths = [tmp_path / name for name in ("a.parquet", "b.parquet", "c.parquet")]
     for path, seed in zip(paths, (5, 5, 6), strict=True):
-        done = lpvobs(
-            "simulate", "--config", config, "--cycle", "ftp75_cold", "--rate", 10, "--seed", seed, "--out", path
-        )
+        done = lpvobs("simulate", "--config", config, "--cycle", cycle, "--rate", 10, "--seed", seed, "--out", path)
         assert done.code == 0, done.err
     first, second, third = (path.read_bytes() for path in paths)
     assert first == second

@@ -5,16 +5,15 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from xml.etree import ElementTree
 
 import pyarrow.parquet as pq
 import pytest
 from repository import ROOT
+from verbs import AFRESH
 
 EXAMPLES = ROOT / "examples" / "ci"
 FRAGMENT, WORKFLOW = EXAMPLES / "lpvobs.mk", EXAMPLES / "github.yml"
-RUN = "from lpvobs.cli.main import run; run()"
 CALLED = re.compile(r"run: (make -f \S*lpvobs\.mk .*)")
 
 
@@ -30,7 +29,7 @@ def project(config, chain, table, tmp_path):
 
 
 def validate(project, gates):
-    lpvobs = f"LPVOBS={shlex.quote(sys.executable)} -c {shlex.quote(RUN)}"
+    lpvobs = f"LPVOBS={shlex.join(AFRESH)}"
     call = ["make", "-f", FRAGMENT, "lpvobs-validate", lpvobs, "LPVOBS_GAIN=gain.h5", f"LPVOBS_GATES={gates}"]
     return subprocess.run(call, cwd=project, env=ALONE, capture_output=True, text=True, timeout=300, check=False)
 

@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ import h5py
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from verbs import AFRESH
 
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
@@ -114,9 +114,7 @@ def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, toget
     out = tmp_path / "r.h5"
     parts = tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "1", "--out", out]
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, call)], stderr=subprocess.DEVNULL
-    )
+    process = subprocess.Popen([*AFRESH, *map(str, call)], stderr=subprocess.DEVNULL)
     while len(list(parts.glob("[!.]*.part"))) < 2 and process.poll() is None:
         time.sleep(0.002)
     process.send_signal(signal.SIGKILL)
@@ -165,7 +163,7 @@ def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
     out, parts = tmp_path / "r.h5", tmp_path / "r.h5.parts"
     call = ["estimate", "--config", config, "--gain", chain.gain, fleet, "--jobs", "2", "--out", out]
     process = subprocess.Popen(
-        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, call)],
+        [*AFRESH, *map(str, call)],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,

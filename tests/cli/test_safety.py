@@ -3,12 +3,12 @@
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import h5py
 import pytest
+from verbs import AFRESH
 
 
 def test_an_input_is_not_overwritten(lpvobs, config, chain, tmp_path):
@@ -75,10 +75,10 @@ def test_the_default_method_refuses_a_gain_that_is_no_cascade(lpvobs, config, ch
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signals_end_a_simulation_cleanly(config, tmp_path, sent, code):
     call = ["simulate", "--config", str(config), "--cycle", "wltc", "--out", str(tmp_path / "log.parquet")]
-    process = subprocess.Popen(
-        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *call], stderr=subprocess.PIPE, text=True
-    )
-    time.sleep(3.0)  # in the middle of the plant's course: it takes longer than that, even compiled before
+    process = subprocess.Popen([*AFRESH, *call], stderr=subprocess.PIPE, text=True)
+    while not list(tmp_path.iterdir()) and process.poll() is None:
+        time.sleep(0.01)  # until it has claimed its target
+    time.sleep(1.0)  # in the middle of the plant's course, which takes ten times as long
     process.send_signal(sent)
     _, err = process.communicate(timeout=60)
     assert process.returncode == code, err

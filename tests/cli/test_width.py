@@ -3,18 +3,17 @@
 import os
 import pty
 import subprocess
-import sys
 from contextlib import suppress
 
-from lpvobs.cli.common import table
+from verbs import AFRESH
 
-RUN = "from lpvobs.cli.main import run; run()"
+from lpvobs.cli.common import table
 
 
 def on_terminal(columns, *arguments):
     """Return what a terminal of so many columns is sent."""
     ours, theirs = pty.openpty()
-    call = [sys.executable, "-c", RUN, *map(str, arguments)]
+    call = [*AFRESH, *map(str, arguments)]
     environment = os.environ | {"COLUMNS": str(columns)}
     with subprocess.Popen(
         call, stdout=theirs, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=environment

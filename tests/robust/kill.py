@@ -14,7 +14,6 @@ import random
 import shlex
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,7 +22,8 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
 
-from repository import DIESEL, ROOT
+import verbs
+from repository import DIESEL, ROOT, short_cycle
 
 from lpvobs.io.results.parts import part_of_bytes
 
@@ -81,8 +81,7 @@ VERBS = (
 def lay_out(folder: Path) -> None:
     """Copy the configuration and the first 80 s of a drive into a folder."""
     shutil.copy(DIESEL, folder)
-    table = (ROOT / "data" / "cycles" / "nedc.csv").read_text().splitlines()
-    (folder / "cycle.csv").write_text("\n".join(table[:80]) + "\n")
+    short_cycle(folder)
 
 
 def prepare(folder: Path) -> None:
@@ -102,9 +101,8 @@ def prepare(folder: Path) -> None:
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "filled.h5"),
         ("extrapolate", "filled.h5"),
     ):
-        call = [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *line]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        subprocess.run(call, cwd=folder, env=environment, check=True, capture_output=True)
+        done = verbs.lpvobs(*line, cwd=folder)
+        assert done.code == 0, done.err
 
 
 def warm() -> None:
@@ -136,7 +134,7 @@ def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnu
         for stream, where in enumerate((nothing, nothing, said)):
             os.dup2(where, stream)
         if in_shell:
-            afresh = shlex.join((sys.executable, "-c", "from lpvobs.cli.main import run; run()", *arguments))
+            afresh = shlex.join((*verbs.AFRESH, *arguments))
             os.execvpe("sh", ["sh", "-c", f"exec {afresh}"], {**os.environ, "PYTHONPATH": str(ROOT)})
         sys.argv = ["lpvobs", *arguments]
         from lpvobs.cli.main import run

@@ -2,13 +2,11 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from repository import ROOT
-
-COMMAND = [sys.executable, "-c", "from lpvobs.cli.main import run; run()"]
+from verbs import AFRESH
 
 
 def lpvobs(*arguments, **streams):
@@ -17,7 +15,7 @@ def lpvobs(*arguments, **streams):
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": streams.pop("encoding", "utf-8")}
     streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | streams
     return subprocess.run(
-        [*COMMAND, *map(str, arguments)], check=False, timeout=100, env=environment, **streams,
+        [*AFRESH, *map(str, arguments)], check=False, timeout=100, env=environment, **streams,
         preexec_fn=lambda: [os.close(handle) for handle in closed],
     )  # fmt: skip
 

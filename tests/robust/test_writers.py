@@ -10,7 +10,8 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from repository import ROOT
+from repository import ROOT, short_cycle
+from verbs import AFRESH
 
 from lpvobs.errors import DataError
 from lpvobs.io.safety.atomic import claim, release, release_all, replacing
@@ -146,11 +147,21 @@ def test_a_disk_that_is_full_half_way_costs_nothing(samples, tmp_path, verb):
     target.write_text("old")
     verbs = {
         "gain": ("synth-gain", "--config", samples.config, "--published", "ETC", "--out", target),
-        "log": ("simulate", "--config", samples.config, "--cycle", "ftp75_cold", "--rate", 1, "--out", target),
+        "log": (
+            "simulate",
+            "--config",
+            samples.config,
+            "--cycle",
+            short_cycle(tmp_path.parent),
+            "--rate",
+            10,
+            "--out",
+            target,
+        ),
         "page": ("report", samples.result, "--html", target),
     }
     done = subprocess.run(
-        [sys.executable, "-c", "from lpvobs.cli.main import run; run()", *map(str, verbs[verb])],
+        [*AFRESH, *map(str, verbs[verb])],
         capture_output=True, text=True, check=False, timeout=600, preexec_fn=limited,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
