@@ -17,6 +17,9 @@ class MapAxis:
     meaning: str
 
 
+SPEED_AXIS = MapAxis("n_e", "rpm", "engine speed")
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """The LPV system of Eq. (24) along a log: N samples, 3 states, r outputs.

@@ -37,6 +37,13 @@ class Channel:
     reaches: float = -math.inf
 
 
+AMBIENT: dict[str, Channel] = {
+    "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
+    "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+}
+"""The surroundings, which every engine draws its air from."""
+
+
 @dataclass(frozen=True)
 class Recorded:
     """How recordings of other programs hold a channel.

@@ -3,22 +3,28 @@
 import json
 import tomllib
 
+import h5py
 import jsonschema
 import numpy as np
 import pytest
 from engines import blower
 from repository import DIESEL, ROOT
 
+import lpvobs
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import LogPolicies, write_log
+from lpvobs.io.results.results import read_result
+from lpvobs.report.tables import coefficient_tables
 from lpvobs.steps.gain import check_again, make_gain, make_published_gain
 from lpvobs.steps.inspect import inspect_log
 from lpvobs.steps.simulate import simulate_log
 
-UNITS = {"time": "s"} | {name: channel.unit for name, channel in blower.Blower.channels.items()}
+UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
+    name: item.unit for name, item in blower.Blower.channels.items()
+}
 
 
 @pytest.fixture(autouse=True)
@@ -31,19 +37,14 @@ def example(tmp_path, monkeypatch):
 
 @pytest.fixture
 def log(tmp_path):
-    t = np.arange(2000) / 100.0
-    wave = 0.5 + 0.5 * np.sin(t)
-    p_box, T_box = 1.2e5 + 2e4 * wave, 300.0 + wave
+    """Return two minutes over the whole map; the sensor's error lies in the plane 1e-5 v_b + 1e-9 n_b [kg/s]."""
+    t = np.arange(12_000) / 100.0
+    v_b, n_b = 5.0 + 5.0 * np.sin(0.61 * t), 2000.0 + 2000.0 * np.sin(0.083 * t)
+    p_box, T_box = 1.2e5 + 2e3 * v_b, np.full_like(t, 300.0)
     flow = 1e-4 / np.sqrt(287.0 * T_box) * p_box
-    channels = {
-        "time": t,
-        "v_b": 4.0 + 4.0 * wave,
-        "n_b": 1000.0 + 2000.0 * wave,
-        "p_box": p_box,
-        "T_box": T_box,
-        "W_maf": flow,
-    }
-    write_log(tmp_path / "log.parquet", channels, UNITS)
+    error = 1e-5 * v_b + 1e-9 * n_b
+    channels = {"time": t, "v_b": v_b, "n_b": n_b, "p_box": p_box, "T_box": T_box, "W_maf": flow + error}
+    write_log(tmp_path / "log.parquet", channels | {"ref_W_c": flow, "ref_delta_W_c": error}, UNITS)
     return tmp_path / "log.parquet"
 
 
@@ -65,7 +66,10 @@ def test_its_configuration_is_read_and_refused(example):
 
 def test_inspect_finds_the_engine_that_a_log_suits(log):
     found = inspect_log(log, None, LogPolicies()).as_content()
-    assert [name for name, channel in found["channels"].items() if channel["use"] == "needed"] == list(UNITS)
+    assert [name for name, channel in found["channels"].items() if channel["use"] == "needed"] == [
+        "time",
+        *blower.Blower.channels,
+    ]
 
 
 def test_a_draft_guesses_its_channels(tmp_path):
@@ -100,3 +104,18 @@ def test_what_it_has_not_is_said(example, tmp_path):
         make_published_gain(config, "ETC")
     with pytest.raises(UsageError, match=f"no plant simulates it; see configs/{DIESEL.name}"):
         simulate_log(example, "nedc", tmp_path / "log.parquet", None, 100.0, 1, lambda done: None)
+
+
+def test_its_map_is_estimated_extrapolated_and_told_on_its_own_axes(example, log, tmp_path):
+    gain, result = tmp_path / "gain.h5", tmp_path / "result.h5"
+    lpvobs.synth_gain(example, [log], out=gain)
+    lpvobs.estimate(example, [log], gain=gain, out=result, method="batch")
+    lpvobs.extrapolate(result)
+    (told,) = coefficient_tables([("result", read_result(result))])
+    assert told[0][0] == "kg/s over v_b [V], n_b [rpm]"
+    with h5py.File(result) as file:
+        assert [file["map"][name].attrs["units"] for name in ("v_b", "n_b")] == ["V", "rpm"]
+        a2, a1, b2, b1, c2, c1 = file["extrapolation/coefficients"][()]
+        # The plane is in the map's family and nothing is noisy: rounding is left, on values of 1e-4 kg/s.
+        np.testing.assert_allclose([a1 * 10.0, b1 * 4000.0], [1e-4, 4e-6], atol=1e-11)
+        np.testing.assert_allclose([a2 * 100.0, b2 * 1.6e7, c2 * 4e4, c1], 0.0, atol=1e-11)

@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from lpvobs.engines.base import Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import Channel
+from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
+from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.records import Array, Log
@@ -61,7 +61,7 @@ class Diesel:
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
-        MapAxis("n_e", "rpm", "engine speed"),
+        SPEED_AXIS,
     )
     channels: ClassVar[Mapping[str, Channel]] = {
         "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed", 60.0),
@@ -75,8 +75,7 @@ class Diesel:
         "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed", 30.0),
         "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
         "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", 300.0, ("T_amb", 40.0)),
-        "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
-        "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+        **AMBIENT,
         "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
     }
 

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import Channel
+from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
+from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import learn
@@ -46,7 +46,7 @@ class Throttled:
     smoothed: ClassVar[tuple[str, ...]] = ("p_ic", "p_im")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("m_f", "1", "fuel per stroke as logged"),
-        MapAxis("n_e", "rpm", "engine speed"),
+        SPEED_AXIS,
     )
     channels: ClassVar[Mapping[str, Channel]] = {
         "n_e": Channel("rpm", -50.0, 12000.0, (300.0, 9000.0), "engine speed"),
@@ -55,8 +55,7 @@ class Throttled:
         "p_ic": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "pressure before the throttle"),
         "T_ic": Channel("K", 200.0, 500.0, (230.0, 420.0), "temperature before the throttle"),
         "p_im": Channel("Pa", 3e3, 6e5, (8e3, 4e5), "intake manifold pressure"),
-        "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
-        "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
+        **AMBIENT,
         "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
     }
 
