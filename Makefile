@@ -29,7 +29,7 @@ help:
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
 	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
-	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler'
+	@echo 'make matrix  the tests with the lowest and newest versions, on other Pythons, without the compiler (ROW=lowest TESTS=tests/maps)'
 	@echo 'make docs    the documentation as a site in $(BUILD)/docs; a warning is an error'
 	@echo 'make defects docs/defects.md, from the tests that hold its rows'
 	@echo 'make schemas the JSON Schemas of configuration and --json, in schemas'
@@ -120,8 +120,12 @@ bench: $(VENV)/.ready
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants.py --number $(or $(NUMBER),300)
 
-matrix: $(VENV)/.ready
-	$(VENV)/bin/python benchmarks/matrix.py
+matrix: $(VENV)/.matrix-ready
+	$(VENV)/bin/nox $(if $(ROW),-s $(ROW)) $(if $(TESTS),-- $(TESTS))
+
+$(VENV)/.matrix-ready: $(VENV)/.ready
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --editable '.[matrix]'
+	touch $@
 
 fuzz: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --number $(or $(NUMBER),100000)
