@@ -118,7 +118,7 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/where.py
 
 mutants: $(VENV)/.ready
-	$(VENV)/bin/python benchmarks/mutants.py --number $(or $(NUMBER),300)
+	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)
 
 matrix: $(VENV)/.matrix-ready
 	$(VENV)/bin/nox $(if $(ROW),-s $(ROW)) $(if $(TESTS),-- $(TESTS))
