@@ -2,11 +2,11 @@
 
     python benchmarks/mutants [--number 300] [--seed 1] [--rooms maps,observer,synthesis] [--workers 2]
 
-Each mutant changes one place of one module (`change.py`). The tests of its room run with the compiler off, those of its module first
-and then the quickest, until one fails (`judge.py`). Before that, a module without a change goes the same way, and must not be noticed.
-Tests that take long without the compiler are left out, so a survivor may be one that they would notice. A test that takes many
-times what it takes without a fault has noticed it, too. Mutants that do what the original does are listed in `same.toml`, by
-function, with what is said before and after; one that names nothing any more is an error.
+Each mutant changes one place of one module (`change.py`). The tests of its room run with the compiler off, those of its module
+first and then the quickest, until one fails (`judge.py`). Before that, a module without a change goes the same way, and must not
+be noticed. Tests that take long without the compiler are left out, so a survivor may be one that they would notice. A test that
+takes many times what it takes without a fault has noticed it, too. Mutants that do what the original does are listed in
+`same.toml`, by function, with what is said before and after; one that names nothing any more is an error.
 """
 
 import argparse
@@ -29,6 +29,7 @@ from judge import LONGEST, Measured, judge, measure, preload  # noqa: E402
 
 RESULTS = ROOT / "benchmarks" / "results" / "mutants.md"
 ROOMS = ("maps", "observer", "synthesis")
+WIDTH = 100
 Verdicts = Sequence[tuple[Mutant, bool]]
 
 
@@ -94,8 +95,8 @@ def page(how: str, verdicts: Verdicts, measured: dict[str, Measured], why: dict[
     lines = [
         "# Deliberate faults, and whether the tests notice",
         "",
-        f"`benchmarks/mutants {how}`, {date.today().isoformat()}, {platform.machine()}, compiler off. Of the tests of each room those "
-        f"count that take less than {LONGEST:g} s of computing without the compiler.",
+        f"`benchmarks/mutants {how}`, {date.today().isoformat()}, {platform.machine()}, compiler off. Of the tests of each room "
+        f"those count that take less than {LONGEST:g} s of computing without the compiler.",
         "",
         "| room | mutants | noticed | score | tests used | left out |",
         "|---|---:|---:|---:|---:|---:|",
@@ -109,7 +110,7 @@ def page(how: str, verdicts: Verdicts, measured: dict[str, Measured], why: dict[
     lines += ["", "## Survivors", "", "| function | before | after | why no test can tell |", "|---|---|---|---|"]
     for mutant, found, same in sorted(told, key=lambda item: (item[0].place, item[0].node)):
         if not found:
-            before, after = (text.replace("|", "\\|") for text in (mutant.before, mutant.after))
+            before, after = (text[:WIDTH].replace("|", "\\|") for text in (mutant.before, mutant.after))
             lines.append(f"| {mutant.place} | `{before}` | `{after}` | {same} |")
     return "\n".join(lines) + "\n"
 

@@ -1,4 +1,4 @@
-"""The deliberate faults of a module: an operator, a comparison, a number, a condition, a call of min or max, a statement left out."""
+"""The deliberate faults of a module: an operator, a comparison, a number, a condition, min for max, a statement left out."""
 
 import ast
 import copy
@@ -22,7 +22,6 @@ NAMES = {
 UNTOUCHED = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom)
 FIELDS_UNTOUCHED = ("annotation", "returns", "decorator_list", "bases", "type_comment")
 SAY_LITTLE = (ast.Constant, ast.Name, ast.Attribute, ast.UnaryOp, ast.keyword, ast.Tuple, ast.Slice)
-LONGEST = 100
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,9 @@ def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:  # noqa: PLR0912 one li
         yield "id", NAMES[node.id]
     if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load) and node.attr in NAMES:
         yield "attr", NAMES[node.attr]
-    if isinstance(node, ast.AugAssign | ast.Continue) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)):
+    if isinstance(node, ast.AugAssign | ast.Continue) or (
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+    ):
         yield "", ast.Pass()
 
 
@@ -148,5 +149,4 @@ def _changed(root: Any, node: Any, field: str, value: Any) -> Any:
 
 def _short(node: ast.AST) -> str:
     """Return the first line of a node's text."""
-    text = ast.unparse(ast.fix_missing_locations(node)).strip().split("\n")[0]
-    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+    return ast.unparse(ast.fix_missing_locations(node)).strip().split("\n")[0]

@@ -18,8 +18,8 @@ from typing import Any
 os.environ["NUMBA_DISABLE_JIT"] = "1"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import pytest  # noqa: E402
-from change import Mutant, source  # noqa: E402
+import pytest
+from change import Mutant, source
 
 LONGEST = 1.0
 """[s] of computing; a test that takes longer without the compiler is left out."""
@@ -101,6 +101,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 def measure(room: str) -> Measured:
     """Return how long each test of a room takes that passes within the limit; for a process of its own."""
+    _hush()
     clock = _Clock()
     _pytest(room, clock)
     loaded = [name for name in sys.modules if name.split(".")[0] in PRELOADED]
@@ -129,8 +130,8 @@ def judge(mutant: Mutant, measured: Measured) -> bool:
 
 
 def _pytest(room: str, plugin: object, *options: str) -> int:
-    """Run the tests of a room quietly; return pytest's code."""
-    return int(pytest.main(["-p", "no:terminal", "-p", "no:cacheprovider", *options, f"tests/{room}"], plugins=[plugin]))
+    """Run the tests of a room; return pytest's code."""
+    return int(pytest.main(["-p", "no:cacheprovider", *options, f"tests/{room}"], plugins=[plugin]))
 
 
 def _forked(work: Callable[[], int], seconds: int) -> int:
@@ -140,10 +141,15 @@ def _forked(work: Callable[[], int], seconds: int) -> int:
         code = BROKEN
         try:
             resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            _hush()
             code = work()
         except BaseException:
             traceback.print_exc()
         finally:
             os._exit(code)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def _hush() -> None:
+    """Let this process say nothing on stdout."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
