@@ -16,7 +16,7 @@ from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.simulate import simulate
-from lpvobs.steps.gain import make_gain
+from lpvobs.api.gain import make_gain
 
 CONFIG = Path(__file__).parent.parent / "configs" / "diesel.toml"
 RESULTS = Path(__file__).parent / "results"

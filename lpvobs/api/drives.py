@@ -7,7 +7,7 @@ from lpvobs.api.files import File, Progress, as_path, silent, some, writing
 
 if TYPE_CHECKING:
     from lpvobs.simulation.simulate import SimulatedLog
-    from lpvobs.steps.inspect import Inspection
+    from lpvobs.api.inspect import Inspection
 
 
 def simulate(
@@ -55,7 +55,7 @@ def simulate(
     -----
     The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.
     """
-    from lpvobs.steps.simulate import simulate_log
+    from lpvobs.api.simulate import simulate_log
 
     read = [as_path(config), as_path(cycle), *([as_path(effects)] if effects else [])]
     with writing(as_path(out), read) as target:
@@ -111,7 +111,7 @@ def ingest(sources: File | Iterable[File], profile: File, out: File) -> dict[str
     DataError
         If the files cannot.
     """
-    from lpvobs.steps.ingest import ingest_log
+    from lpvobs.api.ingest import ingest_log
 
     paths = some(sources, "recording")
     with writing(as_path(out), [*paths, as_path(profile)]) as target:
@@ -139,7 +139,7 @@ def inspect(log: File, config: File | None = None) -> "Inspection":
     """
     from lpvobs.io.configuration.config import load_config
     from lpvobs.io.logs.reading import LogPolicies
-    from lpvobs.steps.inspect import inspect_log
+    from lpvobs.api.inspect import inspect_log
 
     if config is None:
         return inspect_log(as_path(log), None, LogPolicies())

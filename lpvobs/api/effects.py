@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from lpvobs.api.files import File, Progress, as_path, as_paths, changing, silent, some, writing
 
 if TYPE_CHECKING:
-    from lpvobs.steps.pooled import Traced
+    from lpvobs.api.pooled import Traced
 
 
 def trace(

@@ -47,7 +47,7 @@ def synth_gain(
     from lpvobs.io.configuration.config import load_config
     from lpvobs.io.results.gains import write_gain
     from lpvobs.io.results.provenance import Provenance
-    from lpvobs.steps.gain import make_gain, make_published_gain
+    from lpvobs.api.gain import make_gain, make_published_gain
 
     paths = as_paths(logs)
     if published is not None and paths:
@@ -73,7 +73,7 @@ def verify(gain: File) -> "Certificate":
         If the file cannot be used.
     """
     from lpvobs.io.results.gains import read_gain
-    from lpvobs.steps.gain import check_again
+    from lpvobs.api.gain import check_again
 
     certificate = check_again(read_gain(as_path(gain)))
     if not certificate.proven:

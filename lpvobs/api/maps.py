@@ -8,7 +8,7 @@ from lpvobs.api.files import File, Progress, as_path, changing, silent, some, wr
 if TYPE_CHECKING:
     from lpvobs.io.calibration.surfaces import Surface
     from lpvobs.maps.quadratic import QuadraticFit
-    from lpvobs.steps.estimate import Estimated
+    from lpvobs.api.estimate import Estimated
 
 
 def estimate(
@@ -63,7 +63,7 @@ def estimate(
     """
     from lpvobs.io.configuration.config import load_config
     from lpvobs.io.logs.finding import find_logs
-    from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
+    from lpvobs.api.estimate import estimate_logs, gain_for, workplace_for
 
     paths = find_logs(some(logs, "log"))
     given = None if gain is None else as_path(gain)
@@ -89,7 +89,7 @@ def extrapolate(result: File) -> tuple["QuadraticFit", float]:
     DataError
         If the file is no result, or its nodes do not determine the quadratic.
     """
-    from lpvobs.steps.extrapolate import extrapolate_result
+    from lpvobs.api.extrapolate import extrapolate_result
 
     with changing(as_path(result)) as path:
         return extrapolate_result(path)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from lpvobs.api.files import File, as_path, as_paths, writing
 
 if TYPE_CHECKING:
-    from lpvobs.steps.export import Exported
+    from lpvobs.api.export import Exported
 
 
 def export(
@@ -55,7 +55,7 @@ def export(
     DataError
         If the result or the old file cannot be used, or a DCM would have empty nodes.
     """
-    from lpvobs.steps.export import Request, export_result
+    from lpvobs.api.export import Request, export_result
 
     before = None if old is None else as_path(old)
     request = Request(file_format, values, only_estimated, before, name, kind.upper(), digits)

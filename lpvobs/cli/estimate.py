@@ -73,7 +73,7 @@ def estimate(
         from lpvobs.io.configuration.config import load_config
         from lpvobs.io.logs.finding import find_logs
         from lpvobs.report.tables import agreement_rows, log_rows, logs_content
-        from lpvobs.steps.estimate import estimate_logs, gain_for, workplace_for
+        from lpvobs.api.estimate import estimate_logs, gain_for, workplace_for
 
     logs = find_logs(logs)
     config = chosen_config(config)

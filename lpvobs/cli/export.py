@@ -42,7 +42,7 @@ def export(
     Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c
     """
     from lpvobs.report.tables import change_rows, origin_counts
-    from lpvobs.steps.export import Request, export_result
+    from lpvobs.api.export import Request, export_result
 
     request = Request(file_format, source, only_estimated, old, name, kind.upper(), digits)
     refuse_overwriting(out, [result, *([old] if old else [])])

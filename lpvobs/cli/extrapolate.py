@@ -24,7 +24,7 @@ def extrapolate(
     """
     from lpvobs.io.results.results import read_result
     from lpvobs.report.tables import coefficient_tables, extrapolation_content, percent
-    from lpvobs.steps.extrapolate import extrapolate_result
+    from lpvobs.api.extrapolate import extrapolate_result
 
     if result.is_file():
         claim(result)

@@ -33,7 +33,7 @@ def ingest(
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
     from lpvobs.report.tables import ingest_notes, ingest_rows
-    from lpvobs.steps.ingest import ingest_log
+    from lpvobs.api.ingest import ingest_log
 
     refuse_overwriting(out, [*sources, Path(profile)])
     record = ingest_log(sources, profile, out)

@@ -32,7 +32,7 @@ def inspect(
     from lpvobs.io.configuration.config import load_config
     from lpvobs.io.logs.finding import find_logs
     from lpvobs.io.logs.reading import LogPolicies
-    from lpvobs.steps.inspect import Inspection, inspect_log
+    from lpvobs.api.inspect import Inspection, inspect_log
 
     channels: Mapping[str, Channel] | None = None
     policies = LogPolicies()

@@ -9,7 +9,7 @@ from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_js
 from lpvobs.cli.trace import MapOption, content, show
 
 if TYPE_CHECKING:
-    from lpvobs.steps.pooled import Traced
+    from lpvobs.api.pooled import Traced
 
 
 @guarded

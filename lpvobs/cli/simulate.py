@@ -49,7 +49,7 @@ def simulate(
 
     With a leak: add --effects configs/effects/leak_intake.toml
     """
-    from lpvobs.steps.simulate import simulate_log
+    from lpvobs.api.simulate import simulate_log
 
     config = chosen_config(config)
     refuse_overwriting(out, [path for path in (config, effects, Path(cycle)) if path is not None])

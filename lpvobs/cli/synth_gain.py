@@ -48,7 +48,7 @@ def synth_gain(
     from lpvobs.io.results.gains import write_gain
     from lpvobs.io.results.provenance import Provenance
     from lpvobs.report.tables import bounds_table
-    from lpvobs.steps.gain import make_gain, make_published_gain
+    from lpvobs.api.gain import make_gain, make_published_gain
 
     config, logs = chosen_config(config), find_logs(logs or [])
     refuse_overwriting(out, [config, *logs])

@@ -10,7 +10,7 @@ from lpvobs.cli.common import JsonOption, LogsArgument, claim, guarded, leave, p
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Trace
-    from lpvobs.steps.pooled import Traced
+    from lpvobs.api.pooled import Traced
 
 MapOption = Annotated[
     bool | None,

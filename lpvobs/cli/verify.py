@@ -21,7 +21,7 @@ def verify(
     """
     from lpvobs.errors import NotProven
     from lpvobs.io.results.gains import read_gain
-    from lpvobs.steps.gain import check_again
+    from lpvobs.api.gain import check_again
 
     stored = read_gain(gain)
     certificate = check_again(stored)

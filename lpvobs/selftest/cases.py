@@ -22,8 +22,8 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.selftest.known_map import bilinear, known_map
 from lpvobs.selftest.rows import Case, Row
-from lpvobs.steps.estimate import estimate_logs
-from lpvobs.steps.extrapolate import extrapolate_result
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate_result
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem

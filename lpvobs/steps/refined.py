@@ -16,7 +16,7 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
-from lpvobs.steps.estimate import metrics_of, refuse_empty, summary_of
+from lpvobs.api.estimate import metrics_of, refuse_empty, summary_of
 from lpvobs.synthesis.problem import Problem
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 

@@ -26,7 +26,7 @@ from lpvobs.io.results.refinements import (
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, refuse_replaced, update
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
-from lpvobs.steps.pooled import Traced, contents, usable
+from lpvobs.api.pooled import Traced, contents, usable
 
 Progress = Callable[[float], None]
 

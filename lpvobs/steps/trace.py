@@ -36,7 +36,7 @@ from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, r
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
-from lpvobs.steps.pooled import LogAt, Traced, contents, usable
+from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.steps.throttled import refine_throttled, trace_throttled
 

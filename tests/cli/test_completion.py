@@ -10,8 +10,8 @@ import pytest
 from lpvobs.cli import choices
 from lpvobs.ingest.profiles import shipped
 from lpvobs.simulation.cycles import TABLES
-from lpvobs.steps.estimate import METHODS
-from lpvobs.steps.export import FORMATS
+from lpvobs.api.estimate import METHODS
+from lpvobs.api.export import FORMATS
 
 
 @pytest.fixture

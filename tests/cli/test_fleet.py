@@ -16,7 +16,7 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.observer.parts import StateGain
-from lpvobs.steps.fleet import PartTask, part_of
+from lpvobs.api.fleet import PartTask, part_of
 
 LOGS = 6
 

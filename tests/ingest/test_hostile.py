@@ -23,7 +23,7 @@ from lpvobs.ingest.profiles import SourceRules, profile_of
 from lpvobs.ingest.recording_apart import open_mat, open_mdf
 from lpvobs.ingest.recording_csv import open_csv
 from lpvobs.io.safety import apart
-from lpvobs.steps.ingest import ingest_log
+from lpvobs.api.ingest import ingest_log
 
 PROFILE = """
 schema = 1

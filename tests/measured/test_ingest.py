@@ -6,8 +6,8 @@ import pytest
 
 from lpvobs.io.logs.ingest_record import stored_record
 from lpvobs.io.logs.reading import LogPolicies, channel_units
-from lpvobs.steps.ingest import ingest_log
-from lpvobs.steps.inspect import inspect_log
+from lpvobs.api.ingest import ingest_log
+from lpvobs.api.inspect import inspect_log
 
 LIU = ("wltp_NF", "wltp_f_waf_110", "wltp_f_pim_080", "wltp_f_pic_090", "wltp_f_iml_6mm")
 

@@ -11,7 +11,7 @@ from lpvobs.discovery.throttled_noise import healthy_errors
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import read_log
-from lpvobs.steps.ingest import ingest_log
+from lpvobs.api.ingest import ingest_log
 
 FAULTS = {
     "wltp_f_waf_110": ("maf.gain", 1.10),

@@ -17,7 +17,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.logs import reading as reader
 from lpvobs.io.logs.reading import LogPolicies
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.steps.inspect import inspect_log
+from lpvobs.api.inspect import inspect_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 N = 20_000

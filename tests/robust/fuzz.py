@@ -144,8 +144,8 @@ def read(path: Path) -> None:
     from lpvobs.io.results.gains import read_gain
     from lpvobs.report.load import load
     from lpvobs.report.tables import report_content
-    from lpvobs.steps.gain import check_again
-    from lpvobs.steps.inspect import inspect_log
+    from lpvobs.api.gain import check_again
+    from lpvobs.api.inspect import inspect_log
 
     if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
         read_foreign(path)
@@ -167,7 +167,7 @@ def read(path: Path) -> None:
 def read_foreign(path: Path) -> None:
     """Draft a profile for a recording, and make a log of it by the one beside it, as `profile` and `ingest` do."""
     from lpvobs.ingest.drafting import draft_profile
-    from lpvobs.steps.ingest import ingest_log
+    from lpvobs.api.ingest import ingest_log
 
     with suppress(LpvobsError):
         tomllib.loads(draft_profile(path).encode("utf-8").decode("utf-8"))

@@ -116,8 +116,8 @@ def warm() -> None:
     import lpvobs.io.configuration.config
     import lpvobs.report.page
     import lpvobs.simulation.simulate
-    import lpvobs.steps.estimate
-    import lpvobs.steps.gain
+    import lpvobs.api.estimate
+    import lpvobs.api.gain
     import lpvobs.steps.trace  # noqa: F401
 
 

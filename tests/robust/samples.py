@@ -9,9 +9,9 @@ from robust.defects import Bench
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import write_gain
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.steps.estimate import estimate_logs
-from lpvobs.steps.extrapolate import extrapolate_result
-from lpvobs.steps.gain import make_published_gain
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate_result
+from lpvobs.api.gain import make_published_gain
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import pytest
 from lpvobs.errors import DataError
 from lpvobs.io.results import hdf
 from lpvobs.io.results.results import read_result, update
-from lpvobs.steps import extrapolate
-from lpvobs.steps.fleet import refuse_copies
-from lpvobs.steps.jobs import Workers
+from lpvobs.api import extrapolate
+from lpvobs.api.fleet import refuse_copies
+from lpvobs.api.jobs import Workers
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_a_log_that_may_not_be_read_does_not_hinder_the_others(monkeypatch, samp
     def denied(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("lpvobs.steps.fleet.file_digest", denied)
+    monkeypatch.setattr("lpvobs.api.fleet.file_digest", denied)
     refuse_copies([samples.log, samples.log])  # who reads it says what is wrong with it
 
 

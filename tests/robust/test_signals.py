@@ -8,7 +8,7 @@ import textwrap
 
 import pytest
 
-from lpvobs.steps.jobs import Workers
+from lpvobs.api.jobs import Workers
 
 # Runs a verb whose work is to wait in the way given, with a file half written; tells when it is ready.
 SCRIPT = """

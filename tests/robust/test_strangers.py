@@ -19,8 +19,8 @@ from lpvobs.io.results.hdf import changing
 from lpvobs.report.content import gather
 from lpvobs.report.load import load
 from lpvobs.report.page import page
-from lpvobs.steps.estimate import estimate_logs
-from lpvobs.steps.extrapolate import extrapolate_result
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate_result
 
 EVIL = "<img src=x onerror=alert(1)>\"'&<script>alert(2)<\u0338script>]]>"
 CONTROLS = "\x1b[2J\x07\u202e"  # a terminal or a browser would obey them; TOML does not take them
@@ -102,7 +102,7 @@ def test_a_period_that_no_step_counts_is_a_usage_error(tmp_path):
 
 
 WORK = """
-from lpvobs.steps.jobs import Workers
+from lpvobs.api.jobs import Workers
 if __name__ == "__main__":
     with Workers(2) as workers:
         print(sorted(workers.finished(abs, [-3, -4])))

@@ -18,8 +18,8 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import write_log
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.simulate import simulate
-from lpvobs.steps import jobs
-from lpvobs.steps.fleet import Workplace, estimate_fleet
+from lpvobs.api import jobs
+from lpvobs.api.fleet import Workplace, estimate_fleet
 
 LOGS = 8
 

@@ -11,7 +11,7 @@ import xarray as xr
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import DcmMap, dcm_text, read_dcm_map
 from lpvobs.io.calibration.surfaces import ESTIMATED, EXTRAPOLATED, NONE, OLD, keep_old, onto, read_surface
-from lpvobs.steps.export import Request, export_result
+from lpvobs.api.export import Request, export_result
 
 SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)
 TRUTH = -0.004 + 1e-6 * np.add.outer(SPEED, 30.0 * FUEL)

@@ -24,10 +24,10 @@ from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import LogRun, StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
-from lpvobs.steps.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
-from lpvobs.steps.jobs import processors
+from lpvobs.api.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
+from lpvobs.api.jobs import processors
 from lpvobs.steps.learning import engine_writer, learned_path
-from lpvobs.steps.pooled import contents, usable
+from lpvobs.api.pooled import contents, usable
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
@@ -184,12 +184,12 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
         If its certificate does not hold.
     """
     if gain is None:
-        from lpvobs.steps.gain import make_gain, make_published_gain
+        from lpvobs.api.gain import make_gain, make_published_gain
 
         return (
             make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths, lenient=True)[0]
         )
-    from lpvobs.steps.gain import check_again
+    from lpvobs.api.gain import check_again
 
     stored = read_gain(gain)
     air_path = config.engine_path()

@@ -26,7 +26,7 @@ from lpvobs.observer.estimate import MapEstimate, merged
 from lpvobs.observer.parts import LogPart, LogRun, StateGain, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
-from lpvobs.steps.jobs import Workers
+from lpvobs.api.jobs import Workers
 
 PARTS_SHARE = 0.85
 """Of the whole run, for the progress: the rest compares the map with references."""
