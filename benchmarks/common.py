@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lpvobs.api.synth_gain import make_gain
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.io.configuration.config import Config, load_config
@@ -16,7 +17,6 @@ from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.parameters import Surface
 from lpvobs.simulation.simulate import simulate
-from lpvobs.api.gain import make_gain
 
 CONFIG = Path(__file__).parent.parent / "configs" / "diesel.toml"
 RESULTS = Path(__file__).parent / "results"

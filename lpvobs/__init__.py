@@ -1,28 +1,26 @@
 """The error of a mass air flow sensor as a map over the operating point: estimated, extrapolated, explained.
 
-The verbs of the command line are functions here: `lpvobs.estimate(...)` and the others of `lpvobs.api`, which is loaded when the
-first of them is asked for.
+The verbs of the command line are functions here: `lpvobs.estimate(...)` and the others of `lpvobs.api`, each loaded when it is
+asked for.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lpvobs.api import (
-        draft_profile,
-        estimate,
-        export,
-        extrapolate,
-        ingest,
-        inspect,
-        read_map,
-        refine,
-        simulate,
-        synth_gain,
-        trace,
-        verify,
-        write_report,
-    )
+    from lpvobs.api.draft_profile import draft_profile
+    from lpvobs.api.estimate import estimate
+    from lpvobs.api.export import export
+    from lpvobs.api.extrapolate import extrapolate
+    from lpvobs.api.ingest_log import ingest_log
+    from lpvobs.api.inspect import inspect
+    from lpvobs.api.read_map import read_map
+    from lpvobs.api.refine import refine
+    from lpvobs.api.simulate import simulate
+    from lpvobs.api.synth_gain import synth_gain
+    from lpvobs.api.trace import trace
+    from lpvobs.api.verify import verify
+    from lpvobs.api.write_report import write_report
 
 __version__ = "0.1.0"
 __all__ = [
@@ -30,7 +28,7 @@ __all__ = [
     "estimate",
     "export",
     "extrapolate",
-    "ingest",
+    "ingest_log",
     "inspect",
     "read_map",
     "refine",
@@ -45,7 +43,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Return a function of `lpvobs.api`, loaded on first use: neither the command line nor one room alone pays for it."""
     if name in __all__:
-        return getattr(import_module("lpvobs.api"), name)
+        return getattr(import_module(f"lpvobs.api.{name}"), name)
     raise AttributeError(f"module 'lpvobs' has no attribute '{name}'")
 
 

@@ -1,6 +1,6 @@
 """`estimate`: logs in, map and metrics out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,9 +8,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
+from lpvobs.api.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
+from lpvobs.api.jobs import processors
+from lpvobs.api.pooled import contents, usable
+from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
-from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.io.configuration.config import Config
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.agreement import write_agreement
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
@@ -24,10 +29,7 @@ from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import LogRun, StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
-from lpvobs.api.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
-from lpvobs.api.jobs import processors
 from lpvobs.steps.learning import engine_writer, learned_path
-from lpvobs.api.pooled import contents, usable
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
@@ -58,6 +60,65 @@ class Estimated:
     agreement: tuple[Agreement, ...] = ()
 
 
+def estimate(
+    config: File,
+    logs: File | Iterable[File],
+    out: File,
+    *,
+    gain: File | None = None,
+    method: str = "observer",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Estimated:
+    """Estimate the error map of the sensor from logs and write the result.
+
+    Parameters
+    ----------
+    config : path
+    logs : path or several
+        Parquet logs, patterns, or folders of logs.
+    out : path
+        The result to write.
+    gain : path, optional
+        Made by `synth_gain`; without it one is made and proven first.
+    method : str
+        `observer`; `published`: Gamma = 200 I, as in the paper; `ekf`; `batch`.
+    jobs : int, optional
+        Logs done at the same time, one per process.
+    scheduler : str, optional
+        Address of a Dask scheduler, on whose workers the logs are done.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+
+    Returns
+    -------
+    Estimated
+        `estimate.theta` and `estimate.standard_error` of shape (p,) [kg/s], the map's nodes in the order of Eq. (23);
+        `summaries` of the logs, with metrics where a log has references; `refused`: why other logs were left out.
+
+    Raises
+    ------
+    UsageError
+        For an unknown method, or logs that are there twice.
+    DataError
+        If the gain or none of the logs can be used, or they inform no node.
+    NotProven
+        If the certificate of the gain does not hold.
+
+    Notes
+    -----
+    Eq. (26) with gains that fall with information; see `docs/method.md` for the departures from the paper.
+    """
+    paths = some_logs(logs)
+    given = None if gain is None else as_path(gain)
+    with writing(out, [config, *paths, given]) as target:
+        configuration, text = load_config(as_path(config))
+        workplace = workplace_for(method, len(paths), jobs, scheduler)
+        stored = gain_for(configuration, paths, given, method)
+        return estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace)
+
+
 def estimate_logs(
     config: Config,
     config_text: str,
@@ -65,7 +126,7 @@ def estimate_logs(
     paths: Sequence[Path],
     out: Path,
     method: str,
-    progress: Callable[[float], None],
+    progress: Progress,
     workplace: Workplace | None = None,
 ) -> Estimated:
     """Estimate the map from logs and write the result.
@@ -112,7 +173,7 @@ def _by_fleet(
     paths: Sequence[Path],
     out: Path,
     workplace: Workplace,
-    progress: Callable[[float], None],
+    progress: Progress,
     air_path: AirPath,
 ) -> Estimated:
     fleet = estimate_fleet(config, config_text, gain, paths, out, workplace, progress, refuse_empty, air_path)
@@ -134,7 +195,7 @@ def _one_after_another(
     gain: StateGain,
     paths: Sequence[Path],
     method: str,
-    progress: Callable[[float], None],
+    progress: Progress,
     air_path: AirPath,
 ) -> Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
@@ -184,19 +245,15 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
         If its certificate does not hold.
     """
     if gain is None:
-        from lpvobs.api.gain import make_gain, make_published_gain
+        from lpvobs.api.synth_gain import make_gain, make_published_gain  # with a gain, no solver is loaded
 
         return (
             make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths, lenient=True)[0]
         )
-    from lpvobs.api.gain import check_again
-
     stored = read_gain(gain)
     air_path = config.engine_path()
     expect_engine(gain, stored, air_path.name, air_path.engine_constants())
-    certificate = check_again(stored)
-    if not certificate.proven:
-        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+    expect_proven(gain, check_again(stored))
     return stored
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from lpvobs.api.files import File, as_path, writing
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
 from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
@@ -71,14 +72,59 @@ class Exported:
     changes: list[Change] | None
 
 
-def export_result(result: Path, out: Path, request: Request) -> Exported:
-    """Write the map of a result to a file.
+def export(
+    result: File,
+    out: File,
+    file_format: str,
+    *,
+    values: str = "",
+    only_estimated: bool = False,
+    old: File | None = None,
+    name: str = "delta_W_c",
+    kind: str = "",
+    digits: int = 7,
+) -> Exported:
+    """Write the map for calibration tools: what to subtract from a reading.
+
+    Parameters
+    ----------
+    result : path
+    out : path
+        The file to write.
+    file_format : str
+        `dcm`, `csv` or `netcdf`.
+    values : str
+        `map` or `extrapolation`; by default the latter if there is one.
+    only_estimated : bool
+        No extrapolated node: the old value there, or nothing.
+    old : path, optional
+        A DCM with the map as it was: its axes, units and kind stay.
+    name : str
+        Label of the map.
+    kind : str
+        `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, else the former.
+    digits : int
+        Significant digits in DCM and CSV.
+
+    Returns
+    -------
+    Exported
+        `surface` with values of shape (p2, p1) in the unit it names, `changes` against the old map.
 
     Raises
     ------
-    UsageError, DataError
-        If the request contradicts itself, the result or the old file cannot be used, or a DCM would have empty nodes.
+    UsageError
+        If the request contradicts itself.
+    DataError
+        If the result or the old file cannot be used, or a DCM would have empty nodes.
     """
+    before = None if old is None else as_path(old)
+    request = Request(file_format, values, only_estimated, before, name, kind.upper(), digits)
+    with writing(out, [result, before]) as target:
+        return _exported(as_path(result), target, request)
+
+
+def _exported(result: Path, out: Path, request: Request) -> Exported:
     surface = read_surface(result, request.source)
     old = _old(request, surface)
     if old is not None:

@@ -1,29 +1,44 @@
 """`extrapolate`: the quadratic of Eq. (37) into a result."""
 
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.io.results.results import add_extrapolation, read_result
+from lpvobs.api.files import File, updating
+from lpvobs.io.results.results import StoredResult, add_extrapolation, read_result
 from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
 
 
-def extrapolate_result(path: Path) -> tuple[QuadraticFit, float]:
-    """Fit the quadratic to the estimated nodes of a stored result and write `/extrapolation` into it.
+def extrapolate(result: File) -> tuple[QuadraticFit, float]:
+    """Fill the nodes that no log informed from the quadratic of Eq. (37), and write `/extrapolation` into the result.
 
-    Returned beside the fit: the share of outer estimated nodes that it predicts within their 90 % interval.
-
-    The observer as published has no covariance; its nodes then count alike.
+    Returns
+    -------
+    fitted : QuadraticFit
+        Coefficients in kg/s, mg/cycle and rpm with standard errors, values and intervals of prediction for every node.
+    outer_coverage : float
+        Share of the outer estimated nodes inside their 90 % interval when they take no part in the fit.
 
     Raises
     ------
     DataError
-        If the file is not a result, or its estimated nodes do not determine the quadratic.
+        If the file is no result, or its nodes do not determine the quadratic.
+
+    Notes
+    -----
+    The observer as published has no covariance; its nodes then count alike.
     """
-    stored = read_result(path)
-    known = np.isfinite(stored.covariance).all()
-    covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
-    fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
-    held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
-    add_extrapolation(stored, fitted, held)
+    _, fitted, held = fill(result)
     return fitted, held
+
+
+def fill(result: File) -> tuple[StoredResult, QuadraticFit, float]:
+    """Return what `extrapolate` does behind the result that has it."""
+    with updating(result) as path:
+        stored = read_result(path)
+        known = np.isfinite(stored.covariance).all()
+        covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
+        fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
+        held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
+        add_extrapolation(stored, fitted, held)
+    return replace(stored, extrapolation=fitted), fitted, held

@@ -1,4 +1,4 @@
-"""Names of files, and claims on them while they are written."""
+"""Names of files, and claims on them while they are written; the configuration of a folder."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 from lpvobs.errors import UsageError
+from lpvobs.io.logs.finding import find_logs
+from lpvobs.io.safety.atomic import claimed, is_same
 
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
+CONFIG_NAME = "lpvobs.toml"
 LONGEST_NAME = 255
 """[bytes], of a file in its folder."""
 
@@ -37,37 +40,45 @@ def some(files: File | Iterable[File], kind: str) -> list[Path]:
     return paths
 
 
+def some_logs(logs: File | Iterable[File]) -> list[Path]:
+    """Return the logs that names, patterns and folders mean, of which at least one is needed."""
+    return find_logs(some(logs, "log"))
+
+
+def find_config(folder: Path) -> Path | None:
+    """Return `lpvobs.toml` in a folder or the nearest one above it, None where there is none.
+
+    A folder that may not be looked into counts as one without.
+    """
+    for place in (folder, *folder.parents):
+        try:
+            if (place / CONFIG_NAME).is_file():
+                return place / CONFIG_NAME
+        except OSError:
+            continue
+    return None
+
+
 @contextmanager
-def writing(out: Path, read: Iterable[Path]) -> Iterator[Path]:
+def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
     """Yield the file to write, which nobody else writes meanwhile; raise UsageError if it is one of those that are read."""
-    from lpvobs.io.safety.atomic import is_same
-
-    for path in read:
-        if is_same(out, path):
-            raise UsageError(f"{out}: is also an input and would be lost; name another file to write")
-    with _claimed(out):
-        yield out
+    path = as_path(out)
+    for file in read:
+        if file is not None and is_same(path, as_path(file)):
+            raise UsageError(f"{path}: is also an input and would be lost; name another file to write")
+    with claimed(path):
+        yield path
 
 
 @contextmanager
-def changing(result: Path) -> Iterator[Path]:
+def updating(result: File) -> Iterator[Path]:
     """Yield a result that nobody else writes meanwhile; what is no file is refused by whoever reads it."""
-    if not result.is_file():
-        yield result
+    path = as_path(result)
+    if not path.is_file():
+        yield path
         return
-    with _claimed(result):
-        yield result
-
-
-@contextmanager
-def _claimed(path: Path) -> Iterator[None]:
-    from lpvobs.io.safety.atomic import claim, release
-
-    claim(path)
-    try:
-        yield
-    finally:
-        release(path)
+    with claimed(path):
+        yield path
 
 
 def silent(fraction: float) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
@@ -26,7 +27,6 @@ from lpvobs.observer.estimate import MapEstimate, merged
 from lpvobs.observer.parts import LogPart, LogRun, StateGain, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
-from lpvobs.api.jobs import Workers
 
 PARTS_SHARE = 0.85
 """Of the whole run, for the progress: the rest compares the map with references."""

@@ -1,14 +1,18 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lpvobs.api.files import File, as_path, as_paths
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
+from lpvobs.errors import DataError
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.ingest_record import stored_record
 from lpvobs.io.logs.reading import LogPolicies, channel_units, read_log
 from lpvobs.records import Array, Defects, Log
@@ -98,6 +102,51 @@ class Inspection:
             "dropped": self.log.defects.dropped.get(name, 0),
             "refresh": _refresh(self.log.time, values),
         }
+
+
+def inspect(log: File, config: File | None = None) -> Inspection:
+    """Return what is in a log and what the policies did about its defects.
+
+    Parameters
+    ----------
+    log : path
+    config : path, optional
+        Engine and policies; by default the engine that the log suits.
+
+    Returns
+    -------
+    Inspection
+        `as_content()` is plain data: channels with units, ranges in the log's units, defects.
+
+    Raises
+    ------
+    DataError
+        If no estimate could use the log.
+    """
+    channels, policies = _engine_of(config)
+    return inspect_log(as_path(log), channels, policies)
+
+
+def inspect_logs(
+    logs: File | Iterable[File], config: File | None = None
+) -> tuple[tuple[Inspection, ...], tuple[str, ...]]:
+    """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
+    channels, policies = _engine_of(config)
+    found, refused = [], []
+    for path in find_logs(as_paths(logs)):
+        try:
+            found.append(inspect_log(path, channels, policies))
+        except DataError as error:
+            refused.append(str(error))
+    return tuple(found), tuple(refused)
+
+
+def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPolicies]:
+    """Return the channels that the configured engine needs, and the policies; None and the default ones without it."""
+    if config is None:
+        return None, LogPolicies()
+    configuration, _ = load_config(as_path(config))
+    return configuration.engine_path().channels, configuration.policies
 
 
 def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> Inspection:

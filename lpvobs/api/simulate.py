@@ -1,8 +1,6 @@
 """`simulate`: a cycle through the simulated engine into a log."""
 
-from collections.abc import Callable
-from pathlib import Path
-
+from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Effects, load_config, load_effects
@@ -11,51 +9,73 @@ from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.simulate import SimulatedLog
 
 
-def simulate_log(
-    config: Path, cycle: str, out: Path, effects: Path | None, rate: float, seed: int, progress: Callable[[float], None]
+def simulate(
+    config: File,
+    cycle: str,
+    out: File,
+    *,
+    effects: File | None = None,
+    rate: float = 100.0,
+    seed: int = 1,
+    progress: Progress | None = None,
 ) -> SimulatedLog:
-    """Drive the configured engine over a cycle, write the log and return it with its truth.
+    """Drive the simulated diesel over a cycle and write the log that its sensors record.
 
     Parameters
     ----------
-    config : Path
-        With `[simulation]` tables.
+    config : path
+        TOML file with engine and `[simulation]`.
     cycle : str
-        A name, or the path of a table.
-    out : Path
-    effects : Path or None
-        What is wrong with engine or sensors, and the road.
+        `etc` (surrogate), `etc_part1`, `ftp75`, `ftp75_cold`, `nedc`, `whtc`, `wltc`, or the path of a table.
+    out : path
+        The Parquet log to write.
+    effects : path, optional
+        TOML file of what is wrong with engine and sensors, see `configs/effects`.
     rate : float
         [Hz]
     seed : int
-    progress : callable
-        Takes the fraction done.
+        Of noise and road.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+
+    Returns
+    -------
+    SimulatedLog
+        `channels` as written, each of shape (N,) in the unit that `units` names, and the noise-free `truth`.
 
     Raises
     ------
     UsageError
-        For a configuration without a simulation, and as `lpvobs.simulation.simulate.simulate`.
+        For a configuration without `[simulation]`, an unknown cycle, an impossible rate, or an effect that cannot show on this
+        drive.
+    DataError
+        If the log cannot be written.
+
+    Notes
+    -----
+    The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.
     """
-    configuration, _ = load_config(config)
-    plant = configuration.kind.plant
-    if not plant:
-        able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
-        raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
-    if configuration.simulation is None:
-        raise UsageError(
-            f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
+    with writing(out, [config, cycle, effects]) as target:
+        configuration, _ = load_config(as_path(config))
+        plant = configuration.kind.plant
+        if not plant:
+            able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
+            raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
+        if configuration.simulation is None:
+            raise UsageError(
+                f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
+            )
+        wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
+        log = PLANTS[plant].run(
+            configuration.engine,
+            configuration.simulation,
+            cycle,
+            rate,
+            seed,
+            wanted.surface,
+            progress or silent,
+            effects=wanted.injected,
+            auxiliary=wanted.auxiliary,
         )
-    wanted = load_effects(effects)[0] if effects else Effects()
-    log = PLANTS[plant].run(
-        configuration.engine,
-        configuration.simulation,
-        cycle,
-        rate,
-        seed,
-        wanted.surface,
-        progress,
-        effects=wanted.injected,
-        auxiliary=wanted.auxiliary,
-    )
-    write_log(out, log.channels, log.units)
+        write_log(target, log.channels, log.units)
     return log

@@ -72,8 +72,6 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
         except Exception as error:
             _stopped(received())
             _fault(error)
-        finally:
-            _release_claims()
 
     return run
 
@@ -134,16 +132,6 @@ def load_compiler() -> None:
             del sys.modules[name]
 
 
-def refuse_overwriting(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
-    """Raise UsageError if the file to write is one of those to read, DataError if it cannot be written; claim it otherwise."""
-    from lpvobs.io.safety.atomic import is_same
-
-    for path in inputs:
-        if is_same(out, path):
-            raise UsageError(f"{option} {out}: is also an input and would be lost; name another file")
-    claim(out)
-
-
 def chosen_config(given: Path | None) -> Path:
     """Return the configuration to use: the one given, or that of the folder; raises UsageError where there is neither."""
     found = given or folder_config()
@@ -156,7 +144,7 @@ def chosen_config(given: Path | None) -> Path:
 
 def folder_config() -> Path | None:
     """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
-    from lpvobs.io.logs.finding import find_config
+    from lpvobs.api.files import find_config
 
     try:
         found = find_config(Path.cwd())
@@ -165,20 +153,6 @@ def folder_config() -> Path | None:
     if found is not None:
         say(f"configuration: {found}")
     return found
-
-
-def claim(target: Path) -> None:
-    """Keep other processes from writing a file until this verb has ended; no other verb changes it in the meantime."""
-    from lpvobs.io.safety import atomic
-
-    atomic.claim(target)
-
-
-def _release_claims() -> None:
-    if "lpvobs.io.safety.atomic" in sys.modules:
-        from lpvobs.io.safety import atomic
-
-        atomic.release_all()
 
 
 def say(message: str) -> None:

@@ -18,7 +18,6 @@ from lpvobs.cli.common import (
     loading,
     print_json,
     progress,
-    refuse_overwriting,
     say,
     table,
 )
@@ -70,19 +69,14 @@ def estimate(
     """
     with loading():
         load_compiler()
-        from lpvobs.io.configuration.config import load_config
-        from lpvobs.io.logs.finding import find_logs
+        from lpvobs.api.estimate import estimate as estimate_map
         from lpvobs.report.tables import agreement_rows, log_rows, logs_content
-        from lpvobs.api.estimate import estimate_logs, gain_for, workplace_for
 
-    logs = find_logs(logs)
     config = chosen_config(config)
-    refuse_overwriting(out, [config, *logs, *([gain] if gain else [])])
-    configuration, text = load_config(config)
-    workplace = workplace_for(method, len(logs), jobs, scheduler)
-    stored = gain_for(configuration, logs, gain, method)
     with progress("estimating") as report:
-        done = estimate_logs(configuration, text, stored, logs, out, method, report, workplace)
+        done = estimate_map(
+            config, logs, out, gain=gain, method=method, jobs=jobs, scheduler=scheduler, progress=report
+        )
     found, summaries = done.estimate, done.summaries
     nodes = int(found.supported.sum())
     if as_json:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.choices import FORMATS, offer
-from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
 
 
 @guarded
@@ -41,12 +41,20 @@ def export(
 
     Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c
     """
+    from lpvobs.api.export import export as export_map
     from lpvobs.report.tables import change_rows, origin_counts
-    from lpvobs.api.export import Request, export_result
 
-    request = Request(file_format, source, only_estimated, old, name, kind.upper(), digits)
-    refuse_overwriting(out, [result, *([old] if old else [])])
-    done = export_result(result, out, request)
+    done = export_map(
+        result,
+        out,
+        file_format,
+        values=source,
+        only_estimated=only_estimated,
+        old=old,
+        name=name,
+        kind=kind,
+        digits=digits,
+    )
     counts = origin_counts(done.surface)
     if as_json:
         changed = None if done.changes is None else [asdict(change) for change in done.changes]

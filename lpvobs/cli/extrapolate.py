@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, claim, guarded, print_json, say, table
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
 
 
 @guarded
@@ -22,17 +22,15 @@ def extrapolate(
 
     Example: lpvobs extrapolate nedc.h5
     """
-    from lpvobs.io.results.results import read_result
+    from lpvobs.api.extrapolate import fill
     from lpvobs.report.tables import coefficient_tables, extrapolation_content, percent
-    from lpvobs.api.extrapolate import extrapolate_result
 
-    if result.is_file():
-        claim(result)
-    fitted, held = extrapolate_result(result)
+
+    stored, fitted, held = fill(result)
     if as_json:
         print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})
         return
-    for coefficients in coefficient_tables([("this map", read_result(result))]):
+    for coefficients in coefficient_tables([("this map", stored)]):
         print(table(*coefficients))
     filled = int((fitted.support == 2).sum())
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.choices import PROFILES, offer
-from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say, table
+from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
 
 
 @guarded
@@ -32,10 +32,9 @@ def ingest(
 
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
+    from lpvobs.api.ingest_log import ingest_log
     from lpvobs.report.tables import ingest_notes, ingest_rows
-    from lpvobs.api.ingest import ingest_log
 
-    refuse_overwriting(out, [*sources, Path(profile)])
     record = ingest_log(sources, profile, out)
     if as_json:
         print_json("ingest", {"log": str(out), **{key: value for key, value in record.items() if key != "schema"}})

@@ -1,12 +1,11 @@
 """`lpvobs inspect`."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, LogsArgument, folder_config, guarded, print_json, say, table, visible
+from lpvobs.cli.common import JsonOption, LogsArgument, folder_config, guarded, leave, print_json, table, visible
 
 
 @guarded
@@ -27,34 +26,14 @@ def inspect(
 
     Example: lpvobs inspect nedc.parquet
     """
-    from lpvobs.engines.channels import Channel
-    from lpvobs.errors import DataError
-    from lpvobs.io.configuration.config import load_config
-    from lpvobs.io.logs.finding import find_logs
-    from lpvobs.io.logs.reading import LogPolicies
-    from lpvobs.api.inspect import Inspection, inspect_log
+    from lpvobs.api.inspect import inspect_logs
 
-    channels: Mapping[str, Channel] | None = None
-    policies = LogPolicies()
-    config = config or folder_config()
-    if config is not None:
-        configuration, _ = load_config(config)
-        channels, policies = configuration.engine_path().channels, configuration.policies
-    found: list[Inspection] = []
-    refused: list[str] = []
-    for path in find_logs(logs):
-        try:
-            found.append(inspect_log(path, channels, policies))
-        except DataError as error:
-            refused.append(str(error))
+    found, refused = inspect_logs(logs, config or folder_config())
     if as_json:
         print_json("inspect", {"logs": [item.as_content() for item in found], "refused": refused})
     else:
         print("\n\n".join(_text(item.as_content()) for item in found))
-    for message in refused:
-        say(f"lpvobs: {message}")
-    if refused:
-        raise typer.Exit(DataError.exit_code)
+    leave(refused)
 
 
 def _text(content: dict[str, Any]) -> str:

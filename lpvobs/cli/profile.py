@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, refuse_overwriting, say
+from lpvobs.cli.common import JsonOption, guarded, print_json, say
 
 
 @guarded
@@ -22,15 +22,10 @@ def profile(
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
-    from lpvobs.ingest.drafting import draft_profile
-    from lpvobs.io.safety.atomic import replacing
+    from lpvobs.api.draft_profile import draft_profile
 
+    text = draft_profile(source, out)
     if out is not None:
-        refuse_overwriting(out, [source])
-    text = draft_profile(source)
-    if out is not None:
-        with replacing(out) as temporary:
-            temporary.write_text(text, encoding="utf-8")
         say(f"{out}: read it, uncomment what is right, then lpvobs ingest {source} --profile {out} --out LOG.parquet")
     if as_json:
         print_json("profile", {"source": str(source), "profile": None if out is None else str(out), "text": text})

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, refuse_overwriting, say
+from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, say
 from lpvobs.cli.trace import MapOption, content, show
 
 if TYPE_CHECKING:
@@ -38,13 +38,10 @@ def refine(
 
     Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
-    from lpvobs.io.logs.finding import find_logs
-    from lpvobs.steps.trace import Sources, refine_result
+    from lpvobs.api.refine import refine as refine_model
 
-    logs, unseen = find_logs(logs), find_logs(hold_out or [])
-    refuse_overwriting(out, [result, *logs, *unseen])
     with progress("refining") as report:
-        traced = refine_result(Sources(result, logs, unseen, freeze_map), out, report)
+        traced = refine_model(result, logs, out, hold_out=hold_out or (), freeze_map=freeze_map, progress=report)
     if as_json:
         print_json("refine", content(traced, refined=True))
     else:

@@ -16,15 +16,10 @@ def selftest(as_json: JsonOption = False) -> None:
     Example: lpvobs selftest
     """
     from lpvobs.errors import NotProven
-    from lpvobs.io.results.provenance import versions
-    from lpvobs.selftest.cases import CASES
-    from lpvobs.selftest.rows import rows_of
+    from lpvobs.selftest.cases import run_cases
 
-    rows = []
     with progress("testing") as report:
-        for done, (name, case) in enumerate(CASES.items()):
-            rows += list(rows_of(name, case))
-            report((done + 1) / len(CASES))
+        rows, versions = run_cases(report)
     failed = [row for row in rows if not row.passed]
     if as_json:
         content = [
@@ -34,7 +29,7 @@ def selftest(as_json: JsonOption = False) -> None:
             }
             for row in rows
         ]  # fmt: skip
-        print_json("selftest", {"passed": not failed, "cases": content, "versions": versions()})
+        print_json("selftest", {"passed": not failed, "cases": content, "versions": versions})
     else:
         lines = [
             [
@@ -46,7 +41,7 @@ def selftest(as_json: JsonOption = False) -> None:
             for row in rows
         ]
         print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
-        say(", ".join(f"{name} {number}" for name, number in versions().items()))
+        say(", ".join(f"{name} {number}" for name, number in versions.items()))
         for row in failed:
             say(f"{row.case}: {row.note or 'a wrong answer'}")
         say(f"{len(rows) - len(failed)} of {len(rows)} passed")

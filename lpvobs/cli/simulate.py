@@ -13,7 +13,6 @@ from lpvobs.cli.common import (
     guarded,
     print_json,
     progress,
-    refuse_overwriting,
     say,
 )
 
@@ -49,12 +48,11 @@ def simulate(
 
     With a leak: add --effects configs/effects/leak_intake.toml
     """
-    from lpvobs.api.simulate import simulate_log
+    from lpvobs.api.simulate import simulate as drive
 
     config = chosen_config(config)
-    refuse_overwriting(out, [path for path in (config, effects, Path(cycle)) if path is not None])
     with progress(f"simulating {cycle}") as report:
-        log = simulate_log(config, cycle, out, effects, rate, seed, report)
+        log = drive(config, cycle, out, effects=effects, rate=rate, seed=seed, progress=report)
     time = log.channels["time"]
     content = {
         "log": str(out),

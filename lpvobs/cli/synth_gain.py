@@ -12,7 +12,6 @@ from lpvobs.cli.common import (
     guarded,
     print_json,
     progress,
-    refuse_overwriting,
     table,
 )
 
@@ -42,27 +41,13 @@ def synth_gain(
 
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
-    from lpvobs.errors import UsageError
-    from lpvobs.io.configuration.config import load_config
-    from lpvobs.io.logs.finding import find_logs
-    from lpvobs.io.results.gains import write_gain
-    from lpvobs.io.results.provenance import Provenance
+    from lpvobs.api.synth_gain import synth_gain as synthesise
     from lpvobs.report.tables import bounds_table
-    from lpvobs.api.gain import make_gain, make_published_gain
 
-    config, logs = chosen_config(config), find_logs(logs or [])
-    refuse_overwriting(out, [config, *logs])
-    configuration, text = load_config(config)
-    if published is not None and logs:
-        raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
-    digests: dict[str, str] = {}
+    config = chosen_config(config)
     with progress("synthesising") as report:
-        if published is not None:
-            stored = make_published_gain(configuration, published)
-        else:
-            stored, digests = make_gain(configuration, logs)
+        stored = synthesise(config, logs or (), out=out, published=published)
         report(1.0)
-    write_gain(out, stored, Provenance(digests, text))
     gain = stored.gain
     region = gain.region
     if as_json:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lpvobs.cli.common import JsonOption, LogsArgument, claim, guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, say, table, visible
 
 if TYPE_CHECKING:
-    from lpvobs.discovery.outcome import Finding, Trace
     from lpvobs.api.pooled import Traced
+    from lpvobs.discovery.outcome import Finding, Trace
 
 MapOption = Annotated[
     bool | None,
@@ -44,13 +44,10 @@ def trace(
 
     Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
-    from lpvobs.io.logs.finding import find_logs
-    from lpvobs.steps.trace import Sources, trace_result
+    from lpvobs.api.trace import trace as trace_residual
 
-    if result.is_file():
-        claim(result)
     with progress("tracing") as report:
-        traced = trace_result(Sources(result, find_logs(logs), (), freeze_map), report)
+        traced = trace_residual(result, logs, freeze_map=freeze_map, progress=report)
     if as_json:
         print_json("trace", content(traced, refined=False))
     else:

@@ -19,12 +19,9 @@ def verify(
 
     Example: lpvobs verify gain.h5
     """
-    from lpvobs.errors import NotProven
-    from lpvobs.io.results.gains import read_gain
-    from lpvobs.api.gain import check_again
+    from lpvobs.api.verify import check_stored, expect_proven
 
-    stored = read_gain(gain)
-    certificate = check_again(stored)
+    stored, certificate = check_stored(gain)
     if as_json:
         content = {
             "gain": str(gain),
@@ -37,8 +34,7 @@ def verify(
             "region": str(stored.gain.region),
         }
         print_json("verify", content)
-    if not certificate.proven:
-        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+    expect_proven(gain, certificate)
     if not as_json:
         more = "; also for map gains that fall with information" if certificate.falling_gain else ""
         print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region{more}")

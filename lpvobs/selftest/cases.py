@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import write_log
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
-from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.provenance import Provenance, versions
 from lpvobs.io.results.results import StoredResult, read_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.selftest.known_map import bilinear, known_map
-from lpvobs.selftest.rows import Case, Row
-from lpvobs.api.estimate import estimate_logs
-from lpvobs.api.extrapolate import extrapolate_result
+from lpvobs.selftest.rows import Case, Row, rows_of
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem
@@ -167,6 +167,15 @@ CASES: dict[str, Case] = {
 }
 
 
+def run_cases(progress: Callable[[float], None]) -> tuple[list[Row], dict[str, str]]:
+    """Return the rows of all cases, and the versions of what they ran on; `progress` takes the fraction done."""
+    rows: list[Row] = []
+    for done, (name, case) in enumerate(CASES.items(), 1):
+        rows += rows_of(name, case)
+        progress(done / len(CASES))
+    return rows, versions()
+
+
 def _known() -> dict[str, Any]:
     return dict(json.loads((files("lpvobs.selftest") / "known.json").read_text(encoding="utf-8")))
 
@@ -205,5 +214,5 @@ def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
 def _estimated(folder: Path, config: Config, text: str, stored: StoredGain, log: Path, method: str) -> StoredResult:
     out = folder / f"{method}.h5"
     estimate_logs(config, text, stored, [log], out, method, lambda done: None)
-    extrapolate_result(out)
+    extrapolate(out)
     return read_result(out)

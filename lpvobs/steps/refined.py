@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from lpvobs.api.estimate import metrics_of, refuse_empty, summary_of
 from lpvobs.discovery.observed import Refined, observed, observed_path
 from lpvobs.discovery.standing import Standing
 from lpvobs.engines.diesel.effects import diesel_plant
@@ -16,7 +17,6 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
-from lpvobs.api.estimate import metrics_of, refuse_empty, summary_of
 from lpvobs.synthesis.problem import Problem
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 
+from lpvobs.api.pooled import Traced, contents, usable
 from lpvobs.discovery.throttled_closing import Closed, Nominal, close
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
@@ -26,7 +27,6 @@ from lpvobs.io.results.refinements import (
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, refuse_replaced, update
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
-from lpvobs.api.pooled import Traced, contents, usable
 
 Progress = Callable[[float], None]
 

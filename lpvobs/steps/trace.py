@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, nominal_map, refine
@@ -36,7 +37,6 @@ from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, r
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
 from lpvobs.steps.constants import Start, start_of
-from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.steps.throttled import refine_throttled, trace_throttled
 

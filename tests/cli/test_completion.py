@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
+from lpvobs.api.estimate import METHODS
+from lpvobs.api.export import FORMATS
 from lpvobs.cli import choices
 from lpvobs.ingest.profiles import shipped
 from lpvobs.simulation.cycles import TABLES
-from lpvobs.api.estimate import METHODS
-from lpvobs.api.export import FORMATS
 
 
 @pytest.fixture

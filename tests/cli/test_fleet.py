@@ -12,11 +12,11 @@ import pyarrow.parquet as pq
 import pytest
 from verbs import AFRESH
 
+from lpvobs.api.fleet import PartTask, part_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.observer.parts import StateGain
-from lpvobs.api.fleet import PartTask, part_of
 
 LOGS = 6
 

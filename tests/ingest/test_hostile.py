@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lpvobs.api.ingest_log import ingest_log
 from lpvobs.errors import DataError
 from lpvobs.ingest import recording_apart, recordings
 from lpvobs.ingest.clocks import stamps
@@ -23,7 +24,6 @@ from lpvobs.ingest.profiles import SourceRules, profile_of
 from lpvobs.ingest.recording_apart import open_mat, open_mdf
 from lpvobs.ingest.recording_csv import open_csv
 from lpvobs.io.safety import apart
-from lpvobs.api.ingest import ingest_log
 
 PROFILE = """
 schema = 1

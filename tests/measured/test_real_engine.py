@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from repository import LIU_ICE
 
+from lpvobs.api.ingest_log import ingest_log
 from lpvobs.discovery.throttled_closing import Nominal, close
 from lpvobs.discovery.throttled_noise import healthy_errors
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import read_log
-from lpvobs.api.ingest import ingest_log
 
 FAULTS = {
     "wltp_f_waf_110": ("maf.gain", 1.10),

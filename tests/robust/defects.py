@@ -12,12 +12,12 @@ import pyarrow.parquet as pq
 import pytest
 from repository import ROOT
 
+from lpvobs.api.inspect import inspect_log
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
 from lpvobs.io.logs import reading as reader
 from lpvobs.io.logs.reading import LogPolicies
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.api.inspect import inspect_log
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 N = 20_000

@@ -139,13 +139,13 @@ class Corpus:
 
 def read(path: Path) -> None:
     """Read an input as the verbs do; raises only what they turn into one line."""
+    from lpvobs.api.inspect import inspect_log
+    from lpvobs.api.verify import check_again
     from lpvobs.io.configuration.config import load_config, load_effects
     from lpvobs.io.logs.reading import LogPolicies, read_references
     from lpvobs.io.results.gains import read_gain
     from lpvobs.report.load import load
     from lpvobs.report.tables import report_content
-    from lpvobs.api.gain import check_again
-    from lpvobs.api.inspect import inspect_log
 
     if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
         read_foreign(path)
@@ -166,8 +166,8 @@ def read(path: Path) -> None:
 
 def read_foreign(path: Path) -> None:
     """Draft a profile for a recording, and make a log of it by the one beside it, as `profile` and `ingest` do."""
+    from lpvobs.api.ingest_log import ingest_log
     from lpvobs.ingest.drafting import draft_profile
-    from lpvobs.api.ingest import ingest_log
 
     with suppress(LpvobsError):
         tomllib.loads(draft_profile(path).encode("utf-8").decode("utf-8"))

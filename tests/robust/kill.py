@@ -113,11 +113,11 @@ def warm() -> None:
     import jinja2  # noqa: F401
     import pyarrow.parquet  # noqa: F401
 
+    import lpvobs.api.estimate
+    import lpvobs.api.synth_gain
     import lpvobs.io.configuration.config
     import lpvobs.report.page
     import lpvobs.simulation.simulate
-    import lpvobs.api.estimate
-    import lpvobs.api.gain
     import lpvobs.steps.trace  # noqa: F401
 
 

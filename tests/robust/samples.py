@@ -6,12 +6,12 @@ from pathlib import Path
 from repository import DIESEL
 from robust.defects import Bench
 
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate
+from lpvobs.api.synth_gain import make_published_gain
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import write_gain
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.api.estimate import estimate_logs
-from lpvobs.api.extrapolate import extrapolate_result
-from lpvobs.api.gain import make_published_gain
 
 
 @dataclass(frozen=True)
@@ -31,5 +31,5 @@ def make(folder: Path) -> Samples:
     stored = make_published_gain(config, "ETC")
     write_gain(gain, stored, Provenance({}, text))
     estimate_logs(config, text, stored, [log], result, "batch", lambda done: None)
-    extrapolate_result(result)
+    extrapolate(result)
     return Samples(folder, DIESEL, log, gain, result)

@@ -7,7 +7,7 @@ import pytest
 import typer
 
 import lpvobs
-from lpvobs.cli.common import guarded, refuse_overwriting
+from lpvobs.cli.common import guarded
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import read_dcm_map
 from lpvobs.io.logs.finding import find_logs
@@ -24,12 +24,6 @@ def test_a_pattern_leaves_folders_out(tmp_path):
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "log.parquet").touch()
     assert find_logs([tmp_path / "a" / "*"]) == [tmp_path / "a" / "log.parquet"]
-
-
-def test_an_output_whose_name_is_too_long_is_refused(samples, tmp_path):
-    out = tmp_path / LONG
-    with pytest.raises(DataError, match="name too long"):
-        refuse_overwriting(out, [samples.log])
 
 
 @pytest.mark.parametrize("code", [errno.ENAMETOOLONG, errno.EACCES, errno.EMFILE])
@@ -68,8 +62,9 @@ def test_a_name_that_no_file_can_have_is_refused_from_python(samples, tmp_path, 
     for call in (
         lambda: lpvobs.estimate(samples.config, name, out, gain=samples.gain),
         lambda: lpvobs.estimate(samples.config, samples.log, out, gain=name),
-        lambda: lpvobs.ingest(samples.log, name, out),
+        lambda: lpvobs.ingest_log(samples.log, name, out),
         lambda: lpvobs.inspect(name),
+        lambda: lpvobs.export(samples.result, tmp_path / name, "csv"),
         lambda: lpvobs.extrapolate(name),
         lambda: lpvobs.trace(samples.result, [samples.log, name]),
         lambda: lpvobs.simulate(samples.config, f"{name}.csv", out),
@@ -84,7 +79,7 @@ def test_nothing_to_work_on_is_named_from_python(samples, tmp_path):
         lambda: lpvobs.estimate(samples.config, [], tmp_path / "out", gain=samples.gain),
         lambda: lpvobs.trace(samples.result, []),
         lambda: lpvobs.refine(samples.result, [], tmp_path / "out"),
-        lambda: lpvobs.ingest([], "kit-obd", tmp_path / "out"),
+        lambda: lpvobs.ingest_log([], "kit-obd", tmp_path / "out"),
     ):
         with pytest.raises(UsageError, match="name at least one"):
             call()

@@ -5,12 +5,12 @@ import shutil
 import h5py
 import pytest
 
-from lpvobs.errors import DataError
-from lpvobs.io.results import hdf
-from lpvobs.io.results.results import read_result, update
 from lpvobs.api import extrapolate
 from lpvobs.api.fleet import refuse_copies
 from lpvobs.api.jobs import Workers
+from lpvobs.errors import DataError
+from lpvobs.io.results import hdf
+from lpvobs.io.results.results import read_result, update
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def test_what_was_found_is_not_written_into_the_result_that_came_in_between(samp
 
     monkeypatch.setattr(extrapolate, "fit", fit)
     with pytest.raises(DataError, match="was replaced while"):
-        extrapolate.extrapolate_result(result)
+        extrapolate.extrapolate(result)
     assert result.read_bytes() == newer
     assert [path.name for path in result.parent.iterdir()] == ["result.h5"]
 

@@ -13,7 +13,7 @@ from lpvobs.api.jobs import Workers
 # Runs a verb whose work is to wait in the way given, with a file half written; tells when it is ready.
 SCRIPT = """
     import sys, time
-    from pathlib import Path
+    from lpvobs.api.files import writing
     from lpvobs.cli import main, common
     from lpvobs.io.safety.atomic import replacing
 
@@ -44,8 +44,7 @@ SCRIPT = """
 
     @common.guarded
     def verb():
-        common.refuse_overwriting(Path({target!r}), [])
-        with replacing(Path({target!r})) as temporary:
+        with writing({target!r}, []) as target, replacing(target) as temporary:
             temporary.write_text("half")
             {way}()
 

@@ -12,6 +12,8 @@ import pytest
 from repository import DIESEL, ROOT
 from robust.defects import Bench
 
+from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.extrapolate import extrapolate
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
@@ -19,8 +21,6 @@ from lpvobs.io.results.hdf import changing
 from lpvobs.report.content import gather
 from lpvobs.report.load import load
 from lpvobs.report.page import page
-from lpvobs.api.estimate import estimate_logs
-from lpvobs.api.extrapolate import extrapolate_result
 
 EVIL = "<img src=x onerror=alert(1)>\"'&<script>alert(2)<\u0338script>]]>"
 CONTROLS = "\x1b[2J\x07\u202e"  # a terminal or a browser would obey them; TOML does not take them
@@ -38,7 +38,7 @@ def hostile(samples, tmp_path_factory):
     shutil.move(bench.path, log)
     config, text = load_config(DIESEL)
     estimate_logs(config, text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None)
-    extrapolate_result(result)
+    extrapolate(result)
     with changing(result, result) as file:
         file["provenance"].attrs["command_line"] = EVIL + CONTROLS
         file["provenance"].attrs["versions"] = '{"<u>numpy</u>": "<script>alert(4)</script>"}'

@@ -14,7 +14,7 @@ from repository import ROOT, short_cycle
 from verbs import AFRESH
 
 from lpvobs.errors import DataError
-from lpvobs.io.safety.atomic import claim, release, release_all, replacing
+from lpvobs.io.safety.atomic import claimed, replacing
 
 
 def names(folder):
@@ -26,7 +26,7 @@ def other_process(target, *, then="", **options):
         import sys, os, signal
         from pathlib import Path
         from lpvobs.errors import DataError
-        from lpvobs.io.safety.atomic import claim, replacing
+        from lpvobs.io.safety.atomic import replacing
         try:
             with replacing(Path({str(target)!r})) as temporary:
                 temporary.write_text("other")
@@ -57,10 +57,10 @@ def test_a_claim_keeps_others_out_before_anything_is_written(tmp_path):
     target, link = tmp_path / "result.h5", tmp_path / "link.h5"
     target.write_text("old")
     link.symlink_to(target)
-    claim(link)
-    claim(target)  # the same file: nothing new
-    assert other_process(target).returncode == 3
-    release(link)
+    with claimed(link):
+        with claimed(target):  # the same file: nothing new
+            assert other_process(target).returncode == 3
+        assert other_process(target).returncode == 3
     assert other_process(target).returncode == 0
     assert names(tmp_path) == ["link.h5", "result.h5"]
 
@@ -89,8 +89,8 @@ def test_a_writer_does_not_sweep_away_what_another_is_writing_under_a_longer_nam
     with replacing(tmp_path / "map.h5") as temporary:
         temporary.write_text("of map.h5")
         for name in ("map", "map.h", "ma"):
-            claim(tmp_path / name)
-        release_all()
+            with claimed(tmp_path / name):
+                assert (tmp_path / f".{name}.lock").exists()
     assert (tmp_path / "map.h5").read_text() == "of map.h5"
 
 
@@ -105,10 +105,9 @@ def test_a_lock_that_vanishes_between_opening_and_locking_is_made_again(tmp_path
         real(handle, how)
 
     monkeypatch.setattr(fcntl, "flock", flock)
-    claim(target)
-    assert len(calls) == 2
-    assert lock.exists()
-    release_all()
+    with claimed(target):
+        assert len(calls) == 2
+        assert lock.exists()
     assert names(tmp_path) == []
 
 
@@ -125,14 +124,14 @@ def test_a_file_system_without_locks_is_written_to_all_the_same(tmp_path, monkey
 
 def test_a_folder_that_takes_no_file_is_named(tmp_path):
     for target in ("/proc/result.h5", "/dev/null/result.h5", tmp_path / "nowhere" / "result.h5"):
-        with pytest.raises(DataError, match="cannot be written"):
-            claim(Path(target))
+        with pytest.raises(DataError, match="cannot be written"), claimed(Path(target)):
+            pass
 
 
 @pytest.mark.parametrize("target", ["/", ".", "/dev/null"])
 def test_what_is_no_file_is_not_replaced(target):
-    with pytest.raises(DataError, match="not a regular file"):
-        claim(Path(target))
+    with pytest.raises(DataError, match="not a regular file"), claimed(Path(target)):
+        pass
 
 
 def limited():

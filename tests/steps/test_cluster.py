@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
+from lpvobs.api import jobs
+from lpvobs.api.fleet import Workplace, estimate_fleet
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.reading import write_log
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.simulate import simulate
-from lpvobs.api import jobs
-from lpvobs.api.fleet import Workplace, estimate_fleet
 
 LOGS = 8
 

@@ -1,4 +1,4 @@
-"""Logs named one by one, by pattern or by folder; the configuration of a folder."""
+"""Logs named one by one, by pattern or by folder."""
 
 import re
 from collections.abc import Sequence
@@ -8,7 +8,6 @@ from lpvobs.errors import UsageError
 
 WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"
-CONFIG_NAME = "lpvobs.toml"
 
 
 def find_logs(named: Sequence[Path]) -> list[Path]:
@@ -41,17 +40,3 @@ def _matches(pattern: Path) -> list[Path]:
     except ValueError as error:
         raise UsageError(f"{pattern}: {error}; name logs, their folder or a pattern such as logs/*.parquet") from None
     return [path for path in found if not path.is_dir()]
-
-
-def find_config(folder: Path) -> Path | None:
-    """Return `lpvobs.toml` in a folder or the nearest one above it, None where there is none.
-
-    A folder that may not be looked into counts as one without.
-    """
-    for place in (folder, *folder.parents):
-        try:
-            if (place / CONFIG_NAME).is_file():
-                return place / CONFIG_NAME
-        except OSError:
-            continue
-    return None

@@ -32,25 +32,23 @@ def replacing(target: Path) -> Iterator[Path]:
         If the folder does not exist or cannot be written, the target is a folder, a device or a pipe, or another process is
         writing it.
     """
-    target = _regular(target)
-    claimed_before = target in _claims
-    claim(target)
-    try:
-        with _temporary(target) as temporary:
-            yield temporary
-            with temporary.open("rb") as written:
-                os.fsync(written.fileno())
-            temporary.chmod(0o666 & ~_umask())
-            temporary.replace(target)
-    except OSError as error:
-        raise DataError(f"{target}: writing failed ({error.strerror or error}); the file is as it was before") from None
-    finally:
-        if not claimed_before:
-            release(target)
+    with claimed(target) as regular:
+        try:
+            with _temporary(regular) as temporary:
+                yield temporary
+                with temporary.open("rb") as written:
+                    os.fsync(written.fileno())
+                temporary.chmod(0o666 & ~_umask())
+                temporary.replace(regular)
+        except OSError as error:
+            raise DataError(
+                f"{regular}: writing failed ({error.strerror or error}); the file is as it was before"
+            ) from None
 
 
-def claim(target: Path) -> None:
-    """Keep other processes from writing `target` until `release`, and sweep away what killed writers have left of it.
+@contextmanager
+def claimed(target: Path) -> Iterator[Path]:
+    """Keep other processes from writing `target`, and sweep away what killed writers have left of it; yield the file meant.
 
     Raises
     ------
@@ -58,8 +56,17 @@ def claim(target: Path) -> None:
         As for `replacing`.
     """
     target = _regular(target)
-    if target in _claims:
+    if target in _claims:  # whoever claimed it first lets it go
+        yield target
         return
+    try:
+        _claim(target)
+        yield target
+    finally:
+        _release(target)
+
+
+def _claim(target: Path) -> None:
     lock = target.with_name(f".{target.name}.lock")
     try:
         _claims[target] = _locked(lock)
@@ -80,17 +87,7 @@ def claim(target: Path) -> None:
                 left.unlink(missing_ok=True)
 
 
-def is_same(target: Path, other: Path) -> bool:
-    """Return whether two paths lead to one file, by whatever links; what is not there is no file."""
-    try:
-        return target.samefile(other)
-    except (OSError, ValueError):
-        return False
-
-
-def release(target: Path) -> None:
-    """Let others write a target that was claimed."""
-    target = target.resolve()
+def _release(target: Path) -> None:
     handle = _claims.pop(target, None)
     if handle is not None:
         with suppress(OSError):
@@ -98,10 +95,12 @@ def release(target: Path) -> None:
         os.close(handle)
 
 
-def release_all() -> None:
-    """Let others write every target that was claimed."""
-    for target in list(_claims):
-        release(target)
+def is_same(target: Path, other: Path) -> bool:
+    """Return whether two paths lead to one file, by whatever links; what is not there is no file."""
+    try:
+        return target.samefile(other)
+    except (OSError, ValueError):
+        return False
 
 
 def _locked(lock: Path) -> int:

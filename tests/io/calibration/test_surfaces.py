@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from lpvobs.api.export import export
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import DcmMap, dcm_text, read_dcm_map
 from lpvobs.io.calibration.surfaces import ESTIMATED, EXTRAPOLATED, NONE, OLD, keep_old, onto, read_surface
-from lpvobs.api.export import Request, export_result
 
 SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)
 TRUTH = -0.004 + 1e-6 * np.add.outer(SPEED, 30.0 * FUEL)
@@ -71,7 +71,7 @@ def values_of(found):
 @pytest.mark.parametrize("digits", [4, 7, 17])
 def test_an_independent_reader_finds_what_was_exported(result, tmp_path, kind, digits):
     out = tmp_path / "maf.dcm"
-    export_result(result, out, Request("dcm", name="MAF_dW", kind=kind, digits=digits))
+    export(result, out, "dcm", name="MAF_dW", kind=kind, digits=digits)
     reader = independent(out)
     (found,) = reader.get_characteristic_maps() if kind == "KENNFELD" else reader.get_group_characteristic_maps()
     x, y, values = values_of(found)
@@ -88,7 +88,7 @@ def test_an_independent_reader_finds_what_was_exported(result, tmp_path, kind, d
 
 def test_our_reader_reads_what_theirs_does(result, tmp_path):
     out = tmp_path / "maf.dcm"
-    export_result(result, out, Request("dcm", kind="GRUPPENKENNFELD"))
+    export(result, out, "dcm", kind="GRUPPENKENNFELD")
     found = read_dcm_map(out, "delta_W_c")
     assert (found.kind, found.x_name, found.y_name) == ("GRUPPENKENNFELD", "delta_W_c_n_e", "delta_W_c_u_delta")
     (theirs,) = independent(out).get_group_characteristic_maps()
@@ -98,7 +98,7 @@ def test_our_reader_reads_what_theirs_does(result, tmp_path):
 
 def test_old_values_axes_and_units_stay_and_changes_are_listed(result, tmp_path):
     old, out = write_old(tmp_path / "old.dcm"), tmp_path / "new.dcm"
-    done = export_result(result, out, Request("dcm", only_estimated=True, old=old, name="MAP", digits=6))
+    done = export(result, out, "dcm", only_estimated=True, old=old, name="MAP", digits=6)
     (found,) = independent(out).get_characteristic_maps()
     x, y, values = values_of(found)
     before = read_dcm_map(old, "MAP")
@@ -122,15 +122,15 @@ def test_old_values_axes_and_units_stay_and_changes_are_listed(result, tmp_path)
 
 def test_an_export_against_itself_changes_nothing(result, tmp_path):
     first, second = tmp_path / "first.dcm", tmp_path / "second.dcm"
-    export_result(result, first, Request("dcm"))
-    done = export_result(result, second, Request("dcm", old=first))
+    export(result, first, "dcm")
+    done = export(result, second, "dcm", old=first)
     assert done.changes == []
     assert first.read_text().splitlines()[4:] == second.read_text().splitlines()[5:]  # one comment more
 
 
 def test_csv_is_read_back(result, tmp_path):
     out = tmp_path / "maf.csv"
-    export_result(result, out, Request("csv", source="map", digits=17))
+    export(result, out, "csv", values="map", digits=17)
     with out.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == ["n_e [rpm]", "u_delta [mg/cycle]", "delta_W_c [kg/s]", "standard_error [kg/s]", "origin"]
@@ -145,7 +145,7 @@ def test_csv_is_read_back(result, tmp_path):
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_netcdf_opens_with_axes_units_and_names(result, tmp_path, engine):
     out = tmp_path / "maf.nc"
-    export_result(result, out, Request("netcdf", only_estimated=True))
+    export(result, out, "netcdf", only_estimated=True)
     with xr.open_dataset(out, engine=engine) as found:
         assert found.attrs["Conventions"] == "CF-1.8"
         assert found["delta_W_c"].dims == ("n_e", "u_delta")
@@ -161,7 +161,7 @@ def test_netcdf_is_valid_for_the_netcdf_library(result, tmp_path):
     import netCDF4
 
     out = tmp_path / "maf.nc"
-    export_result(result, out, Request("netcdf"))
+    export(result, out, "netcdf")
     with netCDF4.Dataset(out) as found:
         assert found.data_model == "NETCDF4"
         assert {name: item.size for name, item in found.dimensions.items()} == {"n_e": SPEED.size, "u_delta": FUEL.size}
@@ -188,25 +188,26 @@ def test_a_node_between_is_as_sure_as_the_least_it_leans_on(result):
 
 def test_a_dcm_has_a_value_everywhere(result, tmp_path):
     with pytest.raises(DataError, match=r"6 of 30 nodes have no value.*extrapolate"):
-        export_result(result, tmp_path / "maf.dcm", Request("dcm", source="map"))
+        export(result, tmp_path / "maf.dcm", "dcm", values="map")
     assert not (tmp_path / "maf.dcm").exists()
 
 
 @pytest.mark.parametrize(
     ("request_of", "words"),
     [
-        ({"format": "xlsx"}, "--format xlsx"),
-        ({"format": "dcm", "source": "gain"}, "--values gain"),
-        ({"format": "dcm", "kind": "FESTWERT"}, "--kind FESTWERT"),
-        ({"format": "csv", "kind": "KENNFELD"}, "only a DCM has kinds"),
-        ({"format": "dcm", "name": "two words"}, "--name two words"),
-        ({"format": "dcm", "digits": 1}, "--digits 1"),
-        ({"format": "dcm", "only_estimated": True}, "--old OLD.dcm"),
+        ({"file_format": "xlsx"}, "--format xlsx"),
+        ({"file_format": "dcm", "values": "gain"}, "--values gain"),
+        ({"file_format": "dcm", "kind": "FESTWERT"}, "--kind FESTWERT"),
+        ({"file_format": "csv", "kind": "KENNFELD"}, "only a DCM has kinds"),
+        ({"file_format": "dcm", "name": "two words"}, "--name two words"),
+        ({"file_format": "dcm", "digits": 1}, "--digits 1"),
+        ({"file_format": "dcm", "only_estimated": True}, "--old OLD.dcm"),
     ],
 )
-def test_requests_that_contradict_themselves(request_of, words):
+def test_requests_that_contradict_themselves(result, tmp_path, request_of, words):
     with pytest.raises(UsageError, match=re.escape(words)):
-        Request(**request_of)
+        export(result, tmp_path / "out", **request_of)
+    assert not (tmp_path / "out").exists()
 
 
 DAMAGE = {
@@ -230,6 +231,6 @@ def test_old_files_that_cannot_be_used_are_refused_in_one_line(result, tmp_path,
     old = write_old(tmp_path / "old.dcm", values=0.36 + np.arange(15.0).reshape(3, 5))
     old.write_text(change(old.read_text(encoding="latin-1")), encoding="latin-1")
     with pytest.raises(DataError, match=re.escape(words)) as failure:
-        export_result(result, tmp_path / "new.dcm", Request("dcm", old=old, name="MAP"))
+        export(result, tmp_path / "new.dcm", "dcm", old=old, name="MAP")
     assert "\n" not in str(failure.value)
     assert not (tmp_path / "new.dcm").exists()

@@ -1,26 +1,74 @@
-"""`synth-gain` and `verify`: from the configuration and logs to a proven gain."""
+"""`synth-gain`: from the configuration and logs to a proven gain."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.io.configuration.config import Config
+from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.stream import LogFile
-from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.results.gains import StoredGain, write_gain
+from lpvobs.io.results.provenance import Provenance
 from lpvobs.observer.parts import RangeSeen, calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.steps.learning import learned_path
-from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import Problem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.settings import GainSettings
+
+
+def synth_gain(
+    config: File, logs: File | Iterable[File] = (), *, out: File, published: str | None = None
+) -> StoredGain:
+    """Find the observer gain from the linear matrix inequalities of Theorem 1, prove it, and write it.
+
+    Parameters
+    ----------
+    config : path
+    logs : path or several
+        Logs, patterns or folders whose range of the scheduling parameters the gain is to cover; none: `[gain.bounds]` of the
+        configuration.
+    out : path
+        The gain file to write.
+    published : str, optional
+        `ETC`, `FTP75` or `NEDC`: the paper's own L of Eq. (38), proven on that column of Table 1.
+
+    Returns
+    -------
+    StoredGain
+        `gain.L` of shape (3, r), r outputs with the sensor last, in the units of the states per unit of the outputs and second;
+        `gain.certificate`, and `gain.region` that it holds on.
+
+    Raises
+    ------
+    NotProven
+        If no gain can be proven.
+    UsageError, DataError
+        If the configuration or a log cannot be used.
+
+    Notes
+    -----
+    Eq. (27), (28) and (33). Departure from the paper: p_em is a fourth output by default, see `docs/method.md`.
+    """
+    paths = find_logs(as_paths(logs))
+    if published is not None and paths:
+        raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
+    with writing(out, [config, *paths]) as target:
+        configuration, text = load_config(as_path(config))
+        if published is None:
+            stored, digests = make_gain(configuration, paths)
+        else:
+            stored, digests = make_published_gain(configuration, published), {}
+        write_gain(target, stored, Provenance(digests, text))
+    return stored
 
 
 def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
@@ -99,26 +147,6 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
 def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> Problem:
     """Return the data of Theorem 1 for an engine."""
     return Problem(partial(air_path.system, outputs=outputs), region, len(outputs))
-
-
-def check_again(stored: StoredGain) -> Certificate:
-    """Prove a stored gain again, from its numbers alone.
-
-    Raises
-    ------
-    DataError
-        If the gain is for an engine that this version does not know, or its numbers are not finite or do not fit.
-    """
-    if stored.air_path not in ENGINES:
-        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(ENGINES)}")
-    gain, known = stored.gain, ENGINES[stored.air_path].air_path
-    if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
-        raise DataError(
-            f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
-            f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
-        )
-    problem = Problem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
-    return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
 
 
 def log_bounds(

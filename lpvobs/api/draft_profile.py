@@ -1,0 +1,34 @@
+"""`profile`: what a recording seems to be, as a profile for `ingest`."""
+
+from lpvobs.api.files import File, as_path, writing
+from lpvobs.ingest.drafting import draft_profile as draft
+from lpvobs.io.safety.atomic import replacing
+
+
+def draft_profile(source: File, out: File | None = None) -> str:
+    """Return the text of a profile for `ingest`, drafted from names, units and ranges of a recording.
+
+    Parameters
+    ----------
+    source : path
+        CSV, Parquet, MAT or MDF4.
+    out : path, optional
+        The TOML file to write it to.
+
+    Returns
+    -------
+    str
+        TOML; what is unsure is a comment in it. Read it before using it.
+
+    Raises
+    ------
+    DataError
+        If the recording cannot be read.
+    """
+    if out is None:
+        return draft(as_path(source))
+    with writing(out, [source]) as target:
+        text = draft(as_path(source))
+        with replacing(target) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return text

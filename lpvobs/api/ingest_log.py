@@ -1,0 +1,51 @@
+"""`ingest`: foreign recordings of one drive to a log that says what was done to it."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from lpvobs.api.files import File, some, writing
+from lpvobs.ingest.foreign import ingest
+from lpvobs.ingest.profiles import load_profile
+from lpvobs.io.logs.ingest_record import KEY
+from lpvobs.io.logs.reading import write_log
+
+
+def ingest_log(sources: File | Iterable[File], profile: File, out: File) -> dict[str, Any]:
+    """Make a log of a foreign recording.
+
+    Parameters
+    ----------
+    sources : path or several
+        CSV, Parquet, MAT or MDF4 files of one drive, on one clock.
+    profile : str or path
+        `liu-ice`, `kit-obd`, or a TOML file.
+    out : path
+        The Parquet log to write.
+
+    Returns
+    -------
+    dict
+        What was done to every channel, each repair with its count, as the log keeps it.
+
+    Raises
+    ------
+    UsageError
+        If the profile cannot be used.
+    DataError
+        If the files cannot.
+    """
+    paths = some(sources, "recording")
+    with writing(out, [*paths, profile]) as target:
+        rules, name, text = load_profile(str(profile))
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # numbers at the end of what floats can hold: what overflows is no value
+            made = ingest(paths, rules)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}
+        write_log(target, made.channels, made.units, {KEY: json.dumps(record)})
+    return record

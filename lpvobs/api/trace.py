@@ -1,0 +1,40 @@
+"""`trace`: what the model of a result lacks."""
+
+from collections.abc import Iterable
+
+from lpvobs.api.files import File, Progress, silent, some_logs, updating
+from lpvobs.api.pooled import Traced
+from lpvobs.steps.trace import Sources, trace_result
+
+
+def trace(
+    result: File, logs: File | Iterable[File], *, freeze_map: bool | None = None, progress: Progress | None = None
+) -> Traced:
+    """Find what the model of a result lacks on logs, and write `/trace` into the result.
+
+    Parameters
+    ----------
+    result : path
+    logs : path or several
+        Parquet logs, patterns, or folders of logs; pooled.
+    freeze_map : bool, optional
+        Whether the map stands; by default on logs that did not make it, while on those that did it is estimated jointly.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+
+    Returns
+    -------
+    Traced
+        `found`: its `verdict` is `none`, `effect` or `unexplained`, its `findings` have sizes and intervals in the units they name,
+        onset and end [s]; `map_frozen`; `refused`: why logs were left out.
+
+    Raises
+    ------
+    UsageError
+        If some logs made the map, others did not, and nothing says what holds; if a log is there twice.
+    DataError
+        If the result cannot be used, or no log can.
+    """
+    paths = some_logs(logs)
+    with updating(result) as path:
+        return trace_result(Sources(path, paths, (), freeze_map), progress or silent)

@@ -1,0 +1,57 @@
+"""`verify`: the proof of a stored gain again, without the solver."""
+
+from functools import partial
+
+from lpvobs.api.files import File, as_path
+from lpvobs.engines.registry import ENGINES
+from lpvobs.errors import DataError, NotProven
+from lpvobs.io.results.gains import StoredGain, read_gain
+from lpvobs.synthesis.certificate import Certificate, check
+from lpvobs.synthesis.problem import Problem
+
+
+def verify(gain: File) -> Certificate:
+    """Prove a stored gain again in rational arithmetic, without the solver, and return the certificate.
+
+    Raises
+    ------
+    NotProven
+        If the stored numbers do not prove Theorem 1 on the stored region.
+    DataError
+        If the file cannot be used.
+    """
+    _, certificate = check_stored(gain)
+    expect_proven(gain, certificate)
+    return certificate
+
+
+def check_stored(gain: File) -> tuple[StoredGain, Certificate]:
+    """Return a stored gain and what came of the proof, which may be that nothing is proven; raises DataError as `verify`."""
+    stored = read_gain(as_path(gain))
+    return stored, check_again(stored)
+
+
+def expect_proven(gain: File, certificate: Certificate) -> None:
+    """Raise NotProven for a certificate that does not hold."""
+    if not certificate.proven:
+        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+
+
+def check_again(stored: StoredGain) -> Certificate:
+    """Prove a stored gain again, from its numbers alone.
+
+    Raises
+    ------
+    DataError
+        If the gain is for an engine that this version does not know, or its numbers are not finite or do not fit.
+    """
+    if stored.air_path not in ENGINES:
+        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(ENGINES)}")
+    gain, known = stored.gain, ENGINES[stored.air_path].air_path
+    if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
+        raise DataError(
+            f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
+            f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
+        )
+    problem = Problem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
+    return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)

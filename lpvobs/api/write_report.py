@@ -1,0 +1,114 @@
+"""`report`: results, and the logs that belong to them, as tables, page and verdicts on gates."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+from lpvobs.api.files import File, as_path, as_paths, writing
+from lpvobs.errors import UsageError
+from lpvobs.io.results.results import StoredResult
+from lpvobs.report.discovered import contents, sentences
+from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
+from lpvobs.report.junit import write_junit
+from lpvobs.report.load import load
+from lpvobs.report.names import distinct
+from lpvobs.report.tables import report_content
+
+
+def write_report(
+    result: File, further: File | Iterable[File] = (), *, html: File | None = None, gates: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return how far the corrected sensor is from the truth, write the page if asked for, and judge the gates.
+
+    Parameters
+    ----------
+    result : path
+    further : path or several
+        Logs that the results were made from (time series), and further results.
+    html : path, optional
+        The self-contained page to write.
+    gates : sequence of str
+        Such as `mean_relative_error<=0.02`; fractions are fractions.
+
+    Returns
+    -------
+    dict
+        The object that `lpvobs report --json` prints, without its schema: flows in kg/s.
+
+    Raises
+    ------
+    NotProven
+        If a log fails a gate; the page is written all the same.
+    DataError
+        If a file cannot be used, or a log lacks the metric of a gate.
+    UsageError
+        If a gate cannot be understood.
+    """
+    done = make_report(result, further, html=html, gates=gates)
+    enforce(done.verdicts)
+    return done.content
+
+
+@dataclass(frozen=True)
+class Reported:
+    """What a report says.
+
+    Attributes
+    ----------
+    results : tuple of (str, StoredResult)
+        Each under a name of its own.
+    told : tuple of str
+        What `trace` and `refine` have found on them, in sentences.
+    content : dict
+        The object that `lpvobs report --json` prints, without its schema.
+    verdicts : tuple of Verdict
+        Of every gate on every log.
+    """
+
+    results: tuple[tuple[str, StoredResult], ...]
+    told: tuple[str, ...]
+    content: dict[str, Any]
+    verdicts: tuple[Verdict, ...]
+
+
+def make_report(
+    result: File,
+    further: File | Iterable[File] = (),
+    *,
+    html: File | None = None,
+    gates: Sequence[str] = (),
+    junit: File | None = None,
+) -> Reported:
+    """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for.
+
+    Raises
+    ------
+    DataError, UsageError
+        As `write_report`, but a gate that fails is a verdict.
+    """
+    conditions = list(dict.fromkeys(parse_gate(expression) for expression in gates))
+    if junit is not None and not conditions:
+        raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
+    if junit is not None and html is not None and as_path(junit).resolve() == as_path(html).resolve():
+        raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
+    paths = [as_path(result), *as_paths(further)]
+    with ExitStack() as claims:
+        page, suite = (
+            None if target is None else claims.enter_context(writing(target, paths)) for target in (html, junit)
+        )
+        loaded = load(paths)
+        results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
+        found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]
+        content = report_content(results)
+        for item, (_, discovered) in zip(content["results"], found, strict=True):
+            item.update(contents(discovered))
+        if page is not None:
+            from lpvobs.report.content import gather
+            from lpvobs.report.page import write_page
+
+            write_page(page, gather(loaded))
+        verdicts = judge(conditions, content["logs"])
+        if suite is not None:
+            write_junit(suite, verdicts)
+    return Reported(results, tuple(sentences(found)), content, verdicts)
