@@ -21,7 +21,7 @@ from lpvobs.cli.main import app
 from lpvobs.engines.base import Trajectory
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.io.configuration.config import Config
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import compare
 from lpvobs.observer import ekf

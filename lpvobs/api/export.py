@@ -8,7 +8,7 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
 from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
 from lpvobs.io.calibration.surfaces import Surface, keep_old, onto, read_surface
-from lpvobs.io.logs.reading import file_digest
+from lpvobs.io.safety.unchanged import file_digest
 
 FORMATS = ("dcm", "csv", "netcdf")
 SOURCES = ("map", "extrapolation")

@@ -17,9 +17,11 @@ from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
-from lpvobs.io.logs.reading import LogPolicies, file_digest, has_references
-from lpvobs.io.logs.stream import LogFile, references
+from lpvobs.io.logs.columns import has_references
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import LogFile, references
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
+from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.disagreement import Agreement, agreements

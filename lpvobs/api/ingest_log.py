@@ -11,7 +11,7 @@ from lpvobs.api.files import File, some, writing
 from lpvobs.ingest.foreign import ingest
 from lpvobs.ingest.profiles import load_profile
 from lpvobs.io.logs.ingest_record import KEY
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 
 
 def ingest_log(sources: File | Iterable[File], profile: File, out: File) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Effects, load_config, load_effects
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.simulate import SimulatedLog
 

@@ -12,7 +12,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.stream import LogFile
+from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.results.gains import StoredGain, write_gain
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.observer.parts import RangeSeen, calm_log

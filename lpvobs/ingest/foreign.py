@@ -118,7 +118,7 @@ def _read(
     recording: Recording, profile: Profile, wanted: Mapping[str, str]
 ) -> tuple[dict[str, Any], dict[str, Samples]]:
     """Return what to note about a source, and its samples of each channel."""
-    from lpvobs.io.logs.reading import file_digest
+    from lpvobs.io.safety.unchanged import file_digest
 
     clocks = {name: _time_column(recording, profile, profile.channels[name]) for name in wanted}
     names = list(dict.fromkeys([*wanted.values(), *(full for full in clocks.values() if full)]))

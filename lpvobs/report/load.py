@@ -8,10 +8,12 @@ from pathlib import Path
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
-from lpvobs.io.logs.reading import LogPolicies, References, file_digest, read_log, read_references
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import References, read_log, read_references
 from lpvobs.io.results.hdf import is_hdf5, reading
 from lpvobs.io.results.provenance import table_of
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
+from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
 

@@ -15,7 +15,7 @@ from lpvobs.api.extrapolate import extrapolate
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
 from lpvobs.io.results.provenance import Provenance, versions

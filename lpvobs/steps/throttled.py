@@ -13,7 +13,8 @@ from lpvobs.discovery.throttled_closing import Closed, Nominal, close
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
-from lpvobs.io.logs.reading import channel_units, read_log
+from lpvobs.io.logs.columns import channel_units
+from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.hdf import changing, reading
 from lpvobs.io.results.learned import read_learned
 from lpvobs.io.results.portraits import write_ranking

@@ -17,7 +17,7 @@ from lpvobs.api.fleet import Workplace, estimate_fleet
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.observer.parts import StateGain
 from lpvobs.simulation.simulate import simulate
 

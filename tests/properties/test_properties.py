@@ -20,7 +20,8 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import config_of, load_config
-from lpvobs.io.logs.reading import LogPolicies, read_log
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import read_log
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import estimate_default, merged
 from lpvobs.observer.parts import StateGain, inform

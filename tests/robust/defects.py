@@ -16,7 +16,7 @@ from lpvobs.api.inspect import inspect_log
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
 from lpvobs.io.logs import reading as reader
-from lpvobs.io.logs.reading import LogPolicies
+from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.safety.atomic import replacing
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}

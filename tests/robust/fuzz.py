@@ -142,7 +142,8 @@ def read(path: Path) -> None:
     from lpvobs.api.inspect import inspect_log
     from lpvobs.api.verify import check_again
     from lpvobs.io.configuration.config import load_config, load_effects
-    from lpvobs.io.logs.reading import LogPolicies, read_references
+    from lpvobs.io.logs.policies import LogPolicies
+    from lpvobs.io.logs.reading import read_references
     from lpvobs.io.results.gains import read_gain
     from lpvobs.report.load import load
     from lpvobs.report.tables import report_content

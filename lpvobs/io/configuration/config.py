@@ -17,7 +17,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert
 from lpvobs.io.configuration.strict import parse as _parse
 from lpvobs.io.configuration.strict import read_text as _read
-from lpvobs.io.logs.reading import LogPolicies
+from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings

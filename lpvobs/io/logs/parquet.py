@@ -1,10 +1,13 @@
-"""What a Parquet file says of itself, looked at before memory is taken for what it holds."""
+"""Parquet files: what one says of itself, looked at before memory is taken for it; its rows; a log written."""
 
 import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lpvobs.errors import DataError
+from lpvobs.io.safety.atomic import replacing
+from lpvobs.records import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -15,15 +18,8 @@ MOST_FOOTER = 64 * 2**20
 MOST_COLUMNS = 10_000
 MOST_READINGS = 50_000_000
 """Rows times channels that are held in memory at once; a small file can claim any number of rows."""
-
-
-def state_of(path: Path) -> tuple[int, ...]:
-    """Return what changes when somebody writes to a file."""
-    try:
-        found = path.stat()
-    except OSError:
-        return ()
-    return (found.st_ino, found.st_size, found.st_mtime_ns)
+BATCH = 1 << 16
+"""Rows that are decoded at a time."""
 
 
 def metadata_of(path: Path) -> "pq.FileMetaData":
@@ -81,3 +77,47 @@ def unreadable(path: Path, error: Exception) -> DataError:
     """Return the refusal of a file that pyarrow cannot read, with its reason."""
     reason = str(error).splitlines()[0] if str(error) else type(error).__name__
     return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
+
+
+def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":
+    """Yield the columns of a Parquet file as tables of at most so many rows, of equal length up to rounding."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
+            rows = file.metadata.num_rows
+            if rows <= most:
+                yield file.read(columns=columns, use_threads=threads)
+                return
+            slab = -(-rows // -(-rows // most))  # as even as can be: no small one at the end to be judged by itself
+            held: list[pa.RecordBatch] = []
+            count = 0
+            for batch in file.iter_batches(batch_size=BATCH, columns=columns, use_threads=threads):
+                held.append(batch)
+                count += batch.num_rows
+                while count >= slab:
+                    table = pa.Table.from_batches(held)
+                    yield table.slice(0, slab)
+                    held = table.slice(slab).to_batches()
+                    count -= slab
+            if held:
+                yield pa.Table.from_batches(held)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+
+
+def write_log(
+    path: Path, channels: Mapping[str, Array], units: Mapping[str, str], metadata: Mapping[str, str] | None = None
+) -> None:
+    """Write channels of equal length to a Parquet log, the unit of each in its field's metadata.
+
+    `metadata` is kept with the file, for example what `ingest` did to make it.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
+    table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields, metadata=metadata))
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd", row_group_size=1 << 16)

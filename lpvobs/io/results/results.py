@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.io.logs.parquet import state_of
 from lpvobs.io.results.agreement import read_agreement
 from lpvobs.io.results.axes import Axes, axes_of, grid_layout
 from lpvobs.io.results.extrapolations import read_extrapolation, write_extrapolation
@@ -21,6 +20,7 @@ from lpvobs.io.results.hdf import changing, creating, number, reading, texts, wr
 from lpvobs.io.results.log_summaries import LogSummary, read_log_summary, write_log
 from lpvobs.io.results.mapping import Item, Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
+from lpvobs.io.safety.unchanged import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
 from lpvobs.observer.disagreement import Agreement

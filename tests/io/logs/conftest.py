@@ -6,7 +6,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.io.logs.reading import LogPolicies, read_log
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import read_log
 
 N = 200
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}

@@ -8,7 +8,10 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.logs.reading import LogPolicies, channel_units, read_references, write_log
+from lpvobs.io.logs.columns import channel_units
+from lpvobs.io.logs.parquet import write_log
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import read_references
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 

@@ -7,10 +7,10 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.logs import stream
+from lpvobs.io.logs import parquet, reading
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.reading import LogPolicies, read_log
-from lpvobs.io.logs.stream import LogFile, references
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.reading import LogFile, read_log, references
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
 
@@ -18,8 +18,8 @@ UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels
 @pytest.fixture(params=[50, 64, 200, 1000])
 def slab(request, monkeypatch):
     """Cut logs of 200 rows into slabs of this many; batches do not fit them."""
-    monkeypatch.setattr(stream, "SLAB", request.param)
-    monkeypatch.setattr(stream, "BATCH", 11)
+    monkeypatch.setattr(reading, "SLAB", request.param)
+    monkeypatch.setattr(parquet, "BATCH", 11)
     return request.param
 
 
@@ -79,7 +79,7 @@ def test_a_stretch_that_no_engine_shows_is_left_out_of_a_long_log_only(write, co
     columns["n_e"][100:150] = 0.0  # parked
     path = write(columns)
     assert len(read_log(path, Diesel.channels, LogPolicies())) == 200  # a quarter does not move the median
-    monkeypatch.setattr(stream, "SLAB", 50)
+    monkeypatch.setattr(reading, "SLAB", 50)
     log = LogFile(path, Diesel.channels, LogPolicies())
     time, _, begins = together(log)
     assert time.size == 150
