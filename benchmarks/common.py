@@ -15,7 +15,7 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Defects, Log
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.simulate import simulate
 
 CONFIG = Path(__file__).parent.parent / "configs" / "diesel.toml"
@@ -44,7 +44,7 @@ def state_gain(config: Config) -> StateGain:
 
 
 def drive(
-    config: Config, cycle: str, seed: int, surface: Surface | None = None, engine: DieselEngine | None = None
+    config: Config, cycle: str, seed: int, surface: ErrorSurface | None = None, engine: DieselEngine | None = None
 ) -> Drive:
     """Return a simulated log of the configured engine, or of another one."""
     if config.simulation is None:

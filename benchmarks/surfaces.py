@@ -13,16 +13,16 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.metrics import compare
 from lpvobs.observer.estimate import estimate_default
-from lpvobs.simulation.parameters import Bump, Surface
+from lpvobs.simulation.parameters import Bump, ErrorSurface
 
 NORMAL_90 = 1.645
 STEEP = Bump(amplitude=-4e-3, u_delta=12.0, n_e=1400.0, width_u_delta=4.0, width_n_e=250.0)
 SURFACES = {
-    "Eq. (39)": Surface("quadratic", coefficients=PUBLISHED.surfaces["ETC part 1, Eq. (39)"]),
-    "Eq. (40) and a steep hollow": Surface("quadratic", bumps=(STEEP,)),
-    "King's law, +15 % at idle, -10 % at high flow": Surface("king", offset=0.012, slope=0.92),
-    "King's law, -5 % nearly everywhere": Surface("king", offset=0.001, slope=0.97),
-    "plane through zero": Surface("quadratic", coefficients=(0.0, 1e-4, 0.0, -1.5e-6, 0.0, 1e-3)),
+    "Eq. (39)": ErrorSurface("quadratic", coefficients=PUBLISHED.surfaces["ETC part 1, Eq. (39)"]),
+    "Eq. (40) and a steep hollow": ErrorSurface("quadratic", bumps=(STEEP,)),
+    "King's law, +15 % at idle, -10 % at high flow": ErrorSurface("king", offset=0.012, slope=0.92),
+    "King's law, -5 % nearly everywhere": ErrorSurface("king", offset=0.001, slope=0.97),
+    "plane through zero": ErrorSurface("quadratic", coefficients=(0.0, 1e-4, 0.0, -1.5e-6, 0.0, 1e-3)),
 }
 
 
@@ -55,7 +55,7 @@ def main(seeds: int) -> None:
             print(rows[-1], file=sys.stderr)
         for seed in range(1, seeds + 1):
             estimate = estimate_default(
-                engine, grid, gain, [drive(config, cycle, seed, Surface("zero")).log], config.estimate
+                engine, grid, gain, [drive(config, cycle, seed, ErrorSurface("zero")).log], config.estimate
             )
             on = estimate.supported
             noise = np.sqrt(np.diag(estimate.noise)).reshape(grid.shape)

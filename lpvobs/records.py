@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Finding:
+class DefectFound:
     """Samples of a channel that are numbers, but no readings.
 
     Attributes
@@ -49,7 +49,7 @@ class Defects:
         Places where the time step exceeds the limit; each splits the log.
     repeated : int
         Rows removed because their time repeats or runs backward (only on request; otherwise the log is refused).
-    findings : tuple of Finding
+    findings : tuple of DefectFound
         Stuck, saturated and spiked samples, which were dropped as well.
     """
 
@@ -58,7 +58,7 @@ class Defects:
     dropped_rows: int = 0
     gaps: int = 0
     repeated: int = 0
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[DefectFound, ...] = ()
 
 
 @dataclass(frozen=True)

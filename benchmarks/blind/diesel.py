@@ -32,7 +32,7 @@ from draw import (
 from lpvobs.io.configuration.config import Config, load_effects
 from lpvobs.io.logs.reading import write_log
 from lpvobs.simulation.cycles import TABLES, data_folder
-from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.simulate import simulate
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
@@ -145,7 +145,7 @@ def _drive(case: Case, piece: Piece, seed: int, path: Path, effects: list[Drawn]
     write_log(path, channels, log.units)
 
 
-def _scaled(parameters: SimulationParameters, share: float) -> Surface:
+def _scaled(parameters: SimulationParameters, share: float) -> ErrorSurface:
     surface = parameters.surface
     bumps = tuple(replace(bump, amplitude=share * bump.amplitude) for bump in surface.bumps)
     return replace(surface, coefficients=tuple(share * c for c in surface.coefficients), bumps=bumps)

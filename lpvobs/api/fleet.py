@@ -26,7 +26,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import MapEstimate, merged
-from lpvobs.observer.parts import LogPart, LogRun, StateGain, inform
+from lpvobs.observer.parts import LogInformation, LogRun, StateGain, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
@@ -274,7 +274,7 @@ class _Store:
     def read(self, sha256: str) -> StoredPart:
         return self.folder.read(sha256) if self.folder else self.held[sha256]
 
-    def parts(self, found: dict[str, Path]) -> Iterator[LogPart]:
+    def parts(self, found: dict[str, Path]) -> Iterator[LogInformation]:
         """Yield the parts in the order of their digests, each under the name that its log has now."""
         for sha256 in sorted(found):
             part = self.read(sha256).part

@@ -20,7 +20,7 @@ from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.steps.learning import learned_path
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.settings import GainSettings
 
@@ -101,7 +101,7 @@ def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> t
     return _stored("synthesised", air_path, settings.outputs, gain, bounds), digests
 
 
-def _what_is_feasible(problem: Problem, settings: GainSettings) -> str:
+def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     """Say how much of a region without a gain has one."""
     from lpvobs.synthesis.solve import largest_feasible
 
@@ -144,9 +144,9 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
     return _stored(f"{printed.source}, proven on Table 1, {column}", air_path, printed.outputs, gain, {})
 
 
-def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> Problem:
+def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> GainProblem:
     """Return the data of Theorem 1 for an engine."""
-    return Problem(partial(air_path.system, outputs=outputs), region, len(outputs))
+    return GainProblem(partial(air_path.system, outputs=outputs), region, len(outputs))
 
 
 def log_bounds(

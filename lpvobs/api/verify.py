@@ -7,7 +7,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
 from lpvobs.io.results.gains import StoredGain, read_gain
 from lpvobs.synthesis.certificate import Certificate, check
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 
 
 def verify(gain: File) -> Certificate:
@@ -53,5 +53,5 @@ def check_again(stored: StoredGain) -> Certificate:
             f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
             f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
-    problem = Problem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
+    problem = GainProblem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
     return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)

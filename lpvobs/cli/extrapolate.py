@@ -25,7 +25,6 @@ def extrapolate(
     from lpvobs.api.extrapolate import fill
     from lpvobs.report.tables import coefficient_tables, extrapolation_content, percent
 
-
     stored, fitted, held = fill(result)
     if as_json:
         print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})

@@ -14,7 +14,7 @@ from lpvobs.ingest.formats import open_recording, sniff
 from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, Recording, as_numbers
+from lpvobs.ingest.recordings import Column, ForeignRecording, Head, as_numbers
 from lpvobs.ingest.resample import median_step
 from lpvobs.records import Array
 
@@ -35,10 +35,10 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Clues:
     """What was seen in a recording."""
 
-    recording: Recording
+    recording: ForeignRecording
     rules: SourceRules
     layout: list[str]
     clocks: list[Clock]
@@ -67,7 +67,7 @@ def draft_profile(path: Path) -> str:
     return "\n\n".join([*blocks, _rest(seen, guesses)]) + "\n"
 
 
-def _look(path: Path) -> Evidence:
+def _look(path: Path) -> Clues:
     if not path.is_file():
         raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
     kind = sniff(path)
@@ -91,10 +91,10 @@ def _look(path: Path) -> Evidence:
                 f"{100 * share:.1f} % of all changes stand in the one row of {len(turns)} that is their column's turn",
             ]
     steps = {name: median_step(column.time) for name, column in columns.items() if column.time is not None}
-    return Evidence(recording, rules, layout, clocks, numbers, steps)
+    return Clues(recording, rules, layout, clocks, numbers, steps)
 
 
-def _worth_reading(recording: Recording, kind: str) -> list[str]:
+def _worth_reading(recording: ForeignRecording, kind: str) -> list[str]:
     """Return the columns to read: all of a small table, of a large one those that a name speaks for."""
     names = list(recording.heads)
     if kind != "mdf" and len(names) <= MOST_COLUMNS:
@@ -132,7 +132,7 @@ def _clock(name: str, head: Head, column: Column, rules: SourceRules) -> Clock |
     return None
 
 
-def _guesses(name: str, head: Head, seen: Evidence) -> list[Guess]:
+def _guesses(name: str, head: Head, seen: Clues) -> list[Guess]:
     values = seen.columns.get(name)
     if values is None:
         return []
@@ -168,7 +168,7 @@ def _head(path: Path) -> str:
     )
 
 
-def _source(seen: Evidence) -> str:
+def _source(seen: Clues) -> str:
     rules, lines = (
         seen.rules,
         ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(seen.rules.format)}"],
@@ -180,7 +180,7 @@ def _source(seen: Evidence) -> str:
     return "\n".join([*lines, *(["polled = true"] if rules.polled else [])])
 
 
-def _time(seen: Evidence) -> str:
+def _time(seen: Clues) -> str:
     if seen.rules.format == "mdf":
         return "[time]\n# MDF keeps a time base with every channel"
     if not seen.clocks:
@@ -199,7 +199,7 @@ def _time(seen: Evidence) -> str:
     return "\n".join(lines)
 
 
-def _raster(seen: Evidence, sure: Mapping[str, Guess]) -> str:
+def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
     """Return the raster: as recorded where there is one time base, else the rate of the fastest channel."""
     if len(seen.clocks) == 1 and not seen.rules.polled:
         return "# One time base: without [raster] the samples stay where they were recorded."
@@ -215,7 +215,7 @@ def _raster(seen: Evidence, sure: Mapping[str, Guess]) -> str:
     return f"[raster]\n# {what}; any other will do\nrate = {1.0 / min(known):.6g}"
 
 
-def _channel(found: Guess, seen: Evidence, sure: Mapping[str, Guess]) -> str:
+def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess]) -> str:
     """Return a channel's table: as it is if sure, as a comment if not."""
     certain = sure.get(found.column) is found
     mark = "" if certain else "# "
@@ -231,7 +231,7 @@ def _channel(found: Guess, seen: Evidence, sure: Mapping[str, Guess]) -> str:
     return "\n".join(lines)
 
 
-def _own_clock(found: Guess, seen: Evidence, mark: str) -> list[str]:
+def _own_clock(found: Guess, seen: Clues, mark: str) -> list[str]:
     """Return the time base of a vector: the one of its length."""
     size = seen.columns[found.column].size
     fitting = [clock.column for clock in seen.clocks if clock.found.time.size == size]
@@ -240,7 +240,7 @@ def _own_clock(found: Guess, seen: Evidence, mark: str) -> list[str]:
     return [f"# time = {_text(name)}" for name in fitting] or ["# time: none has its number of samples"]
 
 
-def _rest(seen: Evidence, guesses: Sequence[Guess]) -> str:
+def _rest(seen: Clues, guesses: Sequence[Guess]) -> str:
     """Return the columns that nothing was guessed of, with the channels that their unit would allow."""
     told = {found.column for found in guesses} | {clock.column for clock in seen.clocks}
     lines = ["# Not used:"]

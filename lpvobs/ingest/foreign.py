@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from lpvobs.errors import DataError
 from lpvobs.ingest.clocks import MOST_BACKWARD, forward, stamps
 from lpvobs.ingest.formats import open_recording
-from lpvobs.ingest.placing import Samples, on_raster
+from lpvobs.ingest.placing import RecordedSamples, on_raster
 from lpvobs.ingest.profiles import ChannelRules, Profile
-from lpvobs.ingest.recordings import Column, Recording, as_numbers, find, nearest
+from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
 from lpvobs.io.logs.ingest_record import SCHEMA
 from lpvobs.io.logs.units import canonical, convert, is_broken
 from lpvobs.records import Array
@@ -65,7 +65,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     """
     recordings = [open_recording(path, profile.source) for path in sources]
     found = _find_all(recordings, profile)
-    pieces: dict[str, list[Samples]] = {name: [] for name in profile.channels}
+    pieces: dict[str, list[RecordedSamples]] = {name: [] for name in profile.channels}
     entries = []
     for recording in recordings:
         mine = {name: full for name, where in found.items() for path, full in where if path == recording.path}
@@ -76,7 +76,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     samples = {name: _joined(name, parts, profile) for name, parts in pieces.items() if parts}
     start = min(item.time[0] for item in samples.values())
     if profile.time.from_zero:
-        samples = {name: Samples(item.time - start, item.values, item.record) for name, item in samples.items()}
+        samples = {name: RecordedSamples(item.time - start, item.values, item.record) for name, item in samples.items()}
     time, values = on_raster(samples, profile)
     record = {
         "schema": SCHEMA,
@@ -91,7 +91,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     return Ingested({"time": time} | values, units, record)
 
 
-def _find_all(recordings: Sequence[Recording], profile: Profile) -> dict[str, list[tuple[Path, str]]]:
+def _find_all(recordings: Sequence[ForeignRecording], profile: Profile) -> dict[str, list[tuple[Path, str]]]:
     """Return in which sources, and under which full name, each channel stands."""
     found: dict[str, list[tuple[Path, str]]] = {}
     for name, rules in profile.channels.items():
@@ -115,8 +115,8 @@ def _find_all(recordings: Sequence[Recording], profile: Profile) -> dict[str, li
 
 
 def _read(
-    recording: Recording, profile: Profile, wanted: Mapping[str, str]
-) -> tuple[dict[str, Any], dict[str, Samples]]:
+    recording: ForeignRecording, profile: Profile, wanted: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, RecordedSamples]]:
     """Return what to note about a source, and its samples of each channel."""
     from lpvobs.io.safety.unchanged import file_digest
 
@@ -140,7 +140,7 @@ def _read(
     return entry, samples
 
 
-def _time_column(recording: Recording, profile: Profile, rules: ChannelRules) -> str | None:
+def _time_column(recording: ForeignRecording, profile: Profile, rules: ChannelRules) -> str | None:
     """Return the full name of the column that holds a channel's time, None where the format keeps it with the channel."""
     wanted = rules.time or profile.time.source
     if not wanted:
@@ -157,7 +157,7 @@ def _time_column(recording: Recording, profile: Profile, rules: ChannelRules) ->
     return full
 
 
-def _base(recording: Recording, column: Column, name: str, is_clock: bool, profile: Profile) -> Base:
+def _base(recording: ForeignRecording, column: Column, name: str, is_clock: bool, profile: Profile) -> Base:
     """Return a time base in seconds with the rows that run forward."""
     path = recording.path
     if is_clock:
@@ -198,8 +198,8 @@ def _base(recording: Recording, column: Column, name: str, is_clock: bool, profi
 
 
 def _samples(
-    recording: Recording, full: str, column: Column, base: Base, clock: str, name: str, profile: Profile
-) -> Samples:
+    recording: ForeignRecording, full: str, column: Column, base: Base, clock: str, name: str, profile: Profile
+) -> RecordedSamples:
     """Return one channel of one source, in the unit of the log, repaired as the profile says."""
     rules = profile.channels[name]
     path = recording.path
@@ -236,10 +236,10 @@ def _samples(
         "samples": int(np.count_nonzero(np.isfinite(values))),
         "repairs": {key: count for key, count in repairs.items() if count},
     }
-    return Samples(time, values, record)
+    return RecordedSamples(time, values, record)
 
 
-def _in_turn(recording: Recording, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:
+def _in_turn(recording: ForeignRecording, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:
     """Return the rows in which a polled column is refreshed, and how often it changes in others.
 
     Row r refreshes column r modulo the number of columns besides time, in the order of the file.
@@ -283,7 +283,7 @@ def _repaired(
     return np.where(outside | ~np.isfinite(values), np.nan, values), unit, counts
 
 
-def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
+def _joined(name: str, parts: list[RecordedSamples], profile: Profile) -> RecordedSamples:
     """Return the parts of a channel one after the other."""
     if len(parts) == 1:
         return parts[0]
@@ -306,4 +306,4 @@ def _joined(name: str, parts: list[Samples], profile: Profile) -> Samples:
         "samples": int(np.count_nonzero(np.isfinite(values))),
         "repairs": repairs,
     }
-    return Samples(time[keep], values, record)
+    return RecordedSamples(time[keep], values, record)

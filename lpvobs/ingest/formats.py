@@ -5,10 +5,10 @@ from pathlib import Path
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import MOST_COLUMNS, Recording
+from lpvobs.ingest.recordings import MOST_COLUMNS, ForeignRecording
 
 
-def open_recording(path: Path, rules: SourceRules) -> Recording:
+def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return a foreign file, opened by its format: the profile's, or the one that its first bytes show.
 
     Raises
@@ -43,7 +43,7 @@ def sniff(path: Path) -> str:
     return "csv"
 
 
-def _opener(kind: str) -> Callable[[Path, SourceRules], Recording]:
+def _opener(kind: str) -> Callable[[Path, SourceRules], ForeignRecording]:
     """Return what opens a format; the libraries of the others are not loaded."""
     if kind == "parquet":
         from lpvobs.ingest.recording_parquet import open_parquet

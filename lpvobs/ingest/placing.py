@@ -20,7 +20,7 @@ FASTER = 1.5
 
 
 @dataclass(frozen=True)
-class Samples:
+class RecordedSamples:
     """One channel as recorded, in the unit of the log.
 
     Attributes
@@ -36,7 +36,7 @@ class Samples:
     record: dict[str, Any]
 
 
-def on_raster(samples: Mapping[str, Samples], profile: Profile) -> tuple[Array, dict[str, Array]]:
+def on_raster(samples: Mapping[str, RecordedSamples], profile: Profile) -> tuple[Array, dict[str, Array]]:
     """Return the stamps of the log and every channel at them."""
     rate = profile.raster.rate
     if rate == 0:
@@ -55,7 +55,7 @@ def on_raster(samples: Mapping[str, Samples], profile: Profile) -> tuple[Array, 
     return at, values
 
 
-def _common(samples: Mapping[str, Samples]) -> Array:
+def _common(samples: Mapping[str, RecordedSamples]) -> Array:
     """Return the one time base that all channels share."""
     first, *others = samples
     for name in others:
@@ -67,7 +67,7 @@ def _common(samples: Mapping[str, Samples]) -> Array:
     return samples[first].time
 
 
-def _placed(item: Samples, at: Array, rules: ChannelRules, profile: Profile) -> Array:
+def _placed(item: RecordedSamples, at: Array, rules: ChannelRules, profile: Profile) -> Array:
     """Return a channel at the stamps of the log, and note the rule."""
     finite = np.isfinite(item.values)
     t, v = item.time[finite], item.values[finite]

@@ -79,7 +79,7 @@ class Numbers:
     example: str = ""
 
 
-class Recording(Protocol):
+class ForeignRecording(Protocol):
     """An open foreign file."""
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from lpvobs.maps.excitation import corners
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.information import Solution
-from lpvobs.observer.parts import LogPart
+from lpvobs.observer.parts import LogInformation
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
@@ -73,7 +73,7 @@ class _Difference:
 
 
 def agreements(
-    grid: Grid, common: Solution, parts: Iterable[LogPart], settings: EstimateSettings
+    grid: Grid, common: Solution, parts: Iterable[LogInformation], settings: EstimateSettings
 ) -> tuple[float, tuple[Agreement, ...]]:
     """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement.
 
@@ -82,7 +82,7 @@ def agreements(
     grid : Grid
     common : Solution
         The map of all logs together.
-    parts : iterable of LogPart
+    parts : iterable of LogInformation
         The logs that made it, each looked at once.
     settings : EstimateSettings
     """
@@ -114,7 +114,7 @@ def _height(item: _Difference, scatter: float) -> float:
     return float(np.log(max(item.chi_square(scatter) / item.squares.size, np.finfo(float).tiny)))
 
 
-def _difference(grid: Grid, common: Solution, part: LogPart, settings: EstimateSettings) -> _Difference:
+def _difference(grid: Grid, common: Solution, part: LogInformation, settings: EstimateSettings) -> _Difference:
     q, prior = len(settings.tolerance), settings.prior_map
     nodes, place = np.unique(corners(*grid.shape)[part.cells], return_inverse=True)
     place = place.reshape(-1, 4)

@@ -21,7 +21,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.observer.information import Solution, solve
 from lpvobs.observer.parts import (
-    LogPart,
+    LogInformation,
     LogRun,
     RangeSeen,
     StateGain,
@@ -108,7 +108,7 @@ def estimate_default(
     return replace(merged(grid, in_order, settings)[0], runs=tuple(part.run for part in parts))
 
 
-def merged(grid: Grid, parts: Iterable[LogPart], settings: EstimateSettings) -> tuple[MapEstimate, Solution]:
+def merged(grid: Grid, parts: Iterable[LogInformation], settings: EstimateSettings) -> tuple[MapEstimate, Solution]:
     """Return the map from the parts of logs, and the solution behind it.
 
     The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order of the
@@ -117,7 +117,7 @@ def merged(grid: Grid, parts: Iterable[LogPart], settings: EstimateSettings) -> 
     q = len(settings.tolerance)
     runs: list[LogRun] = []
 
-    def noted() -> Iterator[LogPart]:
+    def noted() -> Iterator[LogInformation]:
         for part in parts:
             runs.append(part.run)
             yield part

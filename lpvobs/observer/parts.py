@@ -20,7 +20,7 @@ from lpvobs.observer.cells import CellSums, add, end_visit, no_sums, no_visit
 from lpvobs.observer.information import Information
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.observer.smoothing import Stretch, stretches
+from lpvobs.observer.smoothing import SmoothStretch, stretches
 from lpvobs.records import Array, Defects, Log, Recording
 from lpvobs.synthesis.region import Region
 
@@ -71,7 +71,7 @@ class LogRun:
 
 
 @dataclass(frozen=True)
-class LogPart:
+class LogInformation:
     """The information of one log about the map, in the cells that it visited.
 
     Attributes
@@ -97,7 +97,9 @@ class LogPart:
     coupling: Array
 
 
-def inform(air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings) -> LogPart:
+def inform(
+    air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings
+) -> LogInformation:
     """Return the part of one log, read once from beginning to end.
 
     Raises
@@ -167,7 +169,7 @@ class _Walk:
         self.x = np.zeros(len(air_path.state_names))
         self.no_map = np.zeros(grid.size)
 
-    def follow(self, stretch: Stretch) -> None:
+    def follow(self, stretch: SmoothStretch) -> None:
         """Go on by one stretch."""
         air_path = self.air_path
         calm = calm_log(stretch)
@@ -190,7 +192,7 @@ class _Walk:
         if self.sums is not None:
             end_visit(self.sums, self.visit)
 
-    def _states(self, stretch: Stretch, calm: Log, trajectory: Trajectory) -> dict[str, Array]:
+    def _states(self, stretch: SmoothStretch, calm: Log, trajectory: Trajectory) -> dict[str, Array]:
         names = self.air_path.state_names
         first = self.air_path.states(calm)[0] if stretch.begins else self.x
         run = observe(
@@ -209,7 +211,7 @@ class _Walk:
         return dict(zip(names, np.ascontiguousarray(run.x.T), strict=True))
 
 
-def calm_log(stretch: Stretch) -> Log:
+def calm_log(stretch: SmoothStretch) -> Log:
     """Return a stretch as a log with its smoothed channels in place of those as recorded."""
     return _log(stretch.time, {**stretch.channels, **stretch.values})
 
@@ -224,7 +226,7 @@ def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
     return log[fuel.channel], log[speed.channel]
 
 
-def _part(grid: Grid, sums: CellSums | None, constants_variance: Array, run: LogRun) -> LogPart:
+def _part(grid: Grid, sums: CellSums | None, constants_variance: Array, run: LogRun) -> LogInformation:
     """Return what the sums of a log say of the map."""
     if sums is None:
         raise nothing_between(run.name, float("nan"))
@@ -241,7 +243,7 @@ def _part(grid: Grid, sums: CellSums | None, constants_variance: Array, run: Log
     share, weight = mixture.share, 1.0 / mixture.density
     coupling = np.concatenate([-np.einsum("cb,cbim->cim", share, sums.slope), sums.terms], axis=1)
     visited = np.flatnonzero(evidence.time > 0.0)
-    return LogPart(
+    return LogInformation(
         run=run,
         cells=visited,
         gram=sums.gram[visited],
@@ -269,7 +271,7 @@ def _about_own_map(grid: Grid, excited: Excitation, sums: CellSums) -> Array:
     return np.asarray(power)
 
 
-def added_up(grid: Grid, constants: int, parts: Iterable[LogPart]) -> tuple[Information, Excitation]:
+def added_up(grid: Grid, constants: int, parts: Iterable[LogInformation]) -> tuple[Information, Excitation]:
     """Return the information and the excitation of logs together, added in the order given."""
     rows, columns = grid.speed.size - 1, grid.fuel.size - 1
     count = rows * columns

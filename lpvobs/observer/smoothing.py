@@ -52,7 +52,7 @@ def smooth(
 
 
 @dataclass(frozen=True)
-class Stretch:
+class SmoothStretch:
     """At most `BLOCK` consecutive samples of one segment, smoothed.
 
     Attributes
@@ -84,7 +84,7 @@ class Stretch:
         return np.diff(self.time, prepend=self.time[0] if self.begins else self.before)
 
 
-def stretches(pieces: Iterable[Piece], names: Sequence[str], half_width: float) -> Iterator[Stretch]:
+def stretches(pieces: Iterable[Piece], names: Sequence[str], half_width: float) -> Iterator[SmoothStretch]:
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit.
 
     Only samples whose window has not been read to its end wait for the next piece.
@@ -140,7 +140,7 @@ class _Held:
         first = max(min(_first_within(self.time, ready, half_width), ready - LEAST), 0)
         return _Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
 
-    def smoothed(self, ready: int, names: Sequence[str], half_width: float) -> Iterator[Stretch]:
+    def smoothed(self, ready: int, names: Sequence[str], half_width: float) -> Iterator[SmoothStretch]:
         for start in range(self.done, ready, BLOCK):
             stop = min(start + BLOCK, ready)
             low = max(min(_first_within(self.time, start, half_width), start - LEAST), 0)
@@ -150,7 +150,7 @@ class _Held:
             values, rates = np.empty((2, len(names), time.size))
             _smooth(time, columns, half_width, (0, time.size), (start - low, stop - low), values, rates)
             part, wanted = slice(start, stop), slice(start - low, stop - low)
-            yield Stretch(
+            yield SmoothStretch(
                 before=float(self.time[start - 1]) if start else float("nan"),
                 time=self.time[part],
                 channels={name: column[part] for name, column in self.channels.items()},

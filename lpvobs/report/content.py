@@ -22,7 +22,7 @@ SEEN = 0.1
 
 
 @dataclass(frozen=True)
-class Surface:
+class SurfaceView:
     """A map on the nodes of a grid.
 
     Attributes
@@ -53,7 +53,7 @@ class Drive:
     segments : tuple of (start, stop)
     reference, true_flow : ndarray, shape (N,), or None
         [kg/s], the sensor's true error and the true flow, where the log has them.
-    surface : Surface or None
+    surface : SurfaceView or None
         The bilinear map that fits the reference best, at the nodes that the drive informs.
     """
 
@@ -64,7 +64,7 @@ class Drive:
     segments: tuple[tuple[int, int], ...]
     reference: Array | None
     true_flow: Array | None
-    surface: Surface | None
+    surface: SurfaceView | None
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class ResultView:
     stored: StoredResult
     origin: Origin
     discovered: tuple[Discovered, ...]
-    estimated: Surface
-    extrapolated: Surface | None
+    estimated: SurfaceView
+    extrapolated: SurfaceView | None
 
     @property
     def axes(self) -> tuple[MapAxis, MapAxis]:
@@ -139,11 +139,11 @@ def gather(loaded: Loaded) -> Report:
 
 def _view(name: str, stored: StoredResult, origin: Origin, discovered: tuple[Discovered, ...]) -> ResultView:
     axes = air_path_of(stored).axes
-    estimated = Surface(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
+    estimated = SurfaceView(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
     fitted = stored.extrapolation
     extrapolated = None
     if fitted is not None:
-        extrapolated = Surface(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
+        extrapolated = SurfaceView(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
     return ResultView(name, stored, origin, discovered, estimated, extrapolated)
 
 
@@ -178,7 +178,7 @@ def _drive(air_path: type[AirPath], grid: Grid, given: LoadedLog) -> Drive:
     )
 
 
-def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference: Array) -> Surface | None:
+def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference: Array) -> SurfaceView | None:
     """Return the best bilinear fit to the reference, or None where no sample has one."""
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     known = np.isfinite(reference)
@@ -187,4 +187,4 @@ def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference:
     best = best_fit(grid, *grid.regressors(fuel[known], speed[known]), reference[known])
     informed = excitation(grid, fuel, speed, log.time, log.segments).nodes() >= SEEN
     values = np.where(informed, best, np.nan).reshape(grid.shape)
-    return Surface(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))
+    return SurfaceView(grid, air_path.axes, values, np.zeros(grid.shape, dtype=bool))

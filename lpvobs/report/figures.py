@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.records import Array
-from lpvobs.report.content import Correction, CycleView, Drive, Surface
+from lpvobs.report.content import Correction, CycleView, Drive, SurfaceView
 from lpvobs.report.series import busiest, thin, window
 from lpvobs.report.svg import INK, TIP, render
 
@@ -28,26 +28,26 @@ DETAIL = 40.0
 GRAMS = 1e3
 
 
-def error_limit(surfaces: Sequence[Surface]) -> float:
+def error_limit(surfaces: Sequence[SurfaceView]) -> float:
     """Return the largest estimated |value| of several maps, [kg/s], so that they share one colour scale."""
     sizes = [np.abs(surface.values[~surface.filled & np.isfinite(surface.values)]) for surface in surfaces]
     return max((float(size.max()) for size in sizes if size.size), default=0.0) or 1e-3
 
 
-def error_map(name: str, alt: str, surface: Surface, limit: float) -> str:
+def error_map(name: str, alt: str, surface: SurfaceView, limit: float) -> str:
     """Return a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
     scale = Normalize(-GRAMS * limit, GRAMS * limit)
     return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="sensor error [g/s]"))
 
 
-def standard_error_map(name: str, alt: str, surface: Surface) -> str:
+def standard_error_map(name: str, alt: str, surface: SurfaceView) -> str:
     """Return a heat map of the standard error with its values, [g/s]."""
     known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
     scale = _log_scale(known)
     return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="standard error [g/s]"))
 
 
-def excitation_map(name: str, alt: str, surface: Surface, excitation: Array) -> str:
+def excitation_map(name: str, alt: str, surface: SurfaceView, excitation: Array) -> str:
     """Return a heat map of delta_1 of Eq. (29) of every cell, [s], shape (p_2 - 1, p_1 - 1); blank where it is zero."""
 
     def draw(figure: Figure) -> None:
@@ -79,7 +79,7 @@ def drive_series(name: str, alt: str, cycle: CycleView, drive: Drive) -> str:
     return render(name, alt, WIDE, draw)
 
 
-def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: Surface) -> str:
+def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: SurfaceView) -> str:
     """Return the path of the operating point over the grid of the map; the line is an image, it is too dense for vectors."""
 
     def draw(figure: Figure) -> None:
@@ -142,7 +142,7 @@ def _in_grams(points: tuple[Array, Array]) -> tuple[Array, Array]:
     return points[0], GRAMS * points[1]
 
 
-def _node_map(figure: Figure, surface: Surface, scale: Normalize, label: str) -> None:
+def _node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str) -> None:
     """Draw a rectangle per node with its value."""
     axes = figure.add_subplot()
     grid, values = surface.grid, GRAMS * surface.values
@@ -216,7 +216,7 @@ def _digits(largest: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(largest)), 0, 4))
 
 
-def _where(surface: Surface, i: int, j: int) -> str:
+def _where(surface: SurfaceView, i: int, j: int) -> str:
     fuel, speed = surface.axes
     return f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}"
 

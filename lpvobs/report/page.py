@@ -14,7 +14,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report import figures, surface_figures
-from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, Surface
+from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
 from lpvobs.report.driving import drive_rows, plan_of
 from lpvobs.report.names import method_title, paper_error
@@ -220,7 +220,7 @@ def _driving(report: Report) -> Iterator[Section]:
 
 
 def _quality(view: ResultView, number: int) -> Iterator[Picture]:
-    errors = Surface(view.stored.grid, view.axes, view.stored.standard_error, ~view.stored.supported)
+    errors = SurfaceView(view.stored.grid, view.axes, view.stored.standard_error, ~view.stored.supported)
     if (view.stored.standard_error > 0).any():
         yield picture(
             figures.standard_error_map(f"q{number}-se", f"standard error, {view.name}", errors),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lpvobs.maps.planning import Plan
 from lpvobs.records import Array
-from lpvobs.report.content import Surface
+from lpvobs.report.content import SurfaceView
 from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, WIDE, label_axes
 from lpvobs.report.svg import INK, render
 
@@ -24,7 +24,7 @@ FAINT = 0.35
 """Opacity of what is extrapolated."""
 
 
-def surface_view(name: str, alt: str, surface: Surface, limit: float) -> str:
+def surface_view(name: str, alt: str, surface: SurfaceView, limit: float) -> str:
     """Return the map as a surface in space, [g/s]; extrapolated parts are pale."""
 
     def draw(figure: Figure) -> None:
@@ -57,7 +57,7 @@ def surface_view(name: str, alt: str, surface: Surface, limit: float) -> str:
     return render(name, alt, (7.4, 5.2), draw)
 
 
-def cuts(name: str, alt: str, surface: Surface, deviation: Array) -> str:
+def cuts(name: str, alt: str, surface: SurfaceView, deviation: Array) -> str:
     """Return the map along a few speeds and a few fuel quantities with 90 % intervals, [g/s]; extrapolated parts are dashed."""
     grid = surface.grid
     known = np.isfinite(surface.values) & ~surface.filled
@@ -102,7 +102,7 @@ def _line(
     axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
 
 
-def plan_map(name: str, alt: str, surface: Surface, plan: Plan) -> str:
+def plan_map(name: str, alt: str, surface: SurfaceView, plan: Plan) -> str:
     """Return a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
 
     def draw(figure: Figure) -> None:

@@ -26,7 +26,7 @@ from lpvobs.selftest.known_map import bilinear, known_map
 from lpvobs.selftest.rows import Case, Row, rows_of
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 KIND, PRINTED, DRIVE = next(
@@ -183,7 +183,7 @@ def _known() -> dict[str, Any]:
 def _proof(
     outputs: tuple[str, ...], region: Region, L: Any, known: dict[str, Any], epsilon: tuple[float, float]
 ) -> Certificate:
-    problem = Problem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
+    problem = GainProblem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
     return check(problem, L, np.array(known["P"]), np.array(known["Q"]), *epsilon)
 
 
@@ -192,7 +192,7 @@ def _shipped_gain() -> Gain:
     region = Region(tuple(known["names"]), tuple(known["lower"]), tuple(known["upper"]))
     L, P, Q = (np.array(known[name]) for name in ("L", "P", "Q"))
     outputs = tuple(known["outputs"])
-    problem = Problem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
+    problem = GainProblem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
     proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"], falling_gain=True)
     return Gain(L, P, Q, known["eps_1"], known["eps_2"], region, proof)
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import ceil
 
-from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.plant import SOUND, Condition, Plant
 
 FIELDS = {
@@ -18,14 +18,16 @@ FIELDS = {
 """Where in the plant's condition each effect enters."""
 
 
-def stages_of(plant: Plant, effects: Sequence[Effect], period: float, actions: int) -> tuple[tuple[int, Plant], ...]:
+def stages_of(
+    plant: Plant, effects: Sequence[CatalogueEffect], period: float, actions: int
+) -> tuple[tuple[int, Plant], ...]:
     """Return the plant from each action of the control on at which its condition changes, the first from action 0.
 
     Parameters
     ----------
     plant : Plant
         In sound condition.
-    effects : sequence of Effect
+    effects : sequence of CatalogueEffect
         Those of them that live in the plant count. An onset between two actions waits for the later one.
     period : float
         [s] between two actions.
@@ -48,7 +50,7 @@ def _action(moment: float, period: float) -> int:
     return ceil(moment / period - 1e-6)
 
 
-def _condition(effects: Sequence[Effect]) -> Condition:
+def _condition(effects: Sequence[CatalogueEffect]) -> Condition:
     """Return the condition with effects at work: factors of the same kind multiply, areas add."""
     values = SOUND._asdict()
     for effect in effects:

@@ -12,7 +12,7 @@ from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.effects import (
     CATALOGUE,
-    Effect,
+    CatalogueEffect,
     check_span,
     effect_of,
     number,
@@ -45,7 +45,7 @@ class ChannelEffect:
     reference, threshold : float, optional
         In the channel's unit; its mean over the drive, and the middle of its range, unless given.
     onset, end : float, optional
-        [s] as for `Effect`.
+        [s] as for `CatalogueEffect`.
     """
 
     channel: str
@@ -196,7 +196,7 @@ class UnloggedEffect:
         return () if isinstance(self.episodes, Telegraph) else self.episodes
 
 
-Injected = Effect | ChannelEffect | UnloggedEffect
+Injected = CatalogueEffect | ChannelEffect | UnloggedEffect
 """Whatever an effects file can hold."""
 
 

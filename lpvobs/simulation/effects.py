@@ -71,7 +71,7 @@ OUTSIDE = ("channel:NAME", "unlogged")
 
 
 @dataclass(frozen=True)
-class Effect:
+class CatalogueEffect:
     """One entry of the catalogue at work.
 
     Attributes
@@ -90,7 +90,7 @@ class Effect:
 
     Examples
     --------
-    >>> Effect("maf.lag", 0.08, onset=300.0).kind.parameter
+    >>> CatalogueEffect("maf.lag", 0.08, onset=300.0).kind.parameter
     'tau'
     """
 
@@ -152,7 +152,7 @@ def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray
     return np.asarray((time >= (onset or 0.0) - 1e-9) & (time < after - 1e-9))
 
 
-def effect_of(table: Mapping[str, Any]) -> Effect:
+def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
     """Return the effect that one `[[effect]]` table describes.
 
     Raises
@@ -165,7 +165,7 @@ def effect_of(table: Mapping[str, Any]) -> Effect:
         raise UsageError("key 'id' is missing or no text; give one such as id = \"maf.lag\"")
     kind = kind_of(identifier)
     refuse_others(identifier, table, ("id", kind.parameter, "onset", "end"))
-    return Effect(
+    return CatalogueEffect(
         identifier,
         number(identifier, table, kind.parameter),
         onset=optional_number(identifier, table, "onset"),

@@ -217,7 +217,7 @@ class Bump:
 
 
 @dataclass(frozen=True)
-class Surface:
+class ErrorSurface:
     """The sensor's error over the operating point.
 
     Attributes
@@ -269,7 +269,7 @@ class SimulationParameters:
     sensors: Sensors
     vehicle: Vehicle
     full_load: FullLoad
-    surface: Surface
+    surface: ErrorSurface
 
     def __post_init__(self) -> None:
         _positive(self, "step")

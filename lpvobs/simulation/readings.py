@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
-from lpvobs.simulation.effects import Effect
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.effects import CatalogueEffect
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.surface import surface_error
 
 CROSSING = 0.02  # kg/s, where a contaminated hot film still reads right
@@ -22,7 +22,7 @@ WITH_MEMORY = ("maf.lag", "maf.delay", "T_im.lag")
 """Effects that need to know what has been between two samples."""
 
 
-def reading(channel: str, values: Array, time: Array, effects: Sequence[Effect]) -> Array:
+def reading(channel: str, values: Array, time: Array, effects: Sequence[CatalogueEffect]) -> Array:
     """Return what a sensor other than that of the air flow shows, shape (N,), when its factors and offsets are wrong."""
     for effect in effects:
         if effect.id == f"{channel}.gain":
@@ -33,7 +33,7 @@ def reading(channel: str, values: Array, time: Array, effects: Sequence[Effect])
 
 
 def flow_through_sensor(
-    W_c: Array, time: Array, R_a: float, air: Mapping[str, Array], effects: Sequence[Effect]
+    W_c: Array, time: Array, R_a: float, air: Mapping[str, Array], effects: Sequence[CatalogueEffect]
 ) -> Array:
     """Return the flow [kg/s] that passes the air flow sensor, shape (N,): less than W_c where the inlet draws air in behind it.
 
@@ -49,7 +49,7 @@ def flow_through_sensor(
     return W_c
 
 
-def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effects: Sequence[Effect]) -> Array:
+def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effects: Sequence[CatalogueEffect]) -> Array:
     """Return the reading [kg/s], shape (N,), after every effect that has no memory, in the order of the sensor's physics.
 
     Parameters
@@ -60,7 +60,7 @@ def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effect
         [s] since the start of the log.
     point : mapping of str to ndarray, shape (N,)
         True `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
-    effects : sequence of Effect
+    effects : sequence of CatalogueEffect
     """
     for identifier, characteristic in _CHARACTERISTICS.items():
         for effect in effects:
@@ -94,9 +94,9 @@ _CHARACTERISTICS: dict[str, _Characteristic] = {
 def maf_reading(
     point: Mapping[str, Array],
     time: Array,
-    surface: Surface,
+    surface: ErrorSurface,
     R_a: float,
-    effects: Sequence[Effect],
+    effects: Sequence[CatalogueEffect],
     disturbances: Sequence[ChannelEffect | UnloggedEffect],
 ) -> Array:
     """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
@@ -107,11 +107,11 @@ def maf_reading(
         True `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K], and the channels behind disturbances.
     time : ndarray, shape (N,)
         [s] since the start of the log.
-    surface : Surface
+    surface : ErrorSurface
         The sensor's own error, at the flow that passes the sensor.
     R_a : float
         [J/(kg K)]
-    effects : sequence of Effect
+    effects : sequence of CatalogueEffect
     disturbances : sequence of ChannelEffect or UnloggedEffect
         Settled; they act on what the effects leave.
     """
@@ -125,7 +125,7 @@ def maf_reading(
     return W
 
 
-def with_memory(W: Array, step: float, effects: Sequence[Effect]) -> Array:
+def with_memory(W: Array, step: float, effects: Sequence[CatalogueEffect]) -> Array:
     """Return a reading, shape (M,) every `step` seconds from zero, behind its lags and then behind its delays.
 
     A sensor that becomes slow starts from what it showed; one that is mended is right at once.

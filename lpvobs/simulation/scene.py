@@ -22,7 +22,7 @@ IDLING = 50.0  # rpm above idle speed, below which a likely vehicle stands
 
 
 @dataclass(frozen=True)
-class Scene:
+class DriveCourse:
     """The course of a drive and what a recorder could log along with it.
 
     Attributes
@@ -55,7 +55,7 @@ class Scene:
 
 def scene_of(
     engine: DieselEngine, parameters: SimulationParameters, cycle: str, auxiliary: Auxiliary | None, seed: int
-) -> Scene:
+) -> DriveCourse:
     """Return the scene of a cycle: in the configured air, or with the road's own where `auxiliary` is given.
 
     Raises
@@ -72,11 +72,11 @@ def scene_of(
         speed = likely_speed(parameters.full_load, n_e)
     if auxiliary is None:
         still = np.ones_like(n_e)
-        return Scene(Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still), period, {}, ())
+        return DriveCourse(Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still), period, {}, ())
     heat = parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
     around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
     loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
-    return Scene(
+    return DriveCourse(
         Course(n_e, loaded, around.p_amb, around.T_amb), period, around.channels, _logged(auxiliary, measured, cycle)
     )
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
-from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, with_memory
 from lpvobs.simulation.road import CHARGE_LAG, charge_temperature
-from lpvobs.simulation.scene import Scene
+from lpvobs.simulation.scene import DriveCourse
 from lpvobs.simulation.surface import surface_error
 
 
@@ -22,7 +22,7 @@ class Instruments:
 
     Attributes
     ----------
-    surface : Surface
+    surface : ErrorSurface
         Of the air flow sensor's error.
     R_a : float
         [J/(kg K)]
@@ -30,20 +30,20 @@ class Instruments:
         Of the charge air cooler.
     step : float
         [s] of the integrator.
-    effects : tuple of Effect
+    effects : tuple of CatalogueEffect
     disturbances : tuple of ChannelEffect or UnloggedEffect
     """
 
-    surface: Surface
+    surface: ErrorSurface
     R_a: float
     effectiveness: float
     step: float
-    effects: tuple[Effect, ...]
+    effects: tuple[CatalogueEffect, ...]
     disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
 
 
 def sense(
-    instruments: Instruments, scene: Scene, samples: Samples, recorded: Array, trail: Array
+    instruments: Instruments, scene: DriveCourse, samples: Samples, recorded: Array, trail: Array
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,).
 
@@ -92,7 +92,7 @@ def _maf(
 
 def _with_trail(
     instruments: Instruments,
-    scene: Scene,
+    scene: DriveCourse,
     samples: Samples,
     trail: Array,
     sampled: tuple[Array, Mapping[str, Array], Mapping[str, Array]],

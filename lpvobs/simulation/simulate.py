@@ -11,13 +11,13 @@ from lpvobs.records import Array
 from lpvobs.simulation.condition import stages_of
 from lpvobs.simulation.control import targets_of
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
-from lpvobs.simulation.effects import CATALOGUE, Effect
+from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
 from lpvobs.simulation.integrate import drive, sample_times
-from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plant import plant_of, resting_state
 from lpvobs.simulation.readings import WARM, WITH_MEMORY
 from lpvobs.simulation.road import AUXILIARY, Auxiliary, measure_road
-from lpvobs.simulation.scene import Scene, scene_of
+from lpvobs.simulation.scene import DriveCourse, scene_of
 from lpvobs.simulation.sensing import Instruments, sense
 from lpvobs.simulation.sensors import measure
 
@@ -64,7 +64,7 @@ def simulate(
     cycle: str,
     rate: float = 100.0,
     seed: int = 1,
-    surface: Surface | None = None,
+    surface: ErrorSurface | None = None,
     progress: Callable[[float], None] | None = None,
     effects: Sequence[Injected] = (),
     auxiliary: Auxiliary | None = None,
@@ -82,11 +82,11 @@ def simulate(
         [Hz]; at most one sample per step of the integrator.
     seed : int
         Of the sensor noise, and of the road where there is one; same seed, same log.
-    surface : Surface, optional
+    surface : ErrorSurface, optional
         The sensor's error instead of the configured one.
     progress : callable, optional
         Takes the fraction done.
-    effects : sequence of Effect, ChannelEffect or UnloggedEffect
+    effects : sequence of CatalogueEffect, ChannelEffect or UnloggedEffect
         What has happened to engine and sensors. The control of the engine keeps its own true signals.
     auxiliary : Auxiliary, optional
         Drive on the road, where the air is not constant, and log these channels as well.
@@ -115,23 +115,23 @@ def simulate(
     return SimulatedLog({"time": time, **readings, **references}, units, truth)
 
 
-def _check_that_it_shows(effect: Injected, scene: Scene) -> None:
+def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
     """Refuse an effect that would leave no trace: whoever looked for it later would look in vain."""
     if isinstance(effect, ChannelEffect) and effect.channel not in scene.logged:
         raise UsageError(
             f"{effect.id}: the drive does not log {effect.channel}; add it to [auxiliary] channels = [...], "
             f"or take a cycle that has it"
         )
-    if not isinstance(effect, Effect | ChannelEffect):
+    if not isinstance(effect, CatalogueEffect | ChannelEffect):
         return
     if (effect.onset or 0.0) >= scene.duration:
         raise UsageError(
             f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {scene.duration:g} s"
         )
-    if isinstance(effect, Effect) and effect.id == "maf.drift":
+    if isinstance(effect, CatalogueEffect) and effect.id == "maf.drift":
         _check_drift(effect, scene)
     if (
-        isinstance(effect, Effect)
+        isinstance(effect, CatalogueEffect)
         and effect.id == "maf.temperature"
         and effect.acts
         and np.all(scene.course.T_amb == WARM)
@@ -141,7 +141,7 @@ def _check_that_it_shows(effect: Injected, scene: Scene) -> None:
         )
 
 
-def _check_drift(effect: Effect, scene: Scene) -> None:
+def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
     until, gain = min(effect.end or scene.duration, scene.duration), CATALOGUE["maf.gain"]
     factor = 1.0 + effect.value * until
     if not gain.low <= factor <= gain.high:
@@ -154,16 +154,16 @@ def _check_drift(effect: Effect, scene: Scene) -> None:
 def _drive(
     engine: DieselEngine,
     parameters: SimulationParameters,
-    scene: Scene,
+    scene: DriveCourse,
     rate: float,
-    surface: Surface,
+    surface: ErrorSurface,
     effects: Sequence[Injected],
     progress: Callable[[float], None] | None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,)."""
     course, plant = scene.course, plant_of(engine, parameters)
-    acting = tuple(effect for effect in effects if isinstance(effect, Effect) and effect.acts)
-    others = tuple(effect for effect in effects if not isinstance(effect, Effect))
+    acting = tuple(effect for effect in effects if isinstance(effect, CatalogueEffect) and effect.acts)
+    others = tuple(effect for effect in effects if not isinstance(effect, CatalogueEffect))
     samples = sample_times(rate, scene.duration, parameters.step)
     recorded, trail = drive(
         stages_of(plant, acting, scene.period, course.n_e.size - 1),

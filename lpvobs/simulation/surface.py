@@ -4,15 +4,15 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from lpvobs.records import Array
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.parameters import ErrorSurface
 
 
-def surface_error(surface: Surface, u_delta: Array, n_e: Array, W_c: Array) -> Array:
+def surface_error(surface: ErrorSurface, u_delta: Array, n_e: Array, W_c: Array) -> Array:
     """Return reading minus truth without noise, shape (N,) [kg/s].
 
     Parameters
     ----------
-    surface : Surface
+    surface : ErrorSurface
     u_delta, n_e, W_c : ndarray, shape (N,)
         True fuel [mg/cycle], speed [rpm] and flow [kg/s].
     """
@@ -26,7 +26,7 @@ def surface_error(surface: Surface, u_delta: Array, n_e: Array, W_c: Array) -> A
     return np.zeros_like(W_c)
 
 
-def _quadratic(surface: Surface, u: Array, n: Array) -> Array:
+def _quadratic(surface: ErrorSurface, u: Array, n: Array) -> Array:
     a2, a1, b2, b1, c2, c1 = surface.coefficients
     error = (a2 * u + a1) * u + (b2 * n + b1) * n + c2 * u * n + c1
     for bump in surface.bumps:
@@ -35,7 +35,7 @@ def _quadratic(surface: Surface, u: Array, n: Array) -> Array:
     return np.asarray(error)
 
 
-def _table(surface: Surface, u: Array, n: Array) -> Array:
+def _table(surface: ErrorSurface, u: Array, n: Array) -> Array:
     axes = (np.asarray(surface.n_e, dtype=float), np.asarray(surface.u_delta, dtype=float))
     table = RegularGridInterpolator(axes, np.asarray(surface.values, dtype=float))
     held = [np.clip(values, axis[0], axis[-1]) for values, axis in zip((n, u), axes, strict=True)]

@@ -17,7 +17,7 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 Record = TypeVar("Record")
@@ -108,7 +108,7 @@ def sensor_state(refined: Refined, gain: StoredGain) -> SensorState | None:
     if not refined.lags:
         return None
     system = partial(refined.air_path.system, outputs=gain.outputs)
-    problem = Problem(system, gain.gain.region, len(gain.outputs))
+    problem = GainProblem(system, gain.gain.region, len(gain.outputs))
     ends = [edge for effect in refined.lags for edge in (*effect.ci90, effect.value)]
     shortest = min(edge for edge in ends if edge > 0.0)
     return with_sensor_state(problem, gain.gain, (shortest, max(ends)), refined.correction())

@@ -16,7 +16,7 @@ from lpvobs.records import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
+class BalancedUnits:
     """Balanced units.
 
     Attributes
@@ -38,7 +38,7 @@ class Balance:
     linked: NDArray[np.bool_]
 
 
-def balance(A: Array, C: Array) -> Balance:
+def balance(A: Array, C: Array) -> BalancedUnits:
     """Return balanced units for A, shape (N, n, n), and C, shape (N, r, n).
 
     Each entry counts with its largest magnitude over the N vertices.
@@ -48,7 +48,7 @@ def balance(A: Array, C: Array) -> Balance:
     first = _units(largest_A, largest_C, 1.0)
     rate = _rate(largest_A * first[:n] / first[:n, None])
     units = _units(largest_A, largest_C, rate)
-    return Balance(units[:n], units[n:], rate, _linked(largest_A, largest_C))
+    return BalancedUnits(units[:n], units[n:], rate, _linked(largest_A, largest_C))
 
 
 def _rate(largest_A: Array) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.records import Array
 from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
-from lpvobs.synthesis.problem import Problem, bent_block
+from lpvobs.synthesis.problem import GainProblem, bent_block
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Certificate:
 
 
 def check(
-    problem: Problem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float, *, falling_gain: bool = False
+    problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float, *, falling_gain: bool = False
 ) -> Certificate:
     """Prove Theorem 1 for given numbers, or say why it does not hold.
 
     Parameters
     ----------
-    problem : Problem
+    problem : GainProblem
         n states, r outputs.
     L : ndarray, shape (n, r)
     P, Q : ndarray, shape (n, n)
@@ -124,7 +124,7 @@ def _minus_M(
     return [*rows, [*PLG, eps_1, zero], [*C_2, zero, eps_2]]
 
 
-def _sizes(problem: Problem) -> tuple[int, int]:
+def _sizes(problem: GainProblem) -> tuple[int, int]:
     A, C = problem.at(problem.region.vertices()[0])
     return len(A), len(C)
 
@@ -145,7 +145,7 @@ def _about_scalars(eps_1: Fraction, eps_2: Fraction, falling_gain: bool) -> str:
     return ""
 
 
-def _about_system(problem: Problem) -> str:
+def _about_system(problem: GainProblem) -> str:
     names = bent_block(problem)
     return "" if names is None else f"the system is not affine in {' and '.join(names)}, so vertices prove nothing"
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.synthesis.certificate import Certificate
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 
@@ -40,19 +40,24 @@ class Gain:
     certificate: Certificate
 
 
-def poles(problem: Problem, L: Array) -> NDArray[np.complex128]:
+def poles(problem: GainProblem, L: Array) -> NDArray[np.complex128]:
     """Return the eigenvalues of A - L C at the N vertices, shape (N, n), [1/s]. Floats: an aid, not a proof."""
     A, C = problem.matrices()
     return np.linalg.eigvals(A - L @ C).astype(np.complex128)
 
 
-def hurwitz_at_vertices(problem: Problem, L: Array) -> bool:
+def hurwitz_at_vertices(problem: GainProblem, L: Array) -> bool:
     """Tell whether A - L C is Hurwitz at every vertex: necessary for stability, not sufficient."""
     return bool(poles(problem, L).real.max() < 0.0)
 
 
 def hurwitz_interval(
-    problem_at: Callable[[float], Problem], L: Array, inside: float, *, reach: float = 100.0, resolution: float = 1e-4
+    problem_at: Callable[[float], GainProblem],
+    L: Array,
+    inside: float,
+    *,
+    reach: float = 100.0,
+    resolution: float = 1e-4,
 ) -> tuple[float, float]:
     """Return the interval of one number around `inside` in which A - L C is Hurwitz at every vertex.
 

@@ -28,7 +28,7 @@ cp: Any = cvxpy
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LmiSolution:
     """Numbers of a solver, to be checked.
 
     Attributes
@@ -45,7 +45,7 @@ class Solution:
 
 def free_gain(
     A: Array, C: Array, map_output: int, k: float, linked: NDArray[np.bool_], cascade: bool
-) -> Solution | str:
+) -> LmiSolution | str:
     """Return a gain for balanced matrices, or the solver's word where it has none.
 
     Parameters
@@ -79,7 +79,7 @@ def free_gain(
     return _usable(P_value, lambda: np.linalg.solve(P_value, Y_value), beta, word)
 
 
-def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -> Solution | str:
+def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -> LmiSolution | str:
     """Return P for a given gain, or the solver's word where it has none.
 
     Parameters
@@ -127,8 +127,8 @@ def _solve(objective: Any, constraints: list[Any]) -> str:
     return f"the solver says {problem.status}"
 
 
-def _usable(P: Array, gain: Any, beta: Any, word: str) -> Solution | str:
+def _usable(P: Array, gain: Any, beta: Any, word: str) -> LmiSolution | str:
     """Return the solution where P is positive definite, so that L = P^-1 Y exists."""
     if beta.value is None or not np.all(np.isfinite(P)) or np.linalg.eigvalsh(P).min() <= 0.0:
         return word
-    return Solution((P + P.T) / 2.0, gain(), float(beta.value))
+    return LmiSolution((P + P.T) / 2.0, gain(), float(beta.value))

@@ -17,7 +17,7 @@ System = Callable[[Sequence[Fraction]], tuple[Sequence[Sequence[Any]], Sequence[
 
 
 @dataclass(frozen=True)
-class Problem:
+class GainProblem:
     """The data of Theorem 1.
 
     Attributes
@@ -55,7 +55,7 @@ class Problem:
         return np.array([A for A, _ in pairs], dtype=float), np.array([C for _, C in pairs], dtype=float)
 
 
-def bent_block(problem: Problem) -> tuple[str, ...] | None:
+def bent_block(problem: GainProblem) -> tuple[str, ...] | None:
     """Return a block of parameters in which the system is not affine, None where vertices prove the region.
 
     Each block is walked along a slanted line through the inside of the region, the other blocks at rest: equal slopes
@@ -80,7 +80,7 @@ def _inside(names: Sequence[str], corners: Sequence[Point], power: int) -> dict[
     return {name: value / sum(weights) for name, value in zip(names, product([weights], corners)[0], strict=True)}
 
 
-def _flat(problem: Problem, place: dict[str, Fraction]) -> list[Fraction]:
+def _flat(problem: GainProblem, place: dict[str, Fraction]) -> list[Fraction]:
     A, C = problem.at([place[name] for name in problem.region.names])
     return [entry for row in (*A, *C) for entry in row]
 

@@ -20,7 +20,7 @@ from lpvobs.errors import NotProven
 from lpvobs.records import Array
 from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,12 @@ class SensorState:
     smallest_pivot: float
 
 
-def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
+def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
     """Return the gain for four states, proven for time constants in a range.
 
     Parameters
     ----------
-    problem : Problem
+    problem : GainProblem
         Of the observer without the sensor's state; `map_output` is the flow that drives the sensor.
     gain : Gain
         Its gain, a cascade: the sensor's column is zero.
@@ -79,7 +79,7 @@ def with_sensor_state(problem: Problem, gain: Gain, tau: tuple[float, float], co
     return prove(problem, L, P, tau)
 
 
-def prove(problem: Problem, L: Array, P: Array, tau: tuple[float, float]) -> SensorState:
+def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) -> SensorState:
     """Return the proof for given numbers; raises NotProven where it fails. Needs no solver."""
     exact_P = fractions(P)
     Y = product(exact_P, fractions(L))
@@ -96,7 +96,7 @@ def prove(problem: Problem, L: Array, P: Array, tau: tuple[float, float]) -> Sen
     return SensorState(L, P, tau, count, smallest)
 
 
-def augmented(problem: Problem, vertex: Sequence[Fraction], slowness: Fraction) -> tuple[Matrix, Matrix]:
+def augmented(problem: GainProblem, vertex: Sequence[Fraction], slowness: Fraction) -> tuple[Matrix, Matrix]:
     """Return A and C of the four states, exactly; `slowness` is 1/tau."""
     A, C = problem.at(vertex)
     zero, drive = Fraction(0), C[problem.map_output]
@@ -107,7 +107,7 @@ def augmented(problem: Problem, vertex: Sequence[Fraction], slowness: Fraction) 
     return larger, outputs
 
 
-def _weight(problem: Problem, gain: Gain, slowness: float, correction: float) -> float:
+def _weight(problem: GainProblem, gain: Gain, slowness: float, correction: float) -> float:
     """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them.
 
     The fastest sensor is the worst: what drives it grows with the square of 1/tau, what calms it with 1/tau + l.

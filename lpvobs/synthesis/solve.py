@@ -8,10 +8,10 @@ import numpy as np
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.records import Array
 from lpvobs.synthesis import lmi
-from lpvobs.synthesis.balance import Balance, balance
+from lpvobs.synthesis.balance import BalancedUnits, balance
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 
 EPSILON_SHARE = 0.49  # eps_1 = eps_2 over the bound of their sum: equal ones have the largest product
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
@@ -27,19 +27,19 @@ class Shrunk:
         1 for the whole region, less where it had to be drawn towards its centre.
     refused : float or None
         The smallest scale for which no gain was found; None where the whole region is proven.
-    problem : Problem
+    problem : GainProblem
         The problem on that part.
     gain : Gain
     """
 
     scale: float
     refused: float | None
-    problem: Problem
+    problem: GainProblem
     gain: Gain
 
 
 def synthesise(
-    problem: Problem,
+    problem: GainProblem,
     *,
     falling_gain: bool,
     cascade: bool,
@@ -50,7 +50,7 @@ def synthesise(
 
     Parameters
     ----------
-    problem : Problem
+    problem : GainProblem
         n states, r outputs.
     falling_gain : bool
         Demand 1 - eps_1 - eps_2 > 0, so that Gamma may fall with d Gamma^-1/dt = Psi^T Psi.
@@ -91,13 +91,13 @@ def synthesise(
 
 
 def certify_fixed_gain(
-    problem: Problem, L: Array, epsilon: tuple[float, float] | None = None, *, falling_gain: bool = False
+    problem: GainProblem, L: Array, epsilon: tuple[float, float] | None = None, *, falling_gain: bool = False
 ) -> Gain:
     """Return a given gain with P and Q that prove it on the whole region.
 
     Parameters
     ----------
-    problem : Problem
+    problem : GainProblem
         n states, r outputs.
     L : ndarray, shape (n, r)
     epsilon, falling_gain
@@ -135,7 +135,7 @@ def certify_fixed_gain(
 
 
 def largest_feasible(
-    problem: Problem,
+    problem: GainProblem,
     centre: Sequence[float],
     *,
     falling_gain: bool,
@@ -150,8 +150,8 @@ def largest_feasible(
     gain.
     """
 
-    def attempt(scale: float) -> tuple[Problem, Gain]:
-        part = Problem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
+    def attempt(scale: float) -> tuple[GainProblem, Gain]:
+        part = GainProblem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
         return part, synthesise(part, falling_gain=falling_gain, cascade=cascade, decay=decay, epsilon=epsilon)
 
     try:
@@ -168,7 +168,12 @@ def largest_feasible(
 
 
 def _proven(
-    problem: Problem, units: Balance, found: lmi.Solution, L: Array, epsilon: tuple[float, float], falling_gain: bool
+    problem: GainProblem,
+    units: BalancedUnits,
+    found: lmi.LmiSolution,
+    L: Array,
+    epsilon: tuple[float, float],
+    falling_gain: bool,
 ) -> Gain:
     """Return the gain in the problem's units, with the certificate of exactly these floats."""
     eps_1, eps_2 = epsilon
@@ -190,7 +195,7 @@ def _epsilon(epsilon: tuple[float, float] | None, falling_gain: bool) -> tuple[f
     return eps_1, eps_2
 
 
-def _refusal(problem: Problem, what: str) -> str:
+def _refusal(problem: GainProblem, what: str) -> str:
     return (
         f"gain: {what} on {problem.region}; expected Eq. (27) to hold at every vertex: "
         "narrow the ranges, measure one more state, or exclude sums that cannot be negative"

@@ -12,7 +12,7 @@ from lpvobs.discovery.standing import Span, Standing
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.parts import StateGain
-from lpvobs.simulation.effects import Effect
+from lpvobs.simulation.effects import CatalogueEffect
 
 L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
 OUTPUTS = ("p_im", "p_em", "omega_t")
@@ -147,7 +147,7 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
 
 def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
     """The plant has a hole, put there by formulas of its own; nobody is told."""
-    log = record(effects=[Effect("leak.intake", 2e-5)])
+    log = record(effects=[CatalogueEffect("leak.intake", 2e-5)])
     tolerance = config.estimate.tolerance
     found = refine(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [log])
     (leak,) = found.standing

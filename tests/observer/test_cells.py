@@ -10,7 +10,7 @@ from lpvobs.maps.excitation import Excitation, over_nodes
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import parts
 from lpvobs.observer.cells import LONGEST_VISIT, add, end_visit, no_sums, no_visit
-from lpvobs.observer.parts import LogPart, added_up
+from lpvobs.observer.parts import LogInformation, added_up
 
 GRID = Grid(np.array([0.0, 4.0, 10.0]), np.array([500.0, 1000.0, 2000.0, 2500.0]))
 B, Q, TERMS, N = 2, 3, 6, 150
@@ -122,7 +122,7 @@ def test_parts_of_logs_add_up_over_the_nodes():
     rng = np.random.default_rng(5)
     visited = np.array([0, 3, 5]), np.array([3])
     logs = [
-        LogPart(
+        LogInformation(
             None, cells, *(rng.standard_normal((cells.size, *shape)) for shape in ((4, 4), (4, 4), (4,), (Q + 6, 4)))
         )
         for cells in visited

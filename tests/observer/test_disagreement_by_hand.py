@@ -7,7 +7,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer import disagreement
 from lpvobs.observer.disagreement import agreements
 from lpvobs.observer.information import solve
-from lpvobs.observer.parts import LogPart, LogRun, added_up
+from lpvobs.observer.parts import LogInformation, LogRun, added_up
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Defects
 
@@ -34,7 +34,7 @@ def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3)):
         H[place], h[place] = w * psi.T @ psi, w * psi.T @ z
         coupling[place, 0] = w * psi.T @ (0.03 * np.ones(60))  # one per cent of the constant moves the flow by 0.3 g/s
     run = LogRun(name, name, 60, 6.0, Defects(60), np.empty(0), np.empty(0), 1.0)
-    return LogPart(run, np.array(cells), H / w, H, h, coupling)
+    return LogInformation(run, np.array(cells), H / w, H, h, coupling)
 
 
 def found(parts):

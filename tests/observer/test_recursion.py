@@ -17,7 +17,7 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.recursion import observe
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 GRID = Grid(np.array([0.0, 8.0, 20.0, 30.0, 56.0]), np.array([500.0, 1200.0, 2000.0, 4000.0]))
@@ -204,9 +204,9 @@ def proven():
     region = Region(Diesel.parameter_names, *(tuple(map(float, ends)) for ends in zip(*bounds, strict=True)))
     three, four = ("p_im", "omega_t"), FOUR
     published = certify_fixed_gain(
-        Problem(partial(Diesel.system, outputs=three), region, 2), PUBLISHED.L, PUBLISHED.epsilon
+        GainProblem(partial(Diesel.system, outputs=three), region, 2), PUBLISHED.L, PUBLISHED.epsilon
     )
-    ours = synthesise(Problem(partial(Diesel.system, outputs=four), region, 3), falling_gain=False, cascade=False)
+    ours = synthesise(GainProblem(partial(Diesel.system, outputs=four), region, 3), falling_gain=False, cascade=False)
     return {"published": (three, published), "four outputs": (four, ours)}
 
 

@@ -27,7 +27,7 @@ from lpvobs.observer.estimate import estimate_default, merged
 from lpvobs.observer.parts import StateGain, inform
 from lpvobs.observer.recursion import observe
 from lpvobs.records import Log
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -253,7 +253,7 @@ def test_the_lyapunov_function_never_rises_on_a_random_polytope_at_any_step(seed
     rng = np.random.default_rng(seed)
     outputs, grid = ("p_im", "p_em", "omega_t"), Grid(np.arange(0.0, 57.0, 8.0), np.arange(0.0, 4001.0, 500.0))
     region = random_region(rng)
-    problem = Problem(partial(Diesel.system, outputs=outputs), region, len(outputs))
+    problem = GainProblem(partial(Diesel.system, outputs=outputs), region, len(outputs))
     try:
         gain = synthesise(problem, falling_gain=False, cascade=bool(seed % 2))
     except NotProven as refusal:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.simulate import simulate
 
 
@@ -71,7 +71,7 @@ def test_reading_is_truth_plus_surface_plus_noise_of_the_stated_size(config, cyc
 
 
 def test_surface_does_not_touch_the_engine(config, cycle, truth):
-    bare = simulate(config.engine, config.simulation, cycle, surface=Surface("zero"))
+    bare = simulate(config.engine, config.simulation, cycle, surface=ErrorSurface("zero"))
     np.testing.assert_array_equal(bare.truth["W_c"], truth["W_c"])
     np.testing.assert_array_equal(bare.channels["ref_delta_W_c"], 0.0)
 

@@ -7,12 +7,12 @@ import pytest
 
 from lpvobs.errors import UsageError
 from lpvobs.simulation.disturbances import ChannelEffect, Telegraph, UnloggedEffect
-from lpvobs.simulation.effects import Effect
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.effects import CatalogueEffect
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.road import Auxiliary
 from lpvobs.simulation.simulate import simulate
 
-PERFECT = Surface("zero")
+PERFECT = ErrorSurface("zero")
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_a_disturbance_of_no_size_changes_no_byte(on_road):
 def test_a_lag_makes_a_disturbance_slow_too(on_road):
     """Both together end up where the disturbance alone does when nothing else moves; on the way they are slower."""
     switch = ChannelEffect("ac_switch", "switch", 5e-4)
-    slow = Effect("maf.lag", 2.0)
+    slow = CatalogueEffect("maf.lag", 2.0)
     added = on_road(switch, slow).truth["W_maf"] - on_road(slow).truth["W_maf"]
     course, step = on_road().truth["ac_switch"] > 0.5, 0.05
     y, wanted = 5e-4 * course[0], []
@@ -184,8 +184,8 @@ def test_what_cannot_be_meant_is_refused(make, words):
         (ChannelEffect("T_coolant", "gain", 1e-3, onset=500.0), Auxiliary(), "before the drive ends"),
         (ChannelEffect("T_coolant", "gain", 1.0, reference=0.0), Auxiliary(), "check amplitude"),
         (UnloggedEffect("gain", 0.1, ((1.0, 2.0), (500.0, 600.0))), None, "at least two"),
-        (Effect("maf.gain", 1.1, onset=500.0), None, "before the drive ends"),
-        (Effect("maf.temperature", 1e-3), None, "add an [auxiliary] table"),
+        (CatalogueEffect("maf.gain", 1.1, onset=500.0), None, "before the drive ends"),
+        (CatalogueEffect("maf.temperature", 1e-3), None, "add an [auxiliary] table"),
     ],
 )
 def test_what_would_leave_no_trace_on_a_drive_is_refused(config, cycle, effect, auxiliary, words):
@@ -204,4 +204,4 @@ def test_a_drift_that_ends_in_nonsense_is_refused(config, tmp_path):
     path = tmp_path / "idle.csv"
     path.write_text("time_s,speed_norm_pct,torque_norm_pct,motoring\n0,0,0,0\n420,0,0,0\n")
     with pytest.raises(UsageError, match=r"multiplies the reading by 0\.16 at 420 s"):
-        simulate(config.engine, config.simulation, str(path), effects=(Effect("maf.drift", -2e-3),))
+        simulate(config.engine, config.simulation, str(path), effects=(CatalogueEffect("maf.drift", -2e-3),))

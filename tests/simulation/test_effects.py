@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from lpvobs.simulation.effects import CATALOGUE, Effect
+from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
 
 SIZES = {
     "maf.gain": 1.06, "maf.offset": 1e-3, "maf.lag": 0.08, "maf.delay": 0.04, "maf.drift": 1e-3, "maf.temperature": 5e-3,
@@ -48,7 +48,7 @@ def test_a_drive_without_effects_is_the_one_of_before(clean):
 
 @pytest.mark.parametrize("identifier", CATALOGUE)
 def test_an_effect_of_no_size_changes_no_byte(inject, clean, identifier):
-    assert same(inject(Effect(identifier, CATALOGUE[identifier].neutral)), clean)
+    assert same(inject(CatalogueEffect(identifier, CATALOGUE[identifier].neutral)), clean)
 
 
 def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
@@ -57,14 +57,14 @@ def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
     from lpvobs.simulation.plant import plant_of
 
     plant = plant_of(config.engine, config.simulation)
-    nothing = [Effect(name, CATALOGUE[name].neutral) for name in PLANT]
+    nothing = [CatalogueEffect(name, CATALOGUE[name].neutral) for name in PLANT]
     assert stages_of(plant, nothing, 0.01, 100) == ((0, plant),)
 
 
 @pytest.mark.parametrize("identifier", ["maf.lag", "maf.delay", "T_im.lag"])
 def test_off_the_integrators_beat_a_memory_leaves_the_rest_alone(inject, identifier):
     """30 Hz does not divide 2000: what has no memory must not be taken from between two steps because something else has one."""
-    plain, log = inject(rate=30), inject(Effect(identifier, SIZES[identifier], onset=4.0, end=13.0), rate=30)
+    plain, log = inject(rate=30), inject(CatalogueEffect(identifier, SIZES[identifier], onset=4.0, end=13.0), rate=30)
     time, own = log.channels["time"], "T_im" if identifier == "T_im.lag" else "W_maf"
     outside = (time < 4.0 - 1e-9) | (time >= 13.0 - 1e-9)
     for name, values in log.channels.items():
@@ -74,7 +74,7 @@ def test_off_the_integrators_beat_a_memory_leaves_the_rest_alone(inject, identif
 
 @pytest.mark.parametrize("identifier", [name for name in CATALOGUE if name != "maf.temperature"])
 def test_an_effect_acts_between_onset_and_end_only(inject, clean, identifier):
-    log = inject(Effect(identifier, SIZES[identifier], onset=4.0, end=13.0))
+    log = inject(CatalogueEffect(identifier, SIZES[identifier], onset=4.0, end=13.0))
     time = log.channels["time"]
     before, during = time < 4.0 - 1e-9, (time >= 4.0) & (time < 13.0)
     assert same(log, clean, before)

@@ -7,7 +7,7 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
 from lpvobs.simulation.condition import FIELDS
-from lpvobs.simulation.effects import CATALOGUE, Effect
+from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
 from lpvobs.simulation.plant import Condition, egr_flow, intake_leak, plant_of, turbine_flow
 
 RATE = 2000  # Hz, a sample at every step of the integrator
@@ -43,7 +43,7 @@ def plant(config):
     [("egr.area", "W_egr", 0.7), ("eta_vol.factor", "W_ei", 0.94), ("compressor.flow", "W_c", 0.95)],
 )
 def test_a_factor_multiplies_its_own_flow_at_every_state(inject, sound, identifier, flow, factor):
-    truth = inject(Effect(identifier, factor)).truth
+    truth = inject(CatalogueEffect(identifier, factor)).truth
     for name, wanted in sound(truth).items():
         if name in truth:
             size = factor if name == flow else 1.0
@@ -53,7 +53,7 @@ def test_a_factor_multiplies_its_own_flow_at_every_state(inject, sound, identifi
 
 def test_a_turbine_of_less_efficiency_gives_that_much_less_power(inject, sound):
     """The turbocharger's acceleration by central differences, against rho_5 and the turbine's share of E."""
-    truth = inject(Effect("turbine.efficiency", 0.8)).truth
+    truth = inject(CatalogueEffect("turbine.efficiency", 0.8)).truth
     model, h, inside = sound(truth), 0.01, slice(1, -1)
     found = (truth["omega_t"][2:] - truth["omega_t"][:-2]) / (2.0 * h)
     braking, driving = (model["rho"][:, 4] * truth["omega_t"])[inside], model["E"][inside, 2]
@@ -63,7 +63,7 @@ def test_a_turbine_of_less_efficiency_gives_that_much_less_power(inject, sound):
 
 
 def test_less_efficient_turbines_give_less_boost(inject, truth):
-    worse = inject(Effect("turbine.efficiency", 0.8)).truth
+    worse = inject(CatalogueEffect("turbine.efficiency", 0.8)).truth
     boost = truth["p_im"] > 1.5e5
     assert worse["omega_t"][boost].mean() < 0.98 * truth["omega_t"][boost].mean()
     assert worse["p_im"][boost].mean() < 0.98 * truth["p_im"][boost].mean()
@@ -91,7 +91,7 @@ def test_a_hair_of_restriction_is_no_restriction(plant):
 
 
 def test_a_loaded_filter_raises_the_exhaust_pressure_and_costs_air(inject, truth):
-    loaded = inject(Effect("exhaust.restriction", 6.0)).truth
+    loaded = inject(CatalogueEffect("exhaust.restriction", 6.0)).truth
     much = truth["W_c"] > 0.07
     assert loaded["p_em"][much].mean() > 1.03 * truth["p_em"][much].mean()
     assert loaded["W_c"][much].mean() < 0.99 * truth["W_c"][much].mean()
@@ -123,7 +123,7 @@ def test_a_hole_in_the_manifold_obeys_saint_venant_both_ways(plant, p_im):
 
 def test_a_leak_closes_the_mass_balance_of_the_manifold(inject, config):
     """What has come in and not gone out is there: from second to second, m = p V / (R T) against the integral of the flows."""
-    truth = inject(Effect("leak.intake", 4e-5, onset=3.3), rate=RATE).truth
+    truth = inject(CatalogueEffect("leak.intake", 4e-5, onset=3.3), rate=RATE).truth
     mass = truth["p_im"] * config.engine.geometry.V_im / (config.engine.gas.R_a * truth["T_im"])
     net = truth["W_c"] + truth["W_egr"] - truth["W_ei"] - truth["W_leak"]
     gained = np.concatenate([[0.0], np.cumsum(0.5 * (net[1:] + net[:-1]) / RATE)])
@@ -133,7 +133,7 @@ def test_a_leak_closes_the_mass_balance_of_the_manifold(inject, config):
 
 
 def test_a_leak_costs_boost_and_the_sensor_sees_more_than_the_cylinders_get(inject, truth):
-    leaky = inject(Effect("leak.intake", 4e-5)).truth
+    leaky = inject(CatalogueEffect("leak.intake", 4e-5)).truth
     boost = truth["p_im"] > 1.5e5
     assert leaky["p_im"][boost].mean() < 0.99 * truth["p_im"][boost].mean()
     more, before = ((course["W_c"] + course["W_egr"] - course["W_ei"])[boost].mean() for course in (leaky, truth))
@@ -142,7 +142,7 @@ def test_a_leak_costs_boost_and_the_sensor_sees_more_than_the_cylinders_get(inje
 
 def test_an_egr_valve_that_leaks_passes_gas_when_closed(inject, sound, config, truth):
     c, area = Diesel(config.engine).constants, 6e-6
-    leaky = inject(Effect("egr.leak", area)).truth
+    leaky = inject(CatalogueEffect("egr.leak", area)).truth
     p_im, p_em = leaky["p_im"], leaky["p_em"]
     ratio = np.minimum(p_im, p_em) / np.maximum(p_im, p_em)
     Psi = 1.0 - ((1.0 - np.maximum(ratio, c.pi_egr_opt)) / (1.0 - c.pi_egr_opt) - 1.0) ** 2
@@ -170,7 +170,7 @@ def test_egr_flows_backward_through_a_leak_as_through_the_valve(plant):
 def test_the_engine_runs_at_both_ends_of_every_range(inject, identifier, end):
     kind = CATALOGUE[identifier]
     value = getattr(kind, end)
-    truth = inject(Effect(identifier, value, onset=2.0, end=16.0), rate=20).truth
+    truth = inject(CatalogueEffect(identifier, value, onset=2.0, end=16.0), rate=20).truth
     for name, values in truth.items():
         assert np.isfinite(values).all(), name
     assert truth["p_im"].min() > 3e4
@@ -179,14 +179,14 @@ def test_the_engine_runs_at_both_ends_of_every_range(inject, identifier, end):
 
 
 def test_two_holes_are_one_of_both_areas(inject):
-    two = inject(Effect("leak.intake", 1e-5), Effect("leak.intake", 2e-5)).truth
-    one = inject(Effect("leak.intake", 3e-5)).truth
+    two = inject(CatalogueEffect("leak.intake", 1e-5), CatalogueEffect("leak.intake", 2e-5)).truth
+    one = inject(CatalogueEffect("leak.intake", 3e-5)).truth
     np.testing.assert_allclose(two["W_leak"], one["W_leak"], rtol=1e-9, atol=1e-15)
 
 
 def test_a_leak_that_is_mended_leaves_the_engine_as_before(inject, truth):
     """It starts and ends with a step of the area; the pressures follow, and forget within a second or so."""
-    leaky = inject(Effect("leak.intake", 2e-5, onset=5.0, end=9.0)).truth
+    leaky = inject(CatalogueEffect("leak.intake", 2e-5, onset=5.0, end=9.0)).truth
     time = np.arange(truth["p_im"].size) / 100.0
     assert (leaky["W_leak"][(time >= 5.0) & (time < 9.0)] != 0.0).all()
     assert (leaky["W_leak"][(time < 5.0) | (time >= 9.0 + 1e-9)] == 0.0).all()

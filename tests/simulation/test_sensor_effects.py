@@ -7,12 +7,12 @@ from math import exp
 import numpy as np
 import pytest
 
-from lpvobs.simulation.effects import Effect
-from lpvobs.simulation.parameters import Surface
+from lpvobs.simulation.effects import CatalogueEffect
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.readings import delayed, lagged
 from lpvobs.simulation.simulate import simulate
 
-PERFECT = Surface("zero")
+PERFECT = ErrorSurface("zero")
 RATE = 2000  # Hz, a sample at every step of the integrator
 
 
@@ -30,29 +30,29 @@ def reading(inject, *effects):
 
 
 def test_gain_multiplies_the_reading_with_its_own_error_in_it(inject, truth):
-    shown = inject(Effect("maf.gain", 1.06)).truth["W_maf"]
+    shown = inject(CatalogueEffect("maf.gain", 1.06)).truth["W_maf"]
     np.testing.assert_allclose(shown, 1.06 * (truth["W_c"] + truth["delta_W_c"]), rtol=1e-14)
 
 
 def test_offset_is_added(inject, truth):
-    np.testing.assert_allclose(reading(inject, Effect("maf.offset", 1e-3)) - truth["W_c"], 1e-3, rtol=1e-12)
+    np.testing.assert_allclose(reading(inject, CatalogueEffect("maf.offset", 1e-3)) - truth["W_c"], 1e-3, rtol=1e-12)
 
 
 def test_drift_counts_from_the_start_of_the_log_even_with_an_onset(inject, clean, truth):
     time = clean.channels["time"]
-    shown = reading(inject, Effect("maf.drift", -2e-3, onset=5.0))
+    shown = reading(inject, CatalogueEffect("maf.drift", -2e-3, onset=5.0))
     wanted = np.where(time >= 5.0 - 1e-9, 1.0 - 2e-3 * time, 1.0)
     np.testing.assert_allclose(shown / truth["W_c"], wanted, rtol=1e-12)
 
 
 def test_temperature_counts_from_298_K(config, cycle):
     warm = replace(config.simulation, ambient=replace(config.simulation.ambient, T_amb=310.0))
-    log = simulate(config.engine, warm, cycle, surface=PERFECT, effects=(Effect("maf.temperature", 5e-3),))
+    log = simulate(config.engine, warm, cycle, surface=PERFECT, effects=(CatalogueEffect("maf.temperature", 5e-3),))
     np.testing.assert_allclose(log.truth["W_maf"], 1.06 * log.truth["W_c"], rtol=1e-12)  # 12 K at 0.5 %/K
 
 
 def test_contamination_is_kings_law_that_crosses_at_20_grams_per_second(inject, truth):
-    W, shown = truth["W_c"], reading(inject, Effect("maf.contamination", 0.08))
+    W, shown = truth["W_c"], reading(inject, CatalogueEffect("maf.contamination", 0.08))
     # rounding of the square root, near its own size where it is small
     np.testing.assert_allclose(np.sqrt(shown), 0.92 * np.sqrt(W) + 0.08 * np.sqrt(0.02), rtol=1e-12)
     assert W.min() < 0.019
@@ -62,7 +62,7 @@ def test_contamination_is_kings_law_that_crosses_at_20_grams_per_second(inject, 
 
 
 def test_backflow_reads_too_much_at_low_speed_and_high_load_only(inject, truth):
-    ratio = reading(inject, Effect("maf.backflow", 0.3)) / truth["W_c"]
+    ratio = reading(inject, CatalogueEffect("maf.backflow", 0.3)) / truth["W_c"]
     fast, slow = truth["n_e"] >= 2000.0, truth["n_e"] < 2000.0
     assert (ratio[fast] == 1.0).all()
     assert fast.any()
@@ -72,7 +72,7 @@ def test_backflow_reads_too_much_at_low_speed_and_high_load_only(inject, truth):
 
 def test_an_inlet_leak_passes_what_the_filters_depression_drives(inject, config, truth):
     area, air = 5e-5, config.simulation.ambient
-    W = reading(inject, Effect("leak.inlet", area))
+    W = reading(inject, CatalogueEffect("leak.inlet", area))
     density = air.p_amb / (config.engine.gas.R_a * air.T_amb)
     drawn_in = area * np.sqrt(2.0 * density * 2.08e5 * W**2)  # Bernoulli behind the filter
     np.testing.assert_allclose(W + drawn_in, truth["W_c"], rtol=1e-12)
@@ -81,12 +81,12 @@ def test_an_inlet_leak_passes_what_the_filters_depression_drives(inject, config,
 
 def test_effects_act_together_in_the_order_of_the_sensor(inject, truth):
     """Flow, then characteristic, then electronics: the offset is not multiplied, however the list is sorted."""
-    pair = Effect("maf.offset", 1e-3), Effect("maf.gain", 1.1)
+    pair = CatalogueEffect("maf.offset", 1e-3), CatalogueEffect("maf.gain", 1.1)
     np.testing.assert_allclose(reading(inject, *pair), 1.1 * truth["W_c"] + 1e-3, rtol=1e-13)
 
 
 def test_two_of_the_same_kind_multiply(inject, truth):
-    pair = Effect("maf.gain", 1.1), Effect("maf.gain", 1.2, onset=10.0)
+    pair = CatalogueEffect("maf.gain", 1.1), CatalogueEffect("maf.gain", 1.2, onset=10.0)
     at_the_end = (reading(inject, *pair) / truth["W_c"])[[0, -1]]
     np.testing.assert_allclose(at_the_end, [1.1, 1.32], rtol=1e-13)
 
@@ -117,7 +117,7 @@ def test_a_step_has_63_percent_of_its_height_at_tau(tau):
 
 
 def test_lag_solves_its_differential_equation(inject, steps):
-    shown = inject(Effect("maf.lag", 0.08), surface=PERFECT, rate=RATE).truth["W_maf"]
+    shown = inject(CatalogueEffect("maf.lag", 0.08), surface=PERFECT, rate=RATE).truth["W_maf"]
     wanted = naive_lag(steps["W_c"], 1.0 / RATE, 0.08)
     # Heun's error: (h/tau)^2 / 6 of what is still moving, some 10 g/s at most
     np.testing.assert_allclose(shown, wanted, atol=0.01 * (1.0 / RATE / 0.08) ** 2)
@@ -125,7 +125,7 @@ def test_lag_solves_its_differential_equation(inject, steps):
 
 
 def test_the_slow_thermometer_too_and_the_engine_does_not_care(inject, steps):
-    log = inject(Effect("T_im.lag", 4.0), surface=PERFECT, rate=RATE)
+    log = inject(CatalogueEffect("T_im.lag", 4.0), surface=PERFECT, rate=RATE)
     wanted = naive_lag(steps["T_im"], 1.0 / RATE, 4.0)
     # standard deviation of the noise 0.1 K at most and rounding to 0.1 K, averaged over blocks of a second
     noise = (log.channels["T_im"] - wanted)[: 17 * RATE].reshape(17, RATE).mean(axis=1)
@@ -136,7 +136,7 @@ def test_the_slow_thermometer_too_and_the_engine_does_not_care(inject, steps):
 
 
 def test_delay_shifts_by_exactly_its_length(inject, steps):
-    shown = inject(Effect("maf.delay", 0.04), surface=PERFECT, rate=RATE).truth["W_maf"]
+    shown = inject(CatalogueEffect("maf.delay", 0.04), surface=PERFECT, rate=RATE).truth["W_maf"]
     late = round(0.04 * RATE)
     np.testing.assert_allclose(shown[late:], steps["W_c"][:-late], rtol=1e-13)
     np.testing.assert_allclose(shown[:late], steps["W_c"][0], rtol=1e-13)
@@ -148,8 +148,10 @@ def test_a_delay_between_two_steps_is_straight_between_them():
 
 
 def test_a_delay_after_a_lag_is_a_lag_after_a_delay(inject):
-    first = inject(Effect("maf.lag", 0.08), Effect("maf.delay", 0.04), surface=PERFECT, rate=RATE).truth["W_maf"]
-    alone = inject(Effect("maf.lag", 0.08), surface=PERFECT, rate=RATE).truth["W_maf"]
+    first = inject(
+        CatalogueEffect("maf.lag", 0.08), CatalogueEffect("maf.delay", 0.04), surface=PERFECT, rate=RATE
+    ).truth["W_maf"]
+    alone = inject(CatalogueEffect("maf.lag", 0.08), surface=PERFECT, rate=RATE).truth["W_maf"]
     np.testing.assert_allclose(first[80:], alone[:-80], rtol=1e-13)
 
 
@@ -170,7 +172,7 @@ def test_a_wrong_sensor_changes_its_own_channel_alone(
     inject, clean, config, identifier, value, channel, factor, offset
 ):
     """Neither the engine nor its control nor the references notice; the noise is the same as before."""
-    log = inject(Effect(identifier, value))
+    log = inject(CatalogueEffect(identifier, value))
     for name, values in clean.truth.items():
         assert np.array_equal(log.truth[name], values), name
     for name, values in clean.channels.items():
@@ -189,7 +191,7 @@ def test_references_are_the_surface_and_the_flow_at_the_true_operating_point(inj
     from lpvobs.simulation.surface import surface_error
 
     size = {"leak.intake": 4e-5, "maf.gain": 1.1, "u_delta.gain": 1.2, "maf.delay": 0.5}[identifier]
-    log = inject(Effect(identifier, size))
+    log = inject(CatalogueEffect(identifier, size))
     true = log.truth
     error = surface_error(config.simulation.surface, true["u_delta"], true["n_e"], true["W_c"])
     assert np.array_equal(log.channels["ref_W_c"], true["W_c"])

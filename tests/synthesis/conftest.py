@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from lpvobs.engines.diesel.published import PUBLISHED
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 R_A, R_E, V_IM, V_EM = 287.0, 286.0, 5e-3, 1.5e-3
@@ -23,15 +23,15 @@ def diesel_system(outputs):
 
 
 @pytest.fixture(scope="session")
-def diesel() -> Callable[..., Problem]:
+def diesel() -> Callable[..., GainProblem]:
     """Return a function that makes the diesel's problem for a column of Table 1 and ranges of temperature [K]."""
 
-    def make(column, T_im=(310.0, 310.0), T_em=(750.0, 750.0), *, p_em=False, clipped=False, V_em=V_EM) -> Problem:
+    def make(column, T_im=(310.0, 310.0), T_em=(750.0, 750.0), *, p_em=False, clipped=False, V_em=V_EM) -> GainProblem:
         bounds = PUBLISHED.hull() if column == "hull" else PUBLISHED.bounds[column]
         a_1, a_2 = (tuple(R_A * T / V_IM for T in T_im), tuple(R_E * T / V_em for T in T_em))
         lower, upper = zip(*bounds, a_1, a_2, strict=True)
         outputs = ("p_im", "p_em", "omega_t", "W_maf") if p_em else ("p_im", "omega_t", "W_maf")
         region = Region(NAMES, lower, upper, (("rho_2", "rho_4"),) if clipped else ())
-        return Problem(diesel_system(outputs), region, len(outputs) - 1)
+        return GainProblem(diesel_system(outputs), region, len(outputs) - 1)
 
     return make

@@ -9,7 +9,7 @@ import pytest
 from lpvobs.errors import DataError, UsageError
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem, bent_block
+from lpvobs.synthesis.problem import GainProblem, bent_block
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import synthesise
 
@@ -17,7 +17,7 @@ ONE = np.ones((1, 1))
 
 
 @pytest.fixture(scope="module")
-def wide(diesel) -> Problem:
+def wide(diesel) -> GainProblem:
     return diesel("ETC", (280, 400), (300, 1200), clipped=True)
 
 
@@ -32,7 +32,7 @@ def verdict(problem, gain, **changes):
 
 
 def scalar_problem():
-    return Problem(lambda p: ([[-p[0]]], [[1]]), Region(("a",), (1.0,), (2.0,)), 0)
+    return GainProblem(lambda p: ([[-p[0]]], [[1]]), Region(("a",), (1.0,), (2.0,)), 0)
 
 
 def test_a_scalar_case_done_by_hand_is_exact_at_the_edge():
@@ -127,7 +127,7 @@ def test_wrong_shapes_and_epsilon_are_unusable(wide, gain):
 )
 def test_a_system_whose_vertices_prove_nothing_is_found(system, bent):
     region = Region(("x", "y", "z"), (0.0, -1.0, 0.0), (1.0, 2.0, 3.0), (("y", "z"),))
-    problem = Problem(system, region, 0)
+    problem = GainProblem(system, region, 0)
     assert bent_block(problem) == bent
     if bent is not None:
         assert "vertices prove nothing" in check(problem, ONE, ONE, ONE, 0.5, 0.5).reason
@@ -144,7 +144,7 @@ def test_a_system_whose_vertices_prove_nothing_is_found(system, bent):
 )
 def test_an_inexact_or_misshapen_system_is_refused(system, output):
     with pytest.raises(UsageError):
-        check(Problem(system, Region(("a",), (1.0,), (2.0,)), output), ONE, ONE, ONE, 0.5, 0.5)
+        check(GainProblem(system, Region(("a",), (1.0,), (2.0,)), output), ONE, ONE, ONE, 0.5, 0.5)
 
 
 def test_checking_needs_neither_solver_nor_scipy():
@@ -170,7 +170,7 @@ def pivots(matrix):
 
 
 def constant(A, C, m):
-    return Problem(lambda _: (A.tolist(), C.tolist()), Region(("a",), (1.0,), (1.0,)), m)
+    return GainProblem(lambda _: (A.tolist(), C.tolist()), Region(("a",), (1.0,), (1.0,)), m)
 
 
 def whole_plant(seed):
@@ -259,7 +259,7 @@ def test_falling_gains_are_covered_where_the_sum_is_under_one(eps_1, eps_2, fall
 
 
 def test_the_first_vertex_that_fails_is_named():
-    problem = Problem(lambda p: ([[p[0] - p[1]]], [[1]]), Region(("a", "b"), (-4.0, 0.5), (3.0, 2.0)), 0)
+    problem = GainProblem(lambda p: ([[p[0] - p[1]]], [[1]]), Region(("a", "b"), (-4.0, 0.5), (3.0, 2.0)), 0)
     found = check(problem, ONE * 0.0, ONE, ONE * 0.125, 0.9, 0.9)
     assert found.failed_vertex == (3.0, 0.5)
     assert found.reason == "M is not negative definite at a = 3, b = 0.5"
@@ -287,7 +287,7 @@ def test_lopsided_matrices_are_named(P, Q, name):
 
 def test_a_system_that_bends_is_refused_by_the_names_of_what_bends_it():
     region = Region(("x", "y", "z"), (1.0, 1.0, 1.0), (2.0, 2.0, 2.0), (("y", "z"),))
-    found = check(Problem(lambda p: ([[-p[1] * p[2]]], [[1]]), region, 0), ONE * 0, ONE, ONE * 0.1, 0.9, 0.9)
+    found = check(GainProblem(lambda p: ([[-p[1] * p[2]]], [[1]]), region, 0), ONE * 0, ONE, ONE * 0.1, 0.9, 0.9)
     assert (found.proven, found.smallest_pivot, found.vertices) == (False, 0.0, 8)
     assert found.reason == "the system is not affine in y and z, so vertices prove nothing"
 

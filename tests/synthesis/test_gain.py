@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from lpvobs.synthesis.gain import hurwitz_at_vertices, poles
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 
 def diagonal(first, second):
-    return Problem(lambda p: ([[first, 0], [0, second]], [[1, 0]]), Region(("a",), (0.0,), (0.0,)), 0)
+    return GainProblem(lambda p: ([[first, 0], [0, second]], [[1, 0]]), Region(("a",), (0.0,), (0.0,)), 0)
 
 
 def test_poles_at_every_vertex_by_hand():
-    problem = Problem(lambda p: ([[0, p[0]], [-4, 0]], [[0, 2], [1, 0]]), Region(("a",), (1.0,), (9.0,)), 0)
+    problem = GainProblem(lambda p: ([[0, p[0]], [-4, 0]], [[0, 2], [1, 0]]), Region(("a",), (1.0,), (9.0,)), 0)
     free = np.sort_complex(poles(problem, np.zeros((2, 2))))
     np.testing.assert_allclose(free, [[-2j, 2j], [-6j, 6j]], atol=1e-14)  # rounding
     # With L = [[0, 0], [2, 0]]: A - L C = [[0, a], [-4, -4]], double pole -2 at a = 1.
@@ -30,6 +30,6 @@ def test_every_pole_must_be_left_of_the_axis(first, second, stable):
 
 
 def test_every_vertex_counts_and_the_gain_moves_poles():
-    problem = Problem(lambda p: ([[p[0]]], [[2]]), Region(("a",), (-1.0,), (3.0,)), 0)
+    problem = GainProblem(lambda p: ([[p[0]]], [[2]]), Region(("a",), (-1.0,), (3.0,)), 0)
     assert not hurwitz_at_vertices(problem, np.array([[1.25]]))  # 3 - 2.5
     assert hurwitz_at_vertices(problem, np.array([[1.75]]))  # 3 - 3.5

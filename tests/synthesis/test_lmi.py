@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 from scipy.optimize import minimize_scalar
 
-from lpvobs.synthesis.lmi import Solution, fixed_gain, free_gain
+from lpvobs.synthesis.lmi import LmiSolution, fixed_gain, free_gain
 
 EVERYTHING = np.ones((1, 2), dtype=bool)
 CLOSE = 1e-6  # the solver stops at 1e-8 of the cost, and P is known to a small multiple of that where the cost is linear in it
@@ -144,7 +144,7 @@ def test_how_much_gain_the_map_s_output_stands_is_known(a, k):
     # P L |c| / sqrt(k) < P (a + L c) with c = 1: L < a sqrt(k) / (1 - sqrt(k))
     limit = a * np.sqrt(k) / (1.0 - np.sqrt(k))
     inside, outside = (given(-(a + L), L, 1.0, k) for L in (0.95 * limit, 1.05 * limit))
-    assert isinstance(inside, Solution)
+    assert isinstance(inside, LmiSolution)
     assert inside.P[0, 0] > 0.0
     assert inside.L.tolist() == [[0.95 * limit]]
     assert "infeasible" in outside
@@ -182,7 +182,7 @@ def test_one_entry_in_the_map_s_column_makes_it_no_cascade():
     # L = (0, 3) on two states that decay alone: P_22 must stand the map, P_11 need not
     L = np.array([[0.0], [3.0]])
     assert "infeasible" in fixed_gain(np.diag([-1.0, -1.0])[None], L, np.array([[0.0, 1.0]]), 0, 0.25)
-    assert isinstance(fixed_gain(np.diag([-1.0, -1.0])[None], 0.1 * L, np.array([[0.0, 1.0]]), 0, 0.25), Solution)
+    assert isinstance(fixed_gain(np.diag([-1.0, -1.0])[None], 0.1 * L, np.array([[0.0, 1.0]]), 0, 0.25), LmiSolution)
 
 
 def broken_solver(P):
@@ -199,7 +199,7 @@ def broken_solver(P):
 def test_numbers_of_a_solver_that_are_no_solution_are_not_taken(monkeypatch, P):
     monkeypatch.setattr(cvxpy.Problem, "solve", broken_solver(P))
     for found in (one_state(-1.0, 1.0, 0.25), given(-1.0, 0.1, 1.0)):
-        assert isinstance(found, Solution) == (P > 0.0)
+        assert isinstance(found, LmiSolution) == (P > 0.0)
         assert getattr(found, "P", found) == (np.eye(1) if P > 0.0 else "the solver says None")
 
 
@@ -231,8 +231,8 @@ def test_an_inaccurate_optimum_is_no_reason_to_warn(monkeypatch):
     original = cvxpy.Problem.solve
 
     def solve(problem, **options):
-        warnings.warn("Solution may be inaccurate.", UserWarning, stacklevel=1)
+        warnings.warn("LmiSolution may be inaccurate.", UserWarning, stacklevel=1)
         return original(problem, **options)
 
     monkeypatch.setattr(cvxpy.Problem, "solve", solve)
-    assert isinstance(one_state(-1.0, 1.0, 0.25), Solution)  # a warning would be an error here
+    assert isinstance(one_state(-1.0, 1.0, 0.25), LmiSolution)  # a warning would be an error here

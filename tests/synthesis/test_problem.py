@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.synthesis.problem import Problem, bent_block
+from lpvobs.synthesis.problem import GainProblem, bent_block
 from lpvobs.synthesis.region import Region
 
 LINE = Region(("a",), (1.0,), (2.0,))
@@ -14,17 +14,17 @@ SQUARE = Region(("x", "y"), (-1.0, -1.0), (1.0, 1.0), (("x", "y"),))
 
 
 def scalar(entry, region):
-    return Problem(lambda p: ([[entry(*p)]], [[1]]), region, 0)
+    return GainProblem(lambda p: ([[entry(*p)]], [[1]]), region, 0)
 
 
 def test_matrices_at_a_point_are_fractions():
-    pair = Problem(lambda p: ([[-p[0], 2], [0, Fraction(1, 3)]], [[1, 0]]), LINE, 0).at((Fraction(1, 7),))
+    pair = GainProblem(lambda p: ([[-p[0], 2], [0, Fraction(1, 3)]], [[1, 0]]), LINE, 0).at((Fraction(1, 7),))
     assert pair == ([[Fraction(-1, 7), 2], [0, Fraction(1, 3)]], [[1, 0]])
     assert all(isinstance(entry, Fraction) for matrix in pair for row in matrix for entry in row)
 
 
 def test_matrices_at_the_vertices_are_stacked_in_their_order():
-    A, C = Problem(lambda p: ([[-p[0], 2], [0, -3]], [[1, 0], [0, p[0]], [0, 0]]), LINE, 1).matrices()
+    A, C = GainProblem(lambda p: ([[-p[0], 2], [0, -3]], [[1, 0], [0, p[0]], [0, 0]]), LINE, 1).matrices()
     assert A.tolist() == [[[-1, 2], [0, -3]], [[-2, 2], [0, -3]]]
     assert C.tolist() == [[[1, 0], [0, 1], [0, 0]], [[1, 0], [0, 2], [0, 0]]]
     assert A.dtype == C.dtype == np.float64
@@ -47,12 +47,12 @@ def test_matrices_at_the_vertices_are_stacked_in_their_order():
 )
 def test_the_refusal_of_a_system_says_why(A, C, output, words):
     with pytest.raises(UsageError, match=words):
-        Problem(lambda _: (A, C), LINE, output).at((Fraction(1),))
+        GainProblem(lambda _: (A, C), LINE, output).at((Fraction(1),))
 
 
 @pytest.mark.parametrize("output", [0, 1])
 def test_every_row_of_C_may_carry_the_map(output):
-    assert Problem(lambda _: ([[-1]], [[1], [2]]), LINE, output).at((Fraction(1),))
+    assert GainProblem(lambda _: ([[-1]], [[1], [2]]), LINE, output).at((Fraction(1),))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_products_of_different_blocks_are_affine_in_each():
 def test_the_first_bent_block_is_named_and_one_bent_entry_is_enough():
     region = Region(("x", "y"), (0.0, 0.0), (1.0, 1.0))
     assert bent_block(scalar(lambda x, y: x * x + y * y, region)) == ("x",)
-    problem = Problem(lambda p: ([[-1, p[0]], [p[1], -1]], [[0, p[1] ** 2], [1, 0]]), region, 0)
+    problem = GainProblem(lambda p: ([[-1, p[0]], [p[1], -1]], [[0, p[1] ** 2], [1, 0]]), region, 0)
     assert bent_block(problem) == ("y",)
 
 
@@ -100,7 +100,7 @@ def test_what_is_looked_at_lies_strictly_inside(region):
         seen.append(point)
         return [[-1]], [[1]]
 
-    assert bent_block(Problem(system, region, 0)) is None
+    assert bent_block(GainProblem(system, region, 0)) is None
     points = np.array(seen, dtype=float)
     assert region.contains(points).all()
     assert (points > region.lower).all()
@@ -110,4 +110,4 @@ def test_what_is_looked_at_lies_strictly_inside(region):
 
 def test_a_system_that_changes_its_size_is_no_system():
     with pytest.raises(ValueError, match="zip"):
-        bent_block(Problem(lambda p: ([[-1]], [[1]] * (1 if p[0] < Fraction(7, 4) else 2)), LINE, 0))
+        bent_block(GainProblem(lambda p: ([[-1]], [[1]] * (1 if p[0] < Fraction(7, 4) else 2)), LINE, 0))

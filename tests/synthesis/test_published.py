@@ -8,7 +8,7 @@ import pytest
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.synthesis.gain import hurwitz_at_vertices, hurwitz_interval
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import certify_fixed_gain
 
@@ -44,7 +44,7 @@ def at_ratio(diesel, moved):
     def problem(ratio):
         pair = (ratio * a_2, a_2) if moved == "a_1" else (a_1, a_1 / ratio)
         bounds = (nominal.region.lower[:5] + pair, nominal.region.upper[:5] + pair)
-        return Problem(nominal.system, Region(nominal.region.names, *bounds), 2)
+        return GainProblem(nominal.system, Region(nominal.region.names, *bounds), 2)
 
     return problem, a_1 / a_2
 
@@ -71,7 +71,7 @@ def test_far_inside_there_is_no_limit_to_find_and_far_outside_no_start(diesel):
 
 def scalar(entry):
     """A system of one state with one number in it, and a gain of zero."""
-    return lambda x: Problem(lambda _: ([[entry(Fraction(x))]], [[1]]), Region(("a",), (0.0,), (0.0,)), 0)
+    return lambda x: GainProblem(lambda _: ([[entry(Fraction(x))]], [[1]]), Region(("a",), (0.0,), (0.0,)), 0)
 
 
 NOTHING = np.zeros((1, 1))

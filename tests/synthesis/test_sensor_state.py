@@ -8,7 +8,7 @@ import pytest
 from lpvobs.errors import NotProven
 from lpvobs.synthesis.certificate import Certificate
 from lpvobs.synthesis.gain import Gain
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.sensor_state import augmented, prove, with_sensor_state
 from lpvobs.synthesis.solve import synthesise
@@ -75,7 +75,7 @@ def engine(entries, outputs, map_output):
         rates = [p[0], *entries]
         return [[-rate if i == j else 0 for j in range(len(rates))] for i, rate in enumerate(rates)], outputs
 
-    return Problem(system, region, map_output)
+    return GainProblem(system, region, map_output)
 
 
 def made(problem, L, P):
@@ -126,7 +126,7 @@ def test_a_sensor_that_hears_of_no_state_is_proven_with_any_weight():
 
 
 def test_the_four_states_by_hand():
-    problem = Problem(lambda p: ([[-p[0], 2], [0, -3]], [[1, 0], [5, 7]]), Region(("a",), (1.0,), (2.0,)), 1)
+    problem = GainProblem(lambda p: ([[-p[0], 2], [0, -3]], [[1, 0], [5, 7]]), Region(("a",), (1.0,), (2.0,)), 1)
     A, C = augmented(problem, (Fraction(3, 2),), Fraction(1, 4))
     assert [
         [[Fraction(-3, 2), 2, 0], [0, -3, 0], [Fraction(5, 4), Fraction(7, 4), Fraction(-1, 4)]],
@@ -137,7 +137,7 @@ def test_the_four_states_by_hand():
 
 def test_the_proof_is_exact_at_its_edge():
     # P = C = a = tau = 1, l = 0: -dV = [[2, -k], [-k, 2 k]], definite for k < 4
-    problem = Problem(lambda p: ([[-p[0]]], [[1]]), Region(("a",), (1.0,), (1.0,)), 0)
+    problem = GainProblem(lambda p: ([[-p[0]]], [[1]]), Region(("a",), (1.0,), (1.0,)), 0)
     L = np.zeros((2, 1))
     proven = prove(problem, L, np.diag([1.0, np.nextafter(4.0, 0.0)]), (1.0, 1.0))
     assert 0.0 < proven.smallest_pivot < 1e-15
@@ -160,7 +160,7 @@ def test_either_end_of_the_time_constants_can_fail(row, weight, words):
 
 
 def test_the_second_vertex_can_fail_alone():
-    problem = Problem(lambda p: ([[p[0] - 2]], [[1]]), Region(("a",), (1.0,), (3.0,)), 0)
+    problem = GainProblem(lambda p: ([[p[0] - 2]], [[1]]), Region(("a",), (1.0,), (3.0,)), 0)
     with pytest.raises(NotProven, match=r"a = 3, tau = 0\.5 s"):
         prove(problem, np.zeros((2, 1)), np.diag([1.0, 1e-3]), (0.1, 0.5))
 
@@ -174,7 +174,7 @@ def test_a_P_that_is_not_positive_proves_nothing():
 def test_the_least_pivot_may_be_that_of_P():
     # P has the second pivot 31/256. Damped as strongly as it is, what V loses is further from its edge.
     P = np.array([[1.0, 0.9375], [0.9375, 1.0]])
-    problem = Problem(lambda _: ([[-1]], [[0]]), Region(("a",), (1.0,), (1.0,)), 0)
+    problem = GainProblem(lambda _: ([[-1]], [[0]]), Region(("a",), (1.0,), (1.0,)), 0)
     found = prove(problem, np.array([[0.0], [0.0]]), P, (1.0, 1.0))  # -dV = 2 P
     assert found.smallest_pivot == pytest.approx(31.0 / 256.0, rel=1e-15)
 

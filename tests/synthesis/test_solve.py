@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.synthesis import lmi
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import Shrunk, certify_fixed_gain, largest_feasible, synthesise
 
@@ -19,7 +19,7 @@ POINT = Region(("a",), (4.0,), (4.0,))
 
 def one_state(c=3, low=4.0, high=4.0):
     """dx/dt = -a x, and the map's output c x."""
-    return Problem(lambda p: ([[-p[0]]], [[c]]), Region(("a",), (low,), (high,)), 0)
+    return GainProblem(lambda p: ([[-p[0]]], [[c]]), Region(("a",), (low,), (high,)), 0)
 
 
 @pytest.mark.parametrize(("falling_gain", "eps"), [(True, 0.49), (False, 0.98)])
@@ -82,7 +82,7 @@ def in_odd_units(A, C):
         [[Fraction(float(entry)) for entry in row] for row in matrix]
         for matrix in (RATE * A * T[:, None] / T, C * S[:, None] / T)
     ]
-    return Problem(lambda _: tuple(exact), POINT, 1)
+    return GainProblem(lambda _: tuple(exact), POINT, 1)
 
 
 @pytest.mark.parametrize("decay", [0.0, 4.0])
@@ -103,7 +103,7 @@ def test_units_are_taken_back_exactly(cascade):
     """The scales are powers of two, so even the rounding to 12 digits sees the same numbers but for the last place."""
     A = OSCILLATOR - np.array([[0.5, 0.0], [0.0, 0.25]])
     odd = synthesise(in_odd_units(A, SEEN), falling_gain=True, cascade=cascade)
-    plain = Problem(lambda _: ((A * 4).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
+    plain = GainProblem(lambda _: ((A * 4).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
     even = synthesise(plain, falling_gain=True, cascade=cascade)  # the rate is 4 here
     np.testing.assert_allclose(
         odd.L / T[:, None] * S / 2.0, even.L, rtol=1e-6, atol=1e-9
@@ -138,7 +138,7 @@ def test_how_large_a_given_gain_may_be_is_known(a, c, epsilon, root):
 
 def test_a_given_gain_in_odd_units_is_proven_like_in_even_ones():
     A = OSCILLATOR - np.array([[0.5, 0.0], [0.0, 0.25]])
-    plain = Problem(lambda _: ((A * 8).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
+    plain = GainProblem(lambda _: ((A * 8).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
     L = np.array([[4.0, -0.5], [2.0, 0.25]])
     even = certify_fixed_gain(plain, L, falling_gain=True)
     odd = certify_fixed_gain(in_odd_units(A, SEEN), L * T[:, None] / S, falling_gain=True)
@@ -187,7 +187,7 @@ def test_epsilon_inside_the_conditions_is_kept(epsilon, falling_gain):
 
 
 def lying_solver(P, L):
-    return lambda *_: lmi.Solution(np.array([[P]]), np.array([[L]]), 0.25)
+    return lambda *_: lmi.LmiSolution(np.array([[P]]), np.array([[L]]), 0.25)
 
 
 def test_what_a_solver_claims_is_not_believed(monkeypatch):
@@ -211,7 +211,7 @@ def test_the_solver_sees_twelve_digits(monkeypatch):
         seen.extend(argument for argument in arguments[:3] if np.ndim(argument) > 1)
         return "no"
 
-    problem = Problem(
+    problem = GainProblem(
         lambda _: ([[Fraction(-1, 3), Fraction(1, 7)], [Fraction(3, 11), -5]], [[1, Fraction(2, 3)]]), POINT, 0
     )
     monkeypatch.setattr(lmi, "free_gain", refuses)
@@ -228,7 +228,7 @@ def test_the_solver_sees_twelve_digits(monkeypatch):
 
 def edge_at(end):
     """One state that nothing sees, dx/dt = a x, with a from -1 to `end`, and one beside it that decays: a must be negative."""
-    return Problem(lambda p: ([[p[0], 0], [0, -1]], [[0, 1]]), Region(("a",), (-1.0,), (end,)), 0)
+    return GainProblem(lambda p: ([[p[0], 0], [0, -1]], [[0, 1]]), Region(("a",), (-1.0,), (end,)), 0)
 
 
 def test_the_largest_part_ends_where_the_hidden_state_stops_to_decay():

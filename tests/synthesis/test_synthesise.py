@@ -8,7 +8,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.synthesis.balance import balance
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import poles
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import certify_fixed_gain, largest_feasible, synthesise
 
@@ -72,7 +72,7 @@ def test_the_largest_part_of_the_etc_box_ends_where_it_must(diesel):
     assert shrunk.problem.region == problem.region.scaled(shrunk.scale, centre)
     low, high = left_for_P(shrunk.problem)
     assert low < high
-    low, high = left_for_P(Problem(problem.system, problem.region.scaled(shrunk.refused, centre), 2))
+    low, high = left_for_P(GainProblem(problem.system, problem.region.scaled(shrunk.refused, centre), 2))
     assert low > high
 
 
@@ -83,7 +83,7 @@ def test_a_feasible_region_is_not_shrunk(diesel):
 
 
 def test_no_part_is_feasible_where_the_centre_is_not():
-    unseen = Problem(lambda p: ([[p[0], 0], [0, -1]], [[0, 1]]), Region(("a",), (1.0,), (2.0,)), 0)
+    unseen = GainProblem(lambda p: ([[p[0], 0], [0, -1]], [[0, 1]]), Region(("a",), (1.0,), (2.0,)), 0)
     with pytest.raises(NotProven):
         largest_feasible(unseen, (1.0,), falling_gain=True, cascade=False)
 
@@ -98,7 +98,7 @@ def test_a_cascade_ignores_the_map_and_any_eps_1_will_do(diesel):
 def test_a_constant_system_gets_the_kalman_filter(diesel):
     etc = diesel("ETC")
     point = (*etc.region.lower[:4], 1.5, *etc.region.lower[5:])
-    problem = Problem(etc.system, Region(etc.region.names, point, point), 2)
+    problem = GainProblem(etc.system, Region(etc.region.names, point, point), 2)
     A, C = problem.matrices()
     units = balance(A, C)
     T, S, rate = units.states, units.outputs, units.rate
@@ -133,7 +133,7 @@ def rescaled(A, C, T, S, map_output):
         ]
 
     region = Region(("p", "q"), (-0.2, -0.2), (0.3, 0.2))
-    return Problem(lambda p: (mix(A, (1, *p), t), mix(C, (1, *p), s)), region, map_output)
+    return GainProblem(lambda p: (mix(A, (1, *p), t), mix(C, (1, *p), s)), region, map_output)
 
 
 def attempt(problem, **options):
@@ -173,7 +173,7 @@ def test_units_do_not_matter_to_the_diesel(diesel):
         )
 
     plain = synthesise(problem, falling_gain=True, cascade=False)
-    other = synthesise(Problem(system, problem.region, 3), falling_gain=True, cascade=False)
+    other = synthesise(GainProblem(system, problem.region, 3), falling_gain=True, cascade=False)
     back = other.L / np.array(T, dtype=float)[:, None] * np.array(S, dtype=float)
     np.testing.assert_allclose(back, plain.L, rtol=1e-6)  # as above, small entries relative to themselves
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.synthesis.certificate import check
-from lpvobs.synthesis.problem import Problem
+from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import synthesise
 
@@ -15,7 +15,7 @@ OUTPUTS = ("p_ic", "p_im")
 
 def test_a_gain_for_the_throttled_engine_is_proven_over_its_whole_region():
     region = Region(Throttled.parameter_names, (5e-9, 2e-8, 1.0e7, 1.4e7), (1.2e-6, 6e-7, 4.4e7, 5.9e7))
-    problem = Problem(partial(Throttled.system, outputs=OUTPUTS), region, len(OUTPUTS))
+    problem = GainProblem(partial(Throttled.system, outputs=OUTPUTS), region, len(OUTPUTS))
     gain = synthesise(problem, falling_gain=True, cascade=True, decay=1.0)
     assert gain.certificate.proven
     assert not gain.L[:, -1].any()  # the sensor does not correct the state

@@ -146,7 +146,7 @@ def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 @dataclass
-class _Body:
+class _MapText:
     """What is gathered of a map while its lines go by."""
 
     texts: dict[str, str] = field(default_factory=dict)
@@ -156,7 +156,7 @@ class _Body:
 
 
 def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, list[str]]]) -> DcmMap:
-    body = _Body()
+    body = _MapText()
     place = start
     try:
         across, down = int(head[2]), int(head[3])
@@ -185,7 +185,7 @@ def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, 
 TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
 
 
-def _take(body: _Body, words: list[str]) -> None:
+def _take(body: _MapText, words: list[str]) -> None:
     """Add what one line says."""
     keyword, rest = words[0], words[1:]
     if keyword in TEXTS:

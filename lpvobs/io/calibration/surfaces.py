@@ -19,7 +19,7 @@ SNAP = 1e-6
 
 
 @dataclass(frozen=True)
-class Axis:
+class SurfaceAxis:
     """Nodes of one input of the map.
 
     Attributes
@@ -41,7 +41,7 @@ class Surface:
 
     Attributes
     ----------
-    x, y : Axis
+    x, y : SurfaceAxis
         Engine speed with p2 nodes, fuel with p1.
     values, standard_error : ndarray, shape (p2, p1)
         [unit], NaN where nothing is known.
@@ -51,8 +51,8 @@ class Surface:
         Of the values; the group of the result that they are from.
     """
 
-    x: Axis
-    y: Axis
+    x: SurfaceAxis
+    y: SurfaceAxis
     values: Array
     standard_error: Array
     origin: NDArray[np.int8]
@@ -93,9 +93,11 @@ def read_surface(path: Path, source: str = "") -> Surface:
         )
 
 
-def _axis(group: h5py.Group, name: str) -> Axis:
+def _axis(group: h5py.Group, name: str) -> SurfaceAxis:
     stored = group[name]
-    return Axis(name, str(stored.attrs["units"]), str(stored.attrs["long_name"]), numbers(group, name, stored.size))
+    return SurfaceAxis(
+        name, str(stored.attrs["units"]), str(stored.attrs["long_name"]), numbers(group, name, stored.size)
+    )
 
 
 def onto(surface: Surface, x: Array, y: Array) -> Surface:

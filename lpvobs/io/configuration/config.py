@@ -22,7 +22,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.simulation.disturbances import Injected, injected_of
-from lpvobs.simulation.parameters import SimulationParameters, Surface
+from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.road import Auxiliary
 from lpvobs.synthesis.settings import GainSettings
@@ -146,7 +146,7 @@ def config_of(text: str, path: Path) -> Config:
 class Effects:
     """What `simulate --effects` reads: another surface of the sensor's error, what has happened to engine and sensors, a road."""
 
-    surface: Surface | None = None
+    surface: ErrorSurface | None = None
     auxiliary: Auxiliary | None = None
     injected: tuple[Injected, ...] = ()
 
@@ -171,7 +171,7 @@ def load_effects(path: Path) -> tuple[Effects, str]:
 class _Surroundings:
     """The tables of an effects file whose keys are fixed; those of an effect depend on its identifier."""
 
-    surface: Surface | None = None
+    surface: ErrorSurface | None = None
     auxiliary: Auxiliary | None = None
 
 

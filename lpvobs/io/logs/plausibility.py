@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.records import Array, Finding
+from lpvobs.records import Array, DefectFound
 
 Mask = NDArray[np.bool_]
 
@@ -87,7 +87,7 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
 
 def spoiled(
     time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
-) -> Iterator[tuple[Finding, NDArray[np.int64]]]:
+) -> Iterator[tuple[DefectFound, NDArray[np.int64]]]:
     """Yield what is stuck, saturated or spiked, each with the samples that it spoils.
 
     Parameters
@@ -107,7 +107,7 @@ def spoiled(
             ("spike", _spikes(time, values[name], channel)),
         ):
             if samples.size:
-                yield Finding(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
+                yield DefectFound(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
 
 
 def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lpvobs.engines.base import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.logs.plausibility import refuse_odd_rate, spoiled
-from lpvobs.records import Array, Defects, Finding
+from lpvobs.records import Array, DefectFound, Defects
 
 MOST_BACKWARD = 0.1
 """Share of the samples that may be dropped for their time; more is not a repair."""
@@ -55,7 +55,7 @@ class UsableRows:
     dropped: Mapping[str, int]
     dropped_rows: int
     repeated: int
-    findings: tuple[Finding, ...]
+    findings: tuple[DefectFound, ...]
 
 
 def usable_rows(
@@ -124,7 +124,7 @@ def _increasing(
 
 
 def too_few(
-    path: Path, usable: int, read: int, dropped: Mapping[str, int], findings: Sequence[Finding] = ()
+    path: Path, usable: int, read: int, dropped: Mapping[str, int], findings: Sequence[DefectFound] = ()
 ) -> DataError:
     """Return what is wrong with a log of which next to nothing is left."""
     worst = max(dropped, key=lambda name: dropped[name], default="time")
@@ -143,7 +143,7 @@ class SlabCounts:
         self.read, self.samples, self.dropped_rows, self.gaps, self.repeated = 0, 0, 0, 0, 0
         self.latest = float("-inf")
         self.dropped: dict[str, int] = {}
-        self.found: dict[tuple[str, str], Finding] = {}
+        self.found: dict[tuple[str, str], DefectFound] = {}
         self.refusals: list[DataError] = []
 
     def add(self, usable: UsableRows) -> None:
@@ -166,7 +166,7 @@ class SlabCounts:
         self.refusals.append(refusal)
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[DefectFound, ...]:
         """What is stuck, saturated or spiked."""
         return tuple(self.found.values())
 

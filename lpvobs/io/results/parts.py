@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from lpvobs import __version__
 from lpvobs.errors import DataError
 from lpvobs.io.results.mapping import element_of
-from lpvobs.observer.parts import LogPart, StateGain
+from lpvobs.observer.parts import LogInformation, StateGain
 
 FORMAT = 3
 ENDING = ".part"
@@ -35,7 +35,7 @@ MOST_BYTES = 2**29
 class StoredPart:
     """The part of a log, and which rows of its file were used, eight in a byte, slab by slab."""
 
-    part: LogPart
+    part: LogInformation
     kept: tuple[NDArray[np.uint8], ...]
 
 

@@ -10,19 +10,19 @@ import pytest
 
 from lpvobs.errors import DataError
 from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, StoredPart, part_bytes, part_of_bytes
-from lpvobs.observer.parts import LogPart, LogRun
-from lpvobs.records import Defects, Finding
+from lpvobs.observer.parts import LogInformation, LogRun
+from lpvobs.records import DefectFound, Defects
 
 NAME = "a" * 64
 
 
 def part(sha256):
     """Return the part of a log with this digest: two cells visited, an engine of one uncertain constant."""
-    found = (Finding("stuck", "p_im", 3, 1.5, "dropped"),)
+    found = (DefectFound("stuck", "p_im", 3, 1.5, "dropped"),)
     defects = Defects(12, {"p_im": 2}, dropped_rows=2, findings=found)
     run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
     sums = (np.full((2, *shape), 0.1) for shape in ((4, 4), (4, 4), (4,), (7, 4)))
-    return StoredPart(LogPart(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),))
+    return StoredPart(LogInformation(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),))
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
     assert (parts.found(), other.found()) == (frozenset({NAME}), frozenset())
     first, again = part(NAME), parts.read(NAME)
     np.testing.assert_equal(asdict(again), asdict(first))
-    assert isinstance(again.part.run.defects.findings[0], Finding)
+    assert isinstance(again.part.run.defects.findings[0], DefectFound)
     assert [each.dtype for each in (again.part.cells, again.part.H, again.kept[0])] == [np.int64, np.float64, np.uint8]
     again.part.H[0] = 0.0  # the sums are added to in place
     assert part_bytes(first, "key") == (parts.path / f"{NAME}.part").read_bytes()
