@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import Channel
+from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.logs.plausibility import refuse_odd_rate, spoiled
 from lpvobs.records import Array, DefectFound, Defects
