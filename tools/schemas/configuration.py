@@ -14,7 +14,7 @@ from lpvobs.simulation.parameters import SURFACE_KINDS
 
 Schema = dict[str, Any]
 CONFIGS = Path(__file__).parents[2] / "configs"
-CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("Surface", "kind"): SURFACE_KINDS}
+CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("ErrorSurface", "kind"): SURFACE_KINDS}
 """Texts of which only these are taken; the records check them when they are made."""
 TABLE = re.compile(r"\[(?P<name>[\w.]+)\]\s*(#\s*(?P<comment>.*\S))?\s*")
 KEY = re.compile(r"(?P<name>\w+)\s*=\s*[^#]*#\s*(?P<comment>.*\S)\s*")
