@@ -30,7 +30,7 @@ from draw import (
 )
 
 from lpvobs.io.configuration.config import Config, load_effects
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.simulation.cycles import TABLES, data_folder
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.simulate import simulate

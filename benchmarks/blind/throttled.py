@@ -30,7 +30,7 @@ from draw import (
     unlogged,
 )
 
-from lpvobs.io.logs.reading import write_log
+from lpvobs.io.logs.parquet import write_log
 
 MEASURED = "LPVOBS_MEASURED_DIR"
 RECORDING = "wltp_NF"
