@@ -11,16 +11,17 @@ from engines import blower
 from repository import DIESEL, ROOT
 
 import lpvobs
+from lpvobs.api.inspect import inspect
+from lpvobs.api.simulate import simulate
+from lpvobs.api.synth_gain import make_gain, make_published_gain
+from lpvobs.api.verify import check_again
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.logs.reading import LogPolicies, write_log
+from lpvobs.io.logs.parquet import write_log
 from lpvobs.io.results.results import read_result
 from lpvobs.report.tables import coefficient_tables
-from lpvobs.steps.gain import check_again, make_gain, make_published_gain
-from lpvobs.steps.inspect import inspect_log
-from lpvobs.steps.simulate import simulate_log
 
 UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
     name: item.unit for name, item in blower.Blower.channels.items()
@@ -65,7 +66,7 @@ def test_its_configuration_is_read_and_refused(example):
 
 
 def test_inspect_finds_the_engine_that_a_log_suits(log):
-    found = inspect_log(log, None, LogPolicies()).as_content()
+    found = inspect(log).as_content()
     assert [name for name, channel in found["channels"].items() if channel["use"] == "needed"] == [
         "time",
         *blower.Blower.channels,
@@ -103,7 +104,7 @@ def test_what_it_has_not_is_said(example, tmp_path):
     with pytest.raises(UsageError, match=f"no gain is published.*{DIESEL.name}"):
         make_published_gain(config, "ETC")
     with pytest.raises(UsageError, match=f"no plant simulates it; see configs/{DIESEL.name}"):
-        simulate_log(example, "nedc", tmp_path / "log.parquet", None, 100.0, 1, lambda done: None)
+        simulate(example, "nedc", tmp_path / "log.parquet")
 
 
 def test_its_map_is_estimated_extrapolated_and_told_on_its_own_axes(example, log, tmp_path):
