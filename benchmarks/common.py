@@ -21,7 +21,6 @@ from lpvobs.simulation.simulate import simulate
 CONFIG = Path(__file__).parent.parent / "configs" / "diesel.toml"
 RESULTS = Path(__file__).parent / "results"
 CYCLES = {"etc_part1": "ETC surrogate, part 1", "ftp75_cold": "FTP75, cold transient"}
-PAPER = {"etc_part1": 0.1041, "ftp75_cold": 0.0528}
 
 
 @dataclass(frozen=True)

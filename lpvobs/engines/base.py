@@ -158,6 +158,8 @@ class Published:
         Coefficients of Eq. (37) of the maps, [kg/s] over the units of the axes, by where they are printed.
     remark : str
         What is to be said of these maps beside others.
+    errors : mapping of str to float
+        Mean relative errors that are printed for maps, by cycle.
     """
 
     source: str
@@ -167,6 +169,7 @@ class Published:
     bounds: Mapping[str, tuple[tuple[float, float], ...]]
     surfaces: Mapping[str, tuple[float, ...]]
     remark: str
+    errors: Mapping[str, float]
 
     def hull(self) -> tuple[tuple[float, float], ...]:
         """Return the smallest box around the bounds of all drives."""

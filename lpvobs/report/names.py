@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from lpvobs.engines.registry import ENGINES
+
 CYCLES = {
     "etc": "ETC surrogate",
     "etc_part1": "ETC surrogate, part 1",
@@ -19,9 +21,6 @@ METHODS = {
     "ekf": "extended Kalman filter",
     "batch": "batch least squares",
 }
-
-PAPER_ERRORS = {"etc_part1": 0.1041, "ftp75_cold": 0.0528}
-"""Mean relative errors of Sec. 4.1 and 4.2, by the cycle that a log is named after."""
 
 
 def cycle_title(log: str) -> str:
@@ -49,10 +48,10 @@ def method_title(method: str) -> str:
     return METHODS.get(method, f"method {method}")
 
 
-def paper_error(log: str) -> float | None:
-    """Return the paper's mean relative error for the cycle that a log is named after, or None."""
-    known = _cycle_of(log)
-    return PAPER_ERRORS.get(known) if known else None
+def paper_error(air_path: str, log: str) -> float | None:
+    """Return the mean relative error that is printed for the engine and the cycle that a log is named after, or None."""
+    printed = ENGINES[air_path].published if air_path in ENGINES else None
+    return None if printed is None else printed.errors.get(_cycle_of(log) or "")
 
 
 def distinct(paths: list[Path]) -> list[str]:

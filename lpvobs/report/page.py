@@ -100,7 +100,7 @@ def _sentence(view: ResultView, log: LogSummary) -> str:
             f"so the standard errors are all that is known of the map's accuracy."
         )
     m = log.metrics
-    beside = paper_error(log.name)
+    beside = paper_error(view.stored.air_path, log.name)
     paper = f"; the paper reports {percent(beside)}" if beside is not None else ""
     constant = ENGINES[view.stored.air_path].air_path.rate_names
     held = f", {' and '.join(constant)} held constant" if view.stored.method == "published" else ""

@@ -174,7 +174,7 @@ def report_rows(results: Sequence[tuple[str, StoredResult]]) -> Table:
                     cycle_title(log.name),
                     str(log.samples),
                     percent(None if m is None else m.mean_relative_error),
-                    percent(paper_error(log.name)),
+                    percent(paper_error(result.air_path, log.name)),
                     percent(None if m is None else m.floor_mean_relative_error),
                     percent(None if m is None else m.rms_ratio),
                     grams(None if m is None else m.rmse),
@@ -200,7 +200,12 @@ def report_content(results: Sequence[tuple[str, StoredResult]]) -> dict[str, Any
     every = [_result_content(name, result) for name, result in results]
     return {
         "logs": [
-            {"result": name, "method": result.method, "paper_mean_relative_error": paper_error(log["log"]), **log}
+            {
+                "result": name,
+                "method": result.method,
+                "paper_mean_relative_error": paper_error(result.air_path, log["log"]),
+                **log,
+            }
             for name, result in results
             for log in logs_content(result.logs)
         ],
