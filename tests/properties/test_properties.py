@@ -22,8 +22,9 @@ from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import config_of, load_config
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.results import read_result, write_result
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.estimate import estimate_default, merged
+from lpvobs.observer.estimate import MapEstimate, estimate_default, merged
 from lpvobs.observer.parts import StateGain, inform
 from lpvobs.observer.recursion import observe
 from lpvobs.records import Log
@@ -206,9 +207,6 @@ def test_no_number_of_a_configuration_is_lost_between_its_text_and_what_is_compu
 
 
 def test_a_result_is_what_was_written(tmp_path):
-    from lpvobs.io.results.results import read_result, write_result
-    from lpvobs.observer.estimate import MapEstimate
-
     samples = make(tmp_path)
     first = read_result(samples.result)
     estimate = MapEstimate(
@@ -226,6 +224,24 @@ def test_a_result_is_what_was_written(tmp_path):
     for one, other in zip(second.logs, first.logs, strict=True):
         np.testing.assert_equal(asdict(one), asdict(other))
     np.testing.assert_equal(asdict(second.gain), asdict(first.gain))
+
+
+def test_a_map_without_covariance_and_constants_is_what_was_written(tmp_path):
+    """As the observer leaves it that is published."""
+    samples = make(tmp_path)
+    first = read_result(samples.result)
+    unknown = np.full_like(first.covariance, np.nan)
+    estimate = MapEstimate(
+        method="published", grid=first.grid, theta=first.theta, covariance=unknown, noise=unknown, design=first.design,
+        supported=first.supported, excitation=first.excitation, runs=(), constants=(),
+        sensitivity=np.empty((0, *first.grid.shape)),
+    )  # fmt: skip
+    again = samples.folder / "again.h5"
+    write_result(again, load_config(DIESEL)[0].engine_path(), estimate, first.logs, first.gain, first.provenance)
+    second = read_result(again)
+    assert np.isnan(second.covariance).all()
+    assert np.isnan(second.standard_error).all()
+    assert (second.constants, second.sensitivity.shape) == ((), (0, *first.grid.shape))
 
 
 # --- the discrete Lyapunov function ------------------------------------------------------------------------------------

@@ -177,8 +177,10 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
         "nodes": Layout(
             StoredResult,
             {
-                "covariance": Item("kg^2/s^2", "covariance of the nodes", square),
-                "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square),
+                "covariance": Item(
+                    "kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True
+                ),
+                "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
                 "design": Item("1", "node values that stand for each term", ("node", "term")),
             },
             {
