@@ -104,7 +104,7 @@ class Recording(Protocol):
 
 @dataclass(frozen=True)
 class Log:
-    """One recorded drive, in SI units (map axes in the paper's rpm and mg/cycle), without reference channels.
+    """One recorded drive, in SI units (map axes in the units of the engine's record), without reference channels.
 
     Attributes
     ----------

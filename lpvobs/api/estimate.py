@@ -247,9 +247,7 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
     if gain is None:
         from lpvobs.api.synth_gain import make_gain, make_published_gain  # with a gain, no solver is loaded
 
-        return (
-            make_published_gain(config, "ETC") if method == "published" else make_gain(config, paths, lenient=True)[0]
-        )
+        return make_published_gain(config) if method == "published" else make_gain(config, paths, lenient=True)[0]
     stored = read_gain(gain)
     air_path = config.engine_path()
     expect_engine(gain, stored, air_path.name, air_path.engine_constants())

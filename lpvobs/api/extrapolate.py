@@ -15,7 +15,7 @@ def extrapolate(result: File) -> tuple[QuadraticFit, float]:
     Returns
     -------
     fitted : QuadraticFit
-        Coefficients in kg/s, mg/cycle and rpm with standard errors, values and intervals of prediction for every node.
+        Coefficients in kg/s over the units of the map's axes with standard errors; for every node, value and interval.
     outer_coverage : float
         Share of the outer estimated nodes inside their 90 % interval when they take no part in the fit.
 

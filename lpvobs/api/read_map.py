@@ -17,7 +17,7 @@ def read_map(result: File, values: str = "") -> Surface:
     -------
     Surface
         `values` and `standard_error` of shape (p2, p1) [kg/s], reading minus truth; `origin` 0 none, 1 estimated,
-        2 extrapolated; `x.nodes` of shape (p2,) [rpm], `y.nodes` of shape (p1,) [mg/cycle].
+        2 extrapolated; `x.nodes` of shape (p2,), `y.nodes` of shape (p1,), in the units of `x` and `y`.
 
     Raises
     ------

@@ -39,7 +39,7 @@ def synth_gain(
     out : path
         The gain file to write.
     published : str, optional
-        `ETC`, `FTP75` or `NEDC`: the paper's own L of Eq. (38), proven on that column of Table 1.
+        The gain that is printed for the engine, proven on this column of Table 1: for the paper's, `ETC`, `FTP75` or `NEDC`.
 
     Returns
     -------
@@ -116,8 +116,8 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"
 
 
-def make_published_gain(config: Config, column: str) -> StoredGain:
-    """Return the gain that is printed for the engine, with a proof on the bounds of one drive at fixed temperatures.
+def make_published_gain(config: Config, column: str | None = None) -> StoredGain:
+    """Return the gain printed for the engine, proven on a column of its bounds (the first by default) at fixed temperatures.
 
     Raises
     ------
@@ -132,6 +132,7 @@ def make_published_gain(config: Config, column: str) -> StoredGain:
         raise UsageError(
             f"air_path = '{config.air_path}': no gain is published for it; make one with `lpvobs synth-gain`, or see {able}"
         )
+    column = next(iter(printed.bounds)) if column is None else column
     if column not in printed.bounds:
         raise UsageError(f"--published {column}: unknown; expected one of {', '.join(printed.bounds)}")
     rho = dict(zip(air_path.parameter_names, printed.bounds[column], strict=False))
