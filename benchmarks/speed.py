@@ -101,7 +101,7 @@ def kernels(config: Config, log: Log) -> list[list[str]]:
     def filtered(state: ekf.KalmanState, where: tuple[Array, Array]) -> ekf.KalmanState:
         return ekf.adapt(state, trajectory, part.time, part.segments, where, SMALL, R, Q, kalman.map_drift, x_0)
 
-    full = filtered(ekf.start(SMALL, kalman), everywhere)
+    full = filtered(ekf.start(SMALL, kalman, len(engine.state_names)), everywhere)
     if not full.P.all():
         raise RuntimeError("the covariance is not full; the filter would be flattered")
     timed = {

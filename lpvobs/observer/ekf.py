@@ -1,4 +1,4 @@
-"""The rival: map adaptation by an extended Kalman filter (the paper's references 9 to 11), 3 + p states.
+"""The rival: map adaptation by an extended Kalman filter (the paper's references 9 to 11), n + p states.
 
 The augmented state is (x, theta). The model of Eq. (24) is discretised by backward Euler like the observer's, theta is a random
 walk. Nodes that take no part in the interpolation are not observable, and with process noise everywhere their variance grows
@@ -16,10 +16,8 @@ from numba import njit
 
 from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid, local
+from lpvobs.observer.inverse import ROW, invert
 from lpvobs.records import Array
-
-MOST_OUTPUTS = 4
-"""Three states and the sensor; the update of the covariance takes them together."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class KalmanState:
     ----------
     theta : ndarray, shape (p,)
         [kg/s]
-    P : ndarray, shape (3 + p, 3 + p)
+    P : ndarray, shape (n + p, n + p)
         Covariance of states and nodes.
     """
 
@@ -66,10 +64,10 @@ class KalmanState:
     P: Array
 
 
-def start(grid: Grid, settings: KalmanSettings) -> KalmanState:
-    """Return the state before any data."""
-    P = np.zeros((3 + grid.size, 3 + grid.size))
-    P[3:, 3:] = settings.prior_map**2 * np.eye(grid.size)
+def start(grid: Grid, settings: KalmanSettings, n: int) -> KalmanState:
+    """Return the filter's state for n states of the engine before any data."""
+    P = np.zeros((n + grid.size, n + grid.size))
+    P[n:, n:] = settings.prior_map**2 * np.eye(grid.size)
     return KalmanState(np.zeros(grid.size), P)
 
 
@@ -94,33 +92,35 @@ def adapt(
     trajectory, time, segments, operating_point, grid
         As for `lpvobs.observer.recursion.observe`.
     measurement_variance : ndarray, shape (r,)
-    process_variance : ndarray, shape (3,)
+    process_variance : ndarray, shape (n,)
         Per second.
     map_drift : float
         [kg/s per square root of a second]
-    x_0 : ndarray, shape (S, 3)
+    x_0 : ndarray, shape (S, n)
         States at the first sample of each segment; their variance there is one second of process noise.
     """
     theta, P = state.theta.copy(), state.P.copy()  # of P, the lower triangle is kept up to date
-    u_delta, n_e = operating_point
+    fuel, speed = operating_point
+    r, n = trajectory.C.shape[1:]
     for (begin, end), first in zip(segments, x_0, strict=True):
         part = slice(begin, end)
-        P[:, :3] = 0.0
-        P[:3, :3] = np.diag(process_variance)
+        P[:, :n] = 0.0
+        P[:n, :n] = np.diag(process_variance)
         _filter(
             time[part],
             np.ascontiguousarray(trajectory.A[part]),
             np.ascontiguousarray(trajectory.E[part]),
             np.ascontiguousarray(trajectory.C[part]),
             np.ascontiguousarray(trajectory.y[part]),
-            u_delta[part],
-            n_e[part],
+            fuel[part],
+            speed[part],
             grid.fuel,
             grid.speed,
             measurement_variance,
             process_variance,
             map_drift**2,
-            first.copy(),
+            tuple(first.tolist()),
+            (0.0,) * r,
             theta,
             P,
         )
@@ -129,88 +129,85 @@ def adapt(
 
 @njit(cache=True)
 def _filter(  # type: ignore[no-untyped-def]
-    time, A, E, C, y, u_delta, n_e, u_nodes, n_nodes, R, Q, q_map, x, theta, P
+    time, A, E, C, y, fuel, speed, u_nodes, n_nodes, R, Q, q_map, first, outputs, theta, P
 ):
-    N, r = y.shape
+    """Move theta and P in place along one segment; the lengths of `first` and `outputs` are constants to the compiler."""
+    n, r = len(first), len(outputs)
     nodes, weights, none = np.empty(4, dtype=np.int64), np.empty(4), np.zeros(4)
-    PH, S, F = np.zeros((MOST_OUTPUTS, P.shape[0])), np.ones(MOST_OUTPUTS), np.empty((3, 3))
-    for k in range(N):
+    PH, S, x, driven = np.zeros((r, P.shape[0])), np.ones(r), np.array(first), np.empty(n)
+    M, F, spare, t = np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty(ROW)
+    for k in range(time.size):
+        q = k % ROW
+        if q == 0:
+            for m in range(min(ROW, time.size - k)):
+                h = time[k + m] - time[k + m - 1] if k + m > 0 else 0.0
+                for i in range(n):
+                    for j in range(n):
+                        M[i, j, m] = (1.0 if i == j else 0.0) - h * A[k + m, i, j]
+            F, spare = invert(first, M, F, spare, t)
         h = time[k] - time[k - 1] if k > 0 else 0.0
-        local(u_nodes, n_nodes, u_delta[k], n_e[k], nodes, weights)
+        local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
         if h > 0.0:
-            _step(A[k], h, F)
-            x0, x1, x2 = x[0] + h * E[k, 0], x[1] + h * E[k, 1], x[2] + h * E[k, 2]
-            for i in range(3):
-                x[i] = F[i, 0] * x0 + F[i, 1] * x1 + F[i, 2] * x2
-            _predict(F, P)
+            for i in range(n):
+                driven[i] = x[i] + h * E[k, i]
+            for i in range(n):
+                x[i] = 0.0
+                for j in range(n):
+                    x[i] += F[i, j, q] * driven[j]  # Eq. (4)
+            _predict(first, F[:, :, q], P)
             _drift(P, h, Q, q_map, nodes, weights)
         for o in range(r):
             _take_in(x, theta, P, PH, S, o, C[k, o], nodes, weights if o == r - 1 else none, y[k, o], R[o])
-        _update(P, PH, S)
-
-
-@njit(cache=True)
-def _step(A, h, F):  # type: ignore[no-untyped-def]
-    """Fill F with the inverse of I - h A, by cofactors."""
-    m00, m01, m02 = 1.0 - h * A[0, 0], -h * A[0, 1], -h * A[0, 2]
-    m10, m11, m12 = -h * A[1, 0], 1.0 - h * A[1, 1], -h * A[1, 2]
-    m20, m21, m22 = -h * A[2, 0], -h * A[2, 1], 1.0 - h * A[2, 2]
-    F[0, 0], F[0, 1], F[0, 2] = m11 * m22 - m12 * m21, m02 * m21 - m01 * m22, m01 * m12 - m02 * m11
-    F[1, 0], F[1, 1], F[1, 2] = m12 * m20 - m10 * m22, m00 * m22 - m02 * m20, m02 * m10 - m00 * m12
-    F[2, 0], F[2, 1], F[2, 2] = m10 * m21 - m11 * m20, m01 * m20 - m00 * m21, m00 * m11 - m01 * m10
-    inverse = 1.0 / (m00 * F[0, 0] + m01 * F[1, 0] + m02 * F[2, 0])
-    for i in range(3):
-        for j in range(3):
-            F[i, j] *= inverse
+        _update(P, PH, S, outputs)
 
 
 @njit(cache=True)
 def _drift(P, h, Q, q_map, nodes, weights):  # type: ignore[no-untyped-def]
     """Add the process noise of the states and of the nodes that take part."""
-    for i in range(3):
+    for i in range(Q.size):
         P[i, i] += h * Q[i]
     for m in range(4):
         if weights[m] > 0.0:
-            P[3 + nodes[m], 3 + nodes[m]] += h * q_map
+            P[Q.size + nodes[m], Q.size + nodes[m]] += h * q_map
 
 
 @njit(cache=True)
-def _take_in(  # type: ignore[no-untyped-def] # noqa: PLR0912 loops over three states and four nodes
+def _take_in(  # type: ignore[no-untyped-def] # noqa: PLR0912 loops over states and nodes
     x, theta, P, PH, S, o, c, nodes, weights, y, R
 ):
     """Correct states and map by output o, y = c x + weights theta + noise of variance R; leave its P H and S for the update."""
-    row = PH[o]
+    n, row = x.size, PH[o]
     row[:] = 0.0
     innovation, spread = y, R
-    for j in range(3):
+    for j in range(n):
         if c[j] != 0.0:
             innovation -= c[j] * x[j]
             _add_row(P, j, c[j], row)
     for m in range(4):
         if weights[m] > 0.0:
             innovation -= weights[m] * theta[nodes[m]]
-            _add_row(P, 3 + nodes[m], weights[m], row)
+            _add_row(P, n + nodes[m], weights[m], row)
     for earlier in range(o):  # what the outputs before it have taken from P
         other = PH[earlier]
         taken = 0.0
-        for j in range(3):
+        for j in range(n):
             taken += c[j] * other[j]
         for m in range(4):
-            taken += weights[m] * other[3 + nodes[m]]
+            taken += weights[m] * other[n + nodes[m]]
         taken /= S[earlier]
         if taken != 0.0:
             for i in range(row.size):
                 row[i] -= taken * other[i]
-    for j in range(3):
+    for j in range(n):
         spread += c[j] * row[j]
     for m in range(4):
-        spread += weights[m] * row[3 + nodes[m]]
+        spread += weights[m] * row[n + nodes[m]]
     S[o] = spread
     push = innovation / spread
-    for i in range(3):
+    for i in range(n):
         x[i] += row[i] * push
     for i in range(theta.size):
-        theta[i] += row[3 + i] * push
+        theta[i] += row[n + i] * push
 
 
 @njit(cache=True)
@@ -223,30 +220,43 @@ def _add_row(P, i, factor, row):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _update(P, PH, S):  # type: ignore[no-untyped-def]
+def _update(P, PH, S, outputs):  # type: ignore[no-untyped-def]
     """Take the information of all outputs from the lower triangle of P."""
-    a, b, c, d = PH[0], PH[1], PH[2], PH[3]
-    for i in range(a.size):
-        ga, gb, gc, gd = a[i] / S[0], b[i] / S[1], c[i] / S[2], d[i] / S[3]
-        if ga == 0.0 and gb == 0.0 and gc == 0.0 and gd == 0.0:
-            continue
-        target = P[i]
-        for j in range(i + 1):
-            target[j] -= (ga * a[j] + gb * b[j]) + (gc * c[j] + gd * d[j])
+    r, gain = len(outputs), np.empty(len(outputs))
+    for i in range(P.shape[0]):
+        known = False
+        for o in range(r):
+            gain[o] = PH[o, i] / S[o]
+            known |= gain[o] != 0.0
+        if known:
+            target = P[i]
+            for j in range(i + 1):
+                total = 0.0
+                for o in range(r):
+                    total += gain[o] * PH[o, j]
+                target[j] -= total
 
 
 @njit(cache=True)
-def _predict(F, P):  # type: ignore[no-untyped-def]
+def _predict(states, F, P):  # type: ignore[no-untyped-def]
     """Replace P by diag(F, I) P diag(F, I)^T in its lower triangle."""
-    p00, p10, p20 = P[0, 0], P[1, 0], P[2, 0]
-    p11, p21, p22 = P[1, 1], P[2, 1], P[2, 2]
-    for i in range(3):
-        r0 = F[i, 0] * p00 + F[i, 1] * p10 + F[i, 2] * p20
-        r1 = F[i, 0] * p10 + F[i, 1] * p11 + F[i, 2] * p21
-        r2 = F[i, 0] * p20 + F[i, 1] * p21 + F[i, 2] * p22
-        for j in range(i + 1):
-            P[i, j] = r0 * F[j, 0] + r1 * F[j, 1] + r2 * F[j, 2]
-    for i in range(3, P.shape[0]):
-        q0, q1, q2 = P[i, 0], P[i, 1], P[i, 2]
-        for j in range(3):
-            P[i, j] = F[j, 0] * q0 + F[j, 1] * q1 + F[j, 2] * q2
+    n, row = len(states), np.empty(len(states))
+    for i in range(n):  # the block of the states, first P F^T, then F times that
+        for j in range(i):
+            P[j, i] = P[i, j]
+    for i in range(P.shape[0]):
+        for j in range(n):
+            row[j] = P[i, j]
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += F[j, m] * row[m]
+            P[i, j] = total
+    for j in range(n):
+        for i in range(n):
+            row[i] = P[i, j]
+        for i in range(j, n):
+            total = 0.0
+            for m in range(n):
+                total += F[i, m] * row[m]
+            P[i, j] = total

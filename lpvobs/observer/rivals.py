@@ -29,11 +29,12 @@ def estimate_ekf(
     kalman: KalmanSettings,
     settings: EstimateSettings,
 ) -> MapEstimate:
-    """Return the map from an extended Kalman filter with 3 + p states, logs one after another."""
+    """Return the map from an extended Kalman filter with n + p states, logs one after another."""
     channels = (*gain.outputs, air_path.sensor)
     measurement = np.array([kalman.measurement_noise[name] for name in channels]) ** 2
     process = np.array([kalman.process_noise[name] for name in air_path.state_names]) ** 2
-    state = start(grid, kalman)
+    n = len(air_path.state_names)
+    state = start(grid, kalman, n)
     excited, runs = [], []
     for log in logs:
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
@@ -43,7 +44,7 @@ def estimate_ekf(
         )
         excited.append(excitation(grid, *point, log.time, log.segments))
         runs.append(run_of(log, trajectory.parameters, gain.region))
-    return finished("ekf", grid, state.theta, state.P[3:, 3:], runs, sum(excited[1:], excited[0]), settings)
+    return finished("ekf", grid, state.theta, state.P[n:, n:], runs, sum(excited[1:], excited[0]), settings)
 
 
 def estimate_batch(

@@ -17,6 +17,7 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.recursion import observe
+from lpvobs.observer.step import Sample, error_matrix
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
@@ -171,7 +172,7 @@ def test_constant_rho_tends_to_the_matrix_exponential_at_first_order(air_path):
     theta = 0.01 * np.ones(GRID.size)
     gamma, horizon, wrong = 15.0, 0.02, np.array([1e3, -2e3, 50.0])
     row = rows_of(one)[0]
-    F = dense.error_matrix(A, C, L_FOUR, gamma, row)
+    F = error_matrix(dense.sample_of(at, 0), L_FOUR, gamma * np.eye(GRID.size), row[None, :])
     exact = scipy.linalg.expm(F * horizon) @ np.concatenate((wrong, -theta))
 
     def missed(steps):
@@ -271,7 +272,9 @@ def test_explicit_euler_would_rise(proven):
     outputs, gain = proven["published"]
     A, C = (np.array(part, dtype=float) for part in Diesel.system(gain.region.lower, outputs))
     row = psi(GRID.fuel, GRID.speed, 10.0, 900.0)
-    explicit = np.eye(3 + GRID.size) + 0.01 * dense.error_matrix(A, C, gain.L, 200.0, row)
+    still = Sample(A, np.zeros(3), C, np.zeros(3))
+    F = error_matrix(still, gain.L, 200.0 * np.eye(GRID.size), row[None, :])
+    explicit = np.eye(3 + GRID.size) + 0.01 * F
     assert np.abs(np.linalg.eigvals(explicit)).max() > 10.0
 
 
@@ -283,8 +286,8 @@ def test_across_a_gap_the_map_is_carried_and_the_state_is_not(air_path):
     pieces, theta = [], np.zeros(GRID.size)
     for (begin, end), x_0 in zip(((0, 120), (120, 300)), starts, strict=True):
         part = slice(begin, end)
-        piece = Trajectory(*(getattr(trajectory, name)[part] for name in ("parameters", "A", "E", "C", "y")))
-        place = log["u_delta"][part], log["n_e"][part]
+        arrays = {name: getattr(trajectory, name)[part] for name in ("parameters", "A", "E", "C", "y")}
+        piece, place = replace(trajectory, **arrays), (log["u_delta"][part], log["n_e"][part])
         found = observe(piece, log.time[part], ((0, end - begin),), place, GRID, L_FOUR, 50.0, x_0[None, :], theta)
         theta = found.theta
         pieces.append(found)

@@ -36,7 +36,7 @@ def test_outputs_one_by_one_are_all_outputs_at_once(air_path, outputs):
     Q = np.array(list(DRIFT.values())) ** 2
     x_0 = np.array([[log[name][0] for name in air_path.state_names]])
     found = ekf.adapt(
-        ekf.start(SMALL, TUNING), trajectory, log.time, log.segments, point, SMALL, R, Q, TUNING.map_drift, x_0
+        ekf.start(SMALL, TUNING, 3), trajectory, log.time, log.segments, point, SMALL, R, Q, TUNING.map_drift, x_0
     )
     theta, P = kalman.run(trajectory, log.time, point, SMALL, R, Q, TUNING.map_drift, TUNING.prior_map, x_0[0])
     # Covariances of 1e8 Pa^2 beside 1e-8 kg^2/s^2, updated 250 times: the plain form (I - K H) P loses digits to that span.
@@ -55,7 +55,7 @@ def test_filter_on_a_system_without_zeros():
     point = rng.uniform(-5.0, 60.0, N), rng.uniform(600.0, 4100.0, N)
     R, Q, x_0 = rng.uniform(0.1, 1.0, r), rng.uniform(0.1, 1.0, 3), rng.standard_normal((1, 3))
     tuning = replace(TUNING, map_drift=0.3, prior_map=0.5)
-    found = ekf.adapt(ekf.start(SMALL, tuning), trajectory, time, ((0, N),), point, SMALL, R, Q, 0.3, x_0)
+    found = ekf.adapt(ekf.start(SMALL, tuning, 3), trajectory, time, ((0, N),), point, SMALL, R, Q, 0.3, x_0)
     theta, P = kalman.run(trajectory, time, point, SMALL, R, Q, 0.3, 0.5, x_0[0])
     # Sixty updates of covariances about one: rounding, which the plain form (I - K H) P lets grow a little.
     np.testing.assert_allclose(found.theta, theta, rtol=0, atol=1e-10)

@@ -1,4 +1,4 @@
-"""The extended Kalman filter of 3 + p states as textbooks have it: full matrices, all outputs at once."""
+"""The extended Kalman filter of n + p states as textbooks have it: full matrices, all outputs at once."""
 
 import numpy as np
 from reference.membership import psi
@@ -6,23 +6,23 @@ from reference.membership import psi
 
 def run(trajectory, time, point, grid, R, Q, map_drift, prior_map, x_0):
     """Return the map and the covariance of states and map after one segment; theta starts at zero."""
-    p = grid.size
+    p, n = grid.size, len(x_0)
     x = np.concatenate((x_0, np.zeros(p)))
-    P = np.zeros((3 + p, 3 + p))
-    P[:3, :3], P[3:, 3:] = np.diag(Q), prior_map**2 * np.eye(p)
+    P = np.zeros((n + p, n + p))
+    P[:n, :n], P[n:, n:] = np.diag(Q), prior_map**2 * np.eye(p)
     for k in range(len(time)):
         h = time[k] - time[k - 1] if k else 0.0
         row = psi(grid.fuel, grid.speed, point[0][k], point[1][k])
-        F = np.eye(3 + p)
-        F[:3, :3] = np.linalg.inv(np.eye(3) - h * trajectory.A[k])  # backward Euler of Eq. (4)
-        drive = np.zeros(3 + p)
-        drive[:3] = F[:3, :3] @ (h * trajectory.E[k])
+        F = np.eye(n + p)
+        F[:n, :n] = np.linalg.inv(np.eye(n) - h * trajectory.A[k])  # backward Euler of Eq. (4)
+        drive = np.zeros(n + p)
+        drive[:n] = F[:n, :n] @ (h * trajectory.E[k])
         W = np.diag(np.concatenate((h * Q, h * map_drift**2 * (row > 0))))  # only nodes that take part drift
         x, P = F @ x + drive, F @ P @ F.T + W
-        H = np.zeros((len(R), 3 + p))
-        H[:, :3] = trajectory.C[k]
-        H[-1, 3:] = row
+        H = np.zeros((len(R), n + p))
+        H[:, :n] = trajectory.C[k]
+        H[-1, n:] = row
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(R))
         x = x + K @ (trajectory.y[k] - H @ x)
-        P = (np.eye(3 + p) - K @ H) @ P
-    return x[3:], P
+        P = (np.eye(n + p) - K @ H) @ P
+    return x[n:], P
