@@ -32,6 +32,7 @@ from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import BLOCK
+from lpvobs.observer.step import Sample, local_step
 from lpvobs.records import Array, Log
 from lpvobs.simulation.simulate import simulate
 
@@ -55,22 +56,12 @@ def least(work: Callable[[], object], samples: int, rounds: int = ROUNDS) -> flo
 def plain(
     trajectory: Trajectory, time_: Array, point: tuple[Array, Array], grid: Grid, L: Array, gamma: float
 ) -> Array:
-    """Run the observer of Eq. (26) in NumPy alone, one dense (3 + 1) solve per sample, as one writes it at first."""
-    theta, x = np.zeros(grid.size), trajectory.y[0, :3].copy()
+    """Run the observer of Eq. (36) in NumPy alone, one step as printed after the other."""
+    theta, x = np.zeros(grid.size), trajectory.y[0, : L.shape[0]].copy()
+    nodes, weights = grid.regressors(*point)
     for k in range(1, time_.size):
-        h, C = time_[k] - time_[k - 1], trajectory.C[k]
-        nodes, weights = grid.regressors(point[0][k : k + 1], point[1][k : k + 1])
-        psi, place = weights[0], nodes[0]
-        g = gamma * psi @ psi
-        M = np.zeros((4, 4))
-        M[:3, :3] = np.eye(3) - h * (trajectory.A[k] - L @ C)
-        M[:3, 3], M[3, :3], M[3, 3] = h * L[:, -1], h * g * C[-1], 1.0 + h * g
-        right = np.append(
-            x + h * (trajectory.E[k] + L @ trajectory.y[k]), psi @ theta[place] + h * g * trajectory.y[k, -1]
-        )
-        solved = np.linalg.solve(M, right)
-        x = solved[:3]
-        theta[place] += h * gamma * psi * (trajectory.y[k, -1] - C[-1] @ x - solved[3])
+        sample = Sample(trajectory.A[k], trajectory.E[k], trajectory.C[k], trajectory.y[k])
+        x, theta = local_step(x, theta, time_[k] - time_[k - 1], sample, L, gamma, nodes[k], weights[k])
     return theta
 
 

@@ -22,7 +22,7 @@ SPEED_AXIS = MapAxis("n_e", "rpm", "engine speed")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The LPV system of Eq. (24) along a log: N samples, 3 states, r outputs.
+    """The LPV system of Eq. (24) along a log: N samples, n states, r outputs.
 
     The observer is at its fastest where neighbouring samples lie beside each other in memory.
 
@@ -30,16 +30,16 @@ class Trajectory:
     ----------
     parameters : ndarray, shape (N, m)
         The scheduling parameters in the order of `AirPath.parameter_names` (for the diesel rho_1..rho_5, a_1, a_2).
-    A : ndarray, shape (N, 3, 3)
+    A : ndarray, shape (N, n, n)
         [1/s and mixed]
-    E : ndarray, shape (N, 3)
+    E : ndarray, shape (N, n)
         Known input of the state equation.
-    C : ndarray, shape (N, r, 3)
+    C : ndarray, shape (N, r, n)
         Output matrix; the last row, C_2, carries the map.
     y : ndarray, shape (N, r)
         Measured outputs y_m; the last, y_m2, is the mass air flow sensor.
     steady : int
-        Outputs, from the first on, whose row of C is the same for all samples: they cost less.
+        Outputs, from the first on, whose row of C is the same for all samples: they cost the observer less time.
     """
 
     parameters: Array
@@ -132,7 +132,7 @@ class AirPath(Protocol):
         """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
 
     def states(self, log: Log) -> Array:
-        """Return the states along a log as measured, shape (N, 3), computed where no sensor shows them."""
+        """Return the states along a log as measured, shape (N, n), computed where no sensor shows them."""
 
     def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
         """Return the redundant flows along a log, given the time derivative of each smoothed channel."""

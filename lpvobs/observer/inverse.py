@@ -69,14 +69,7 @@ def _up_to_a_factor(states, M, T, spare, t):  # type: ignore[no-untyped-def]
         T[0, 0] = 1.0
     for p in range(1, n):
         if p > 1:
-            for i in range(n):
-                for j in range(n):
-                    row = spare[i, j]
-                    for k in range(ROW):
-                        total = 0.0
-                        for m in range(n):
-                            total += M[i, m, k] * T[m, j, k]
-                        row[k] = total
+            _product(states, M, T, spare)
             T, spare = spare, T
         for k in range(ROW):
             trace = 0.0
@@ -88,3 +81,16 @@ def _up_to_a_factor(states, M, T, spare, t):  # type: ignore[no-untyped-def]
             for k in range(ROW):
                 row[k] -= t[k]
     return T, spare
+
+
+@njit(cache=True)
+def _product(states, M, T, out):  # type: ignore[no-untyped-def]
+    n = len(states)
+    for i in range(n):
+        for j in range(n):
+            row = out[i, j]
+            for k in range(ROW):
+                total = 0.0
+                for m in range(n):
+                    total += M[i, m, k] * T[m, j, k]
+                row[k] = total

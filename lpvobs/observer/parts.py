@@ -33,7 +33,7 @@ class StateGain:
     ----------
     outputs : tuple of str
         Measured states among the outputs; the sensor comes after them.
-    L : ndarray, shape (3, r)
+    L : ndarray, shape (n, r)
     region : Region or None
         What its certificate covers; None where nobody asks.
     """

@@ -31,6 +31,7 @@ from lpvobs.maps.grid import Grid, reach, seek
 from lpvobs.observer.inverse import ROW, invert
 from lpvobs.records import Array
 
+
 @dataclass(frozen=True)
 class ObserverRun:
     """What the observer saw along a log of N samples, with n states.
@@ -123,7 +124,26 @@ def observe(
 
 @njit(cache=True, error_model="numpy")
 def _recursion(  # type: ignore[no-untyped-def]
-    before, start, stop, time, A, E, C, y, reading, steady, fuel, speed, u_nodes, n_nodes, L, gamma, first, theta, x, innovation
+    before,
+    start,
+    stop,
+    time,
+    A,
+    E,
+    C,
+    y,
+    reading,
+    steady,
+    fuel,
+    speed,
+    u_nodes,
+    n_nodes,
+    L,
+    gamma,
+    first,
+    theta,
+    x,
+    innovation,
 ):
     """Fill x and innovation and move theta in place along one segment.
 
@@ -132,7 +152,13 @@ def _recursion(  # type: ignore[no-untyped-def]
     """
     n, last = len(first), L.shape[1] - 1
     cascade = not L[:, last].any()
-    h, t, M, T, spare = np.empty(ROW), np.empty(ROW), np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW))
+    h, t, M, T, spare = (
+        np.empty(ROW),
+        np.empty(ROW),
+        np.empty((n, n, ROW)),
+        np.empty((n, n, ROW)),
+        np.empty((n, n, ROW)),
+    )
     drive, push, lent, b = np.empty((n, ROW)), np.empty((n, ROW)), np.empty((n, ROW)), np.ones(ROW)
     old, new = np.array(first), np.empty(n)
     p_1 = u_nodes.size
@@ -142,11 +168,7 @@ def _recursion(  # type: ignore[no-untyped-def]
     t0, t1, t2, t3 = theta[0], theta[1], theta[p_1], theta[p_1 + 1]
     for s in range(start, stop, ROW):
         N = min(ROW, stop - s)
-        now = time[s : s + N]
-        h[0] = now[0] - before
-        for k in range(1, N):
-            h[k] = now[k] - now[k - 1]
-        before = now[N - 1]
+        before = _steps(time[s : s + N], before, h)
         _closed_loop(s, N, h, A, E, C, y, steady, L, M, drive)
         T, spare = invert(first, M, T, spare, t)
         _times(first, T, drive, push)
@@ -178,7 +200,7 @@ def _recursion(  # type: ignore[no-untyped-def]
             g = h[k] * gamma * ((w0 * w0 + w1 * w1) + (w2 * w2 + w3 * w3))
             e = (a - b[k] * known) * (1.0 / (1.0 + b[k] * g))  # the reciprocal waits for no other sample
             e_out[k] = e
-            if e == e:  # otherwise it is NaN: the sensor says nothing
+            if not np.isnan(e):  # otherwise the sensor says nothing
                 if not cascade:
                     for i in range(n):
                         new[i] -= lent[i, k] * (known + g * e)
@@ -191,8 +213,17 @@ def _recursion(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _steps(time, before, h):  # type: ignore[no-untyped-def]
+    """Fill the steps h that lead to the samples, and return the time of the last one."""
+    for k in range(time.size):
+        h[k] = time[k] - before
+        before = time[k]
+    return before
+
+
+@njit(cache=True)
 def _closed_loop(s, N, h, A, E, C, y, steady, L, M, drive):  # type: ignore[no-untyped-def]
-    """Fill M = I - h (A - L C) and drive = h (E + L y) for N samples from s on; of the first `steady` outputs, C does not change."""
+    """Fill M = I - h (A - L C) and drive = h (E + L y) for N samples from s on; C of the first `steady` outputs does not change."""
     n, r = L.shape
     for i in range(n):
         for j in range(n):

@@ -54,7 +54,7 @@ def rates(x: Array, theta: Array, sample: Sample, L: Array, Gamma: Array, Psi: A
     C_2, y_2 = C[-1:], y[-1:]
     dx = A @ x + E + L @ (y - C @ x - G @ Psi @ theta)  # Eq. (26)
     dtheta = Gamma @ Psi.T @ (y_2 - C_2 @ x - Psi @ theta)  # Eq. (26)
-    return dx, dtheta
+    return np.asarray(dx), np.asarray(dtheta)
 
 
 def error_matrix(sample: Sample, L: Array, Gamma: Array, Psi: Array) -> Array:
@@ -64,9 +64,7 @@ def error_matrix(sample: Sample, L: Array, Gamma: Array, Psi: Array) -> Array:
     return np.block([[A - L @ C, -L @ G @ Psi], [-Gamma @ Psi.T @ C_2, -Gamma @ Psi.T @ Psi]])  # Eq. (30)
 
 
-def step(
-    x: Array, theta: Array, h: float, sample: Sample, L: Array, Gamma: Array, Psi: Array
-) -> tuple[Array, Array]:
+def step(x: Array, theta: Array, h: float, sample: Sample, L: Array, Gamma: Array, Psi: Array) -> tuple[Array, Array]:
     """Return x and theta after a step of h [s] that ends at the sample, by backward Euler.
 
     An output without a reading corrects nothing: its column of L is taken for zero, and without the sensor's reading the map
@@ -78,7 +76,7 @@ def step(
         sample = replace(sample, y=np.where(missing, 0.0, sample.y))
     F, n = error_matrix(sample, L, Gamma, Psi), x.size
     f = np.concatenate((sample.E + L @ sample.y, Gamma @ Psi.T @ sample.y[-1:]))
-    z = np.linalg.solve(np.eye(F.shape[0]) - h * F, np.concatenate((x, theta)) + h * f)
+    z = np.asarray(np.linalg.solve(np.eye(F.shape[0]) - h * F, np.concatenate((x, theta)) + h * f), dtype=np.float64)
     return z[:n], z[n:]
 
 
