@@ -17,7 +17,7 @@ from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
-from lpvobs.io.logs.columns import has_references
+from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key

@@ -12,9 +12,9 @@ from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.logs.columns import channel_units
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log
 from lpvobs.records import Array, Defects, Log

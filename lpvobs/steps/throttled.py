@@ -13,7 +13,7 @@ from lpvobs.discovery.throttled_closing import Closed, Nominal, close
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
-from lpvobs.io.logs.columns import channel_units
+from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.hdf import changing, reading
 from lpvobs.io.results.learned import read_learned

@@ -6,8 +6,8 @@ import pytest
 
 from lpvobs.api.ingest_log import ingest_log
 from lpvobs.api.inspect import inspect_log
-from lpvobs.io.logs.columns import channel_units
 from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.policies import LogPolicies
 
 LIU = ("wltp_NF", "wltp_f_waf_110", "wltp_f_pim_080", "wltp_f_pic_090", "wltp_f_iml_6mm")

@@ -17,8 +17,18 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.io.logs.columns import REFERENCES, as_floats, column_of, expect_channels, further_channels, has_references
-from lpvobs.io.logs.parquet import MOST_READINGS, metadata_of, refuse_huge, tables_of
+from lpvobs.io.logs.parquet import (
+    MOST_READINGS,
+    REFERENCES,
+    as_floats,
+    column_of,
+    expect_channels,
+    further_channels,
+    has_references,
+    metadata_of,
+    refuse_huge,
+    tables_of,
+)
 from lpvobs.io.logs.plausibility import refuse_implausible
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts, too_few, usable_rows
 from lpvobs.io.safety.unchanged import file_digest, refuse_changed, state_of

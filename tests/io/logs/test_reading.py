@@ -8,8 +8,7 @@ import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
-from lpvobs.io.logs.columns import channel_units
-from lpvobs.io.logs.parquet import write_log
+from lpvobs.io.logs.parquet import channel_units, write_log
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_references
 
