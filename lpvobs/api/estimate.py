@@ -1,32 +1,29 @@
 """`estimate`: logs in, map and metrics out."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import h5py
-import numpy as np
 
 from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
-from lpvobs.api.fleet import Workplace, estimate_fleet, refuse_copies, remove_parts, runs_by_digest
+from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_copies, refuse_empty, remove_parts
 from lpvobs.api.jobs import processors
 from lpvobs.api.pooled import contents, usable
 from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
-from lpvobs.errors import DataError, UsageError
+from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.agreement import write_agreement
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
-from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.log_summaries import summary_of
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import write_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
-from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
-from lpvobs.observer.parts import LogRun, StateGain
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 from lpvobs.steps.learning import engine_writer, learned_path
@@ -34,30 +31,6 @@ from lpvobs.steps.learning import engine_writer, learned_path
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
 METHODS = ("observer", "published", "ekf", "batch")
-
-
-@dataclass(frozen=True)
-class Estimated:
-    """What `estimate` wrote.
-
-    Attributes
-    ----------
-    estimate : MapEstimate
-    summaries : tuple of LogSummary
-        What the result keeps of each log, in the order given.
-    refused : tuple of str
-        Why other logs were left out.
-    scatter : float
-        [kg/s], between logs; NaN where it is not known.
-    agreement : tuple of Agreement
-        Of each log with the map of all; none for a single log or a rival method.
-    """
-
-    estimate: MapEstimate
-    summaries: tuple[LogSummary, ...]
-    refused: tuple[str, ...]
-    scatter: float = float("nan")
-    agreement: tuple[Agreement, ...] = ()
 
 
 def estimate(
@@ -146,7 +119,7 @@ def estimate_logs(
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     air_path = learned_path(config, paths)
     if method == "observer":
-        done = _by_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress, air_path)
+        done = estimate_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress, air_path)
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
     digests = {log.name: log.sha256 for log in done.summaries}
@@ -164,30 +137,6 @@ def estimate_logs(
     remove_parts(out)
     progress(1.0)
     return done
-
-
-def _by_fleet(
-    config: Config,
-    config_text: str,
-    gain: StateGain,
-    paths: Sequence[Path],
-    out: Path,
-    workplace: Workplace,
-    progress: Progress,
-    air_path: AirPath,
-) -> Estimated:
-    fleet = estimate_fleet(config, config_text, gain, paths, out, workplace, progress, refuse_empty, air_path)
-    digests = {path: sha256 for sha256, path in fleet.paths.items()}
-    runs = runs_by_digest(fleet.estimate)
-    agreement = {item.name: item for item in fleet.agreement}
-    used = [path for path in paths if path in digests]
-    return Estimated(
-        estimate=fleet.estimate,
-        summaries=tuple(summary_of(runs[digests[path]], fleet.metrics[digests[path]]) for path in used),
-        refused=fleet.refused,
-        scatter=fleet.scatter,
-        agreement=tuple(agreement[path.stem] for path in used if path.stem in agreement),
-    )
 
 
 def _one_after_another(
@@ -255,18 +204,6 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
     return stored
 
 
-def refuse_empty(estimate: MapEstimate) -> None:
-    """Raise where no node is informed, or a value is not a number."""
-    if not estimate.supported.any():
-        names = ", ".join(run.name for run in estimate.runs)
-        raise DataError(
-            f"{names}: no node of the map is informed for least_information in [estimate]; "
-            f"drive longer and over more operating points"
-        )
-    if not np.isfinite(estimate.theta[estimate.supported]).all():
-        raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
-
-
 def _estimate(
     config: Config, air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], method: str
 ) -> MapEstimate:
@@ -299,23 +236,3 @@ def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -
         return None
     fuel, speed = air_path.axes
     return compare(estimate.grid, estimate.theta, log[fuel.channel], log[speed.channel], references.delta_W_c)
-
-
-def summary_of(run: LogRun, metrics: Metrics | None) -> LogSummary:
-    """Return what a result keeps of a log."""
-    return LogSummary(
-        name=run.name,
-        sha256=run.sha256,
-        samples=run.samples,
-        samples_read=run.defects.samples_read,
-        dropped_rows=run.defects.dropped_rows,
-        gaps=run.defects.gaps,
-        repeated=run.defects.repeated,
-        duration=run.duration,
-        dropped=run.defects.dropped,
-        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
-        share_certified=run.share_certified,
-        lower=run.lower,
-        upper=run.upper,
-        metrics=metrics,
-    )

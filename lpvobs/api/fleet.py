@@ -20,13 +20,14 @@ from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
+from lpvobs.io.results.log_summaries import LogSummary, summary_of
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import MapEstimate, merged
-from lpvobs.observer.parts import LogInformation, LogRun, StateGain, inform
+from lpvobs.observer.parts import LogInformation, StateGain, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
@@ -43,31 +44,27 @@ class Workplace:
 
 
 @dataclass(frozen=True)
-class Fleet:
-    """The map of many logs.
+class Estimated:
+    """What `estimate` wrote.
 
     Attributes
     ----------
     estimate : MapEstimate
-        Its runs are in the order of the logs' digests.
-    paths : mapping of str to Path
-        Of each log that took part, by digest.
-    metrics : mapping of str to Metrics or None
-        By digest; None where a log has no references.
+    summaries : tuple of LogSummary
+        What the result keeps of each log, in the order given.
     refused : tuple of str
         Why other logs were left out.
     scatter : float
-        [kg/s], one standard deviation of a node between logs; NaN for a single log.
+        [kg/s], between logs; NaN where it is not known.
     agreement : tuple of Agreement
-        Of every log with the map; none for a single log.
+        Of each log with the map of all; none for a single log or a rival method.
     """
 
     estimate: MapEstimate
-    paths: dict[str, Path]
-    metrics: dict[str, Metrics | None]
+    summaries: tuple[LogSummary, ...]
     refused: tuple[str, ...]
-    scatter: float
-    agreement: tuple[Agreement, ...]
+    scatter: float = float("nan")
+    agreement: tuple[Agreement, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,9 +109,8 @@ def estimate_fleet(
     out: Path,
     workplace: Workplace,
     progress: Callable[[float], None],
-    check: Callable[[MapEstimate], None],
     air_path: AirPath,
-) -> Fleet:
+) -> Estimated:
     """Return the map of all logs that can be used.
 
     Parameters
@@ -129,8 +125,6 @@ def estimate_fleet(
     workplace : Workplace
     progress : callable
         Takes the fraction done.
-    check : callable
-        Raises if a map is of no use, before anything is compared with it.
     air_path : AirPath
         The engine, with what it has learned from the logs.
 
@@ -139,7 +133,7 @@ def estimate_fleet(
     UsageError
         For two logs of the same bytes.
     DataError
-        If no log can be used.
+        If no log can be used, or they inform no node.
     """
     refuse_copies(paths)
     grid = config.grid()
@@ -152,14 +146,23 @@ def estimate_fleet(
         task = PartTask(Path(), air_path, grid, gain, settings, config.policies, store.done(), alone)
         found, refusals = _parts(workers, task, paths, store, lambda f: progress(PARTS_SHARE * f))
         estimate, solution = merged(grid, store.parts(found), settings)
-        check(estimate)
+        refuse_empty(estimate)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
             scatter, agreement = agreements(grid, solution, store.parts(found), settings)
         rest = 1.0 - PARTS_SHARE
         metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(PARTS_SHARE + 0.9 * rest * f))
-    return Fleet(estimate, found, metrics, refusals, scatter, agreement)
+    summaries = {found[run.sha256]: summary_of(run, metrics[run.sha256]) for run in estimate.runs}
+    compared_with_all = {item.name: item for item in agreement}
+    used = [path for path in paths if path in summaries]
+    return Estimated(
+        estimate=estimate,
+        summaries=tuple(summaries[path] for path in used),
+        refused=refusals,
+        scatter=scatter,
+        agreement=tuple(compared_with_all[path.stem] for path in used if path.stem in compared_with_all),
+    )
 
 
 def _parts(
@@ -181,6 +184,18 @@ def _parts(
         store.remove()
         raise DataError("; ".join(refusals))
     return found, refusals
+
+
+def refuse_empty(estimate: MapEstimate) -> None:
+    """Raise where no node is informed, or a value is not a number."""
+    if not estimate.supported.any():
+        names = ", ".join(run.name for run in estimate.runs)
+        raise DataError(
+            f"{names}: no node of the map is informed for least_information in [estimate]; "
+            f"drive longer and over more operating points"
+        )
+    if not np.isfinite(estimate.theta[estimate.supported]).all():
+        raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
 
 
 def remove_parts(out: Path) -> None:
@@ -283,8 +298,3 @@ class _Store:
     def remove(self) -> None:
         if self.folder:
             self.folder.remove()
-
-
-def runs_by_digest(estimate: MapEstimate) -> dict[str, LogRun]:
-    """Return what the estimate keeps of its logs, by digest."""
-    return {run.sha256: run for run in estimate.runs}

@@ -6,14 +6,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from lpvobs.api.estimate import metrics_of, refuse_empty, summary_of
+from lpvobs.api.estimate import metrics_of
+from lpvobs.api.fleet import refuse_empty
 from lpvobs.discovery.observed import Refined, observed, observed_path
 from lpvobs.discovery.standing import Standing
 from lpvobs.engines.diesel.effects import diesel_plant
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.log_summaries import LogSummary, summary_of
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log

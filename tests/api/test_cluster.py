@@ -48,7 +48,7 @@ def logs(setting, tmp_path_factory):
 
 def estimated(setting, logs, out, workplace, progress=lambda _: None):
     config, text, gain = setting
-    return estimate_fleet(config, text, gain, logs, out, workplace, progress, lambda _: None, config.engine_path())
+    return estimate_fleet(config, text, gain, logs, out, workplace, progress, config.engine_path())
 
 
 @pytest.fixture(scope="module")

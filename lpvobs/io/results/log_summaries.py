@@ -8,6 +8,7 @@ import h5py
 from lpvobs.io.results.hdf import write_group
 from lpvobs.io.results.mapping import Item, Layout, fields, read
 from lpvobs.maps.metrics import Metrics
+from lpvobs.observer.parts import LogRun
 from lpvobs.records import Array
 
 METRICS = Layout(
@@ -66,6 +67,26 @@ class LogSummary:
     lower: Array
     upper: Array
     metrics: Metrics | None
+
+
+def summary_of(run: LogRun, metrics: Metrics | None) -> LogSummary:
+    """Return what a result keeps of a log."""
+    return LogSummary(
+        name=run.name,
+        sha256=run.sha256,
+        samples=run.samples,
+        samples_read=run.defects.samples_read,
+        dropped_rows=run.defects.dropped_rows,
+        gaps=run.defects.gaps,
+        repeated=run.defects.repeated,
+        duration=run.duration,
+        dropped=run.defects.dropped,
+        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
+        share_certified=run.share_certified,
+        lower=run.lower,
+        upper=run.upper,
+        metrics=metrics,
+    )
 
 
 SUMMARY = Layout(
