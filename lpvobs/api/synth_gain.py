@@ -44,7 +44,7 @@ def synth_gain(
     Returns
     -------
     StoredGain
-        `gain.L` of shape (n, r), n states, r outputs with the sensor last, in the units of the states per unit of the outputs and second;
+        `gain.L` of shape (n, r), outputs with the sensor last, in the units of the states per unit of the outputs and second;
         `gain.certificate`, and `gain.region` that it holds on.
 
     Raises
