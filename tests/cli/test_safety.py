@@ -22,16 +22,6 @@ def test_an_input_is_not_overwritten(lpvobs, config, chain, tmp_path):
     assert lpvobs("synth-gain", "--config", config, log, "--out", log).code == 2
 
 
-def test_good_logs_are_done_and_bad_ones_listed(lpvobs, config, chain, tmp_path):
-    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
-    bad.write_bytes(b"nothing")
-    done = lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, bad, "--out", out, "--json")
-    assert done.code == 3
-    assert [log["log"] for log in done.json["logs"]] == ["ftp75_cold"]
-    assert str(bad) in done.json["refused"][0]
-    assert out.exists()
-
-
 def test_the_same_drive_does_not_count_twice(lpvobs, config, chain, tmp_path):
     copy = shutil.copy(chain.log, tmp_path / "other_name.parquet")
     done = lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, copy, "--out", tmp_path / "r.h5")

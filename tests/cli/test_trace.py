@@ -6,41 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 import xarray as xr
 
-TAU = 0.1  # s
-
-
-@pytest.fixture(scope="module")
-def slow(lpvobs, config, tmp_path_factory):
-    """Return the same drive, with the same noise, of a sensor that follows the flow with a lag."""
-    folder = tmp_path_factory.mktemp("slow")
-    effects, path = folder / "lag.toml", folder / "slow.parquet"
-    effects.write_text(f'[[effect]]\nid = "maf.lag"\ntau = {TAU}\n')
-    drive = ("simulate", "--config", config, "--cycle", "ftp75_cold", "--rate", 20, "--seed", 3, "--effects", effects)
-    done = lpvobs(*drive, "--out", path)
-    assert done.code == 0, done.err
-    return path
-
-
-def test_a_log_in_order_is_found_in_order(lpvobs, chain, tmp_path):
-    out = tmp_path / "refined.h5"
-    before = chain.result.read_bytes()
-    done = lpvobs("refine", chain.result, chain.log, "--out", out, "--json")
-    assert done.code == 0, done.err
-    assert done.json["schema"] == "lpvobs/refine/1"
-    assert done.json["verdict"] == "none"
-    assert done.json["effects"] == []
-    assert out.read_bytes() == before
-
-
-@pytest.fixture(scope="module")
-def refined(lpvobs, chain, slow, tmp_path_factory):
-    """Return the refined result and what was said, with a second log held out."""
-    folder = tmp_path_factory.mktemp("refined")
-    out, other = folder / "refined.h5", folder / "other.parquet"
-    pq.write_table(pq.read_table(slow).slice(3000, 4000), other)
-    done = lpvobs("refine", chain.result, slow, "--hold-out", other, "--out", out, "--json")
-    assert done.code == 0, done.err
-    return out, done.json
+TAU = 0.1  # s, of the slow sensor
 
 
 def test_a_slow_sensor_is_named_sized_and_removed(refined):
@@ -181,16 +147,6 @@ def test_a_slow_sensor_is_named_on_a_slow_log(lpvobs, chain, slow, tmp_path):
     assert done.code == 0, done.err
     first = done.json["effects"][0]
     assert "maf.lag" in (first["id"], *first["indistinguishable"])
-
-
-@pytest.fixture(scope="module")
-def traced(lpvobs, chain, slow, tmp_path_factory):
-    """Return a result that was traced on a log that is none and a good one, and what was said."""
-    folder = tmp_path_factory.mktemp("traced")
-    result, bad = folder / "result.h5", folder / "bad.parquet"
-    result.write_bytes(chain.result.read_bytes())
-    bad.write_bytes(slow.read_bytes()[:5000])
-    return result, bad, lpvobs("trace", result, bad, slow, "--json")
 
 
 def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined, slow, traced, tmp_path):
