@@ -10,7 +10,7 @@ import numpy as np
 from lpvobs.api.files import File, some, writing
 from lpvobs.ingest.foreign import ingest
 from lpvobs.ingest.profiles import load_profile
-from lpvobs.io.logs.ingest_record import KEY
+from lpvobs.ingest.record import KEY
 from lpvobs.io.logs.parquet import write_log
 
 

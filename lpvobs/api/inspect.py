@@ -11,9 +11,9 @@ from lpvobs.api.files import File, as_path, as_paths
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
+from lpvobs.ingest.record import stored_record
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.ingest_record import stored_record
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.errors import DataError
 from lpvobs.ingest.clocks import Stamps, stamps
 from lpvobs.ingest.formats import open_recording, sniff
 from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised
@@ -68,8 +67,6 @@ def draft_profile(path: Path) -> str:
 
 
 def _look(path: Path) -> Clues:
-    if not path.is_file():
-        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
     kind = sniff(path)
     rules, layout = csv_layout(path) if kind == "csv" else (SourceRules(format=kind), ["its first bytes"])
     recording = open_recording(path, rules)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import MOST_COLUMNS, ForeignRecording
+from lpvobs.ingest.recordings import MOST_COLUMNS, ForeignRecording, opened
 
 
 def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
@@ -16,8 +16,6 @@ def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
     DataError
         If it is absent, unreadable, or larger than the memory that a source may take.
     """
-    if not path.is_file():
-        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
     found = sniff(path)
     recording = _opener(rules.format or found)(path, rules)
     if len(recording.heads) > MOST_COLUMNS:
@@ -29,11 +27,10 @@ def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
 
 def sniff(path: Path) -> str:
     """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
-    try:
-        with path.open("rb") as stream:
-            first = stream.read(128)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    with opened(path) as stream:
+        first = stream.read(8)
     if first[:4] == b"PAR1":
         return "parquet"
     if first[:8] in (b"MDF     ", b"UnFinMF "):
@@ -49,14 +46,10 @@ def _opener(kind: str) -> Callable[[Path, SourceRules], ForeignRecording]:
         from lpvobs.ingest.recording_parquet import open_parquet
 
         return open_parquet
-    if kind == "mat":
-        from lpvobs.ingest.recording_apart import open_mat
+    if kind == "csv":
+        from lpvobs.ingest.recording_csv import open_csv
 
-        return open_mat
-    if kind == "mdf":
-        from lpvobs.ingest.recording_apart import open_mdf
+        return open_csv
+    from lpvobs.ingest.recording_apart import open_mat, open_mdf
 
-        return open_mdf
-    from lpvobs.ingest.recording_csv import open_csv
-
-    return open_csv
+    return open_mat if kind == "mat" else open_mdf

@@ -1,6 +1,7 @@
 """How an unknown CSV file is laid out: delimiter, decimal sign, lines of names and units, and whether it was polled."""
 
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
+from lpvobs.ingest.recordings import opened
 from lpvobs.records import Array
 
 DELIMITERS = (";", "\t", ",", "|")
@@ -51,11 +53,8 @@ def csv_layout(path: Path) -> tuple[SourceRules, list[str]]:
 
 
 def _first_lines(path: Path) -> list[str]:
-    try:
-        with path.open(encoding="utf-8", errors="replace") as stream:
-            lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); name a file") from None
+    with opened(path) as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as stream:
+        lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
     kept = [line.rstrip("\r\n").lstrip("\ufeff") for line in lines if line]
     if sum(bool(line.strip()) for line in kept) < 2 or any("\0" in line for line in kept):
         raise DataError(f"{path}: not a CSV table with names and numbers; expected text; name another file")
@@ -83,8 +82,14 @@ def _commas(rows: list[list[str]]) -> bool:
     return any("," in word for word in numbers) and not any("." in word for word in numbers)
 
 
+def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
+    """Return how often a column changes out of its turn, and how often in all; row r is the turn of column r modulo `turns`."""
+    changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
+    return int(np.count_nonzero(changed % turns != turn)), changed.size
+
+
 def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
-    """Return which share of all changes falls into the turn of its column, if row r refreshes column r modulo their number.
+    """Return which share of all changes falls into the turn of its column.
 
     NaN where there are fewer than three columns or a hundred changes. By chance it would be one in the number of columns.
 
@@ -94,9 +99,6 @@ def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
     turns : list of str
         All columns besides time, in the order of the file.
     """
-    late = every = 0
-    for name, values in columns.items():
-        changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
-        late += int(np.count_nonzero(changed % len(turns) != turns.index(name)))
-        every += changed.size
+    counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
+    late, every = (sum(count[end] for count in counts) for end in (0, 1))
     return 1.0 - late / every if len(turns) >= 3 and every >= 100 else float("nan")

@@ -5,15 +5,17 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest.reader import Found, as_text, native, one_line, serve
-from lpvobs.ingest.recordings import Head
+from lpvobs.ingest.reader import Found, as_text, native, serve
+from lpvobs.ingest.recordings import Head, one_line
 
+MOST_MESSAGES = 10_000
 DEEPEST = 8
 """Conversions inside conversions."""
 _FORMULA = re.compile(
@@ -23,28 +25,17 @@ _FORMULA = re.compile(
 """Arithmetic. The library hands formulas to evaluators that run Python, and takes one that fails for no conversion at all."""
 
 
-class _Said(logging.Handler):
-    """Gathers what the library would print on stderr."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the message in one line."""
-        self.lines.append(one_line(record.getMessage()))
-
-
 @contextmanager
 def _opened(path: Path, notes: dict[str, str]) -> Iterator[Any]:
     """Yield an open file; the first of what the library complains of meanwhile becomes a note."""
     from asammdf import MDF
 
-    logger, said = logging.getLogger("asammdf"), _Said()
-    logger.handlers = [said]
+    said = BufferingHandler(MOST_MESSAGES)
+    said.setLevel(logging.WARNING)
+    logging.getLogger("asammdf").handlers = [said]
     yield MDF(path, process_bus_logging=False)
-    if said.lines:
-        notes["asammdf says"] = said.lines[0]
+    if said.buffer:
+        notes["asammdf says"] = one_line(said.buffer[0].getMessage())
 
 
 def heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:

@@ -1,15 +1,16 @@
 """Channels with time bases of their own brought to the stamps of one log, each by its rule."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.ingest import resample
 from lpvobs.ingest.profiles import ChannelRules, Profile
+from lpvobs.ingest.record import ChannelDone
 from lpvobs.ingest.recordings import MOST_BYTES
+from lpvobs.ingest.repairs import RecordedSamples
 from lpvobs.records import Array
 
 USUAL_STEPS = 2.5
@@ -19,25 +20,10 @@ FASTER = 1.5
 """A channel this many times as fast as the raster is averaged unless its profile says otherwise."""
 
 
-@dataclass(frozen=True)
-class RecordedSamples:
-    """One channel as recorded, in the unit of the log.
-
-    Attributes
-    ----------
-    time, values : ndarray, shape (N,)
-        [s], strictly increasing, and [unit of the log]; NaN where the recording has no value.
-    record : mapping
-        Where it comes from and what was repaired, for `inspect`.
-    """
-
-    time: Array
-    values: Array
-    record: dict[str, Any]
-
-
-def on_raster(samples: Mapping[str, RecordedSamples], profile: Profile) -> tuple[Array, dict[str, Array]]:
-    """Return the stamps of the log and every channel at them."""
+def on_raster(
+    samples: Mapping[str, RecordedSamples], profile: Profile
+) -> tuple[Array, dict[str, Array], dict[str, ChannelDone]]:
+    """Return the stamps of the log, every channel at them, and what was done to it."""
     rate = profile.raster.rate
     if rate == 0:
         at = _common(samples)
@@ -45,14 +31,18 @@ def on_raster(samples: Mapping[str, RecordedSamples], profile: Profile) -> tuple
         span = max(item.time[-1] for item in samples.values()) - min(item.time[0] for item in samples.values())
         needed = 8.0 * (span * rate + 1) * (len(samples) + 1)
         if needed > MOST_BYTES:
-            file = next(iter(samples.values())).record["file"]
+            file = next(iter(samples.values())).done.file
             raise DataError(
                 f"{file}: {span:.6g} s at {rate:g} Hz would take {needed / 2**30:.3g} GiB, expected at most "
                 f"{MOST_BYTES / 2**30:.0f}; check the unit of time, or lower rate in the profile's [raster]"
             )
         at = resample.raster([item.time for item in samples.values()], rate, profile.raster.gap)
-    values = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
-    return at, values
+    placed = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
+    return (
+        at,
+        {name: values for name, (values, _) in placed.items()},
+        {name: done for name, (_, done) in placed.items()},
+    )
 
 
 def _common(samples: Mapping[str, RecordedSamples]) -> Array:
@@ -61,14 +51,14 @@ def _common(samples: Mapping[str, RecordedSamples]) -> Array:
     for name in others:
         if not np.array_equal(samples[name].time, samples[first].time):
             raise DataError(
-                f"{samples[name].record['file']}: channel '{name}' is recorded at other times than '{first}', expected one "
+                f"{samples[name].done.file}: channel '{name}' is recorded at other times than '{first}', expected one "
                 f"time base; state rate in the profile's [raster]"
             )
     return samples[first].time
 
 
-def _placed(item: RecordedSamples, at: Array, rules: ChannelRules, profile: Profile) -> Array:
-    """Return a channel at the stamps of the log, and note the rule."""
+def _placed(item: RecordedSamples, at: Array, rules: ChannelRules, profile: Profile) -> tuple[Array, ChannelDone]:
+    """Return a channel at the stamps of the log, and what was done to it."""
     finite = np.isfinite(item.values)
     t, v = item.time[finite], item.values[finite]
     step = resample.median_step(t)
@@ -86,20 +76,16 @@ def _placed(item: RecordedSamples, at: Array, rules: ChannelRules, profile: Prof
         width = 1.0 / profile.raster.rate if profile.raster.rate else resample.median_step(at)
         values = resample.mean(t, v, at, limit, width)
     values = np.where(np.isfinite(values), values, np.nan)
-    filled = (
-        resample.bridged(t, at) & np.isfinite(values)
-        if t.size > 1 and rule != "as recorded"
-        else np.zeros(at.size, bool)
-    )
-    item.record.update(
+    far = resample.bridged(t, at) if t.size > 1 and rule != "as recorded" else False
+    return values, replace(
+        item.done,
         rate=1.0 / step if t.size > 1 else None,
         rule=rule,
         rule_from=why,
         limit=limit,
-        bridged=int(np.count_nonzero(filled)),
+        bridged=int(np.count_nonzero(far & np.isfinite(values))),
         without_value=int(np.count_nonzero(~np.isfinite(values))),
     )
-    return values
 
 
 def _rule(step: float, rules: ChannelRules, rate: float) -> tuple[str, str]:

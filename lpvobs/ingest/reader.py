@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest.recordings import Head
+from lpvobs.ingest.recordings import Head, one_line
 from lpvobs.io.safety.apart import limit
 
 Heads = Callable[[Path, dict[str, str]], Iterator["Found"]]
@@ -42,7 +42,7 @@ def serve(heads: Heads, tables: Tables) -> None:
         try:
             _answer(Path(path), heads, tables, out)
         except Exception as error:  # whatever a damaged byte leads to
-            _tell(out, {"error": one_line(str(error)) or type(error).__name__})
+            _tell(out, {"error": one_line(error) or type(error).__name__})
         out.flush()
         os._exit(0)
 
@@ -73,8 +73,3 @@ def as_text(found: object) -> str:
     """Return bytes or a string as text that can be written as UTF-8, nothing for what is neither."""
     text = found.decode(errors="replace") if isinstance(found, bytes) else found if isinstance(found, str) else ""
     return text.encode(errors="replace").decode()
-
-
-def one_line(text: str) -> str:
-    """Return the beginning of a message without its line breaks."""
-    return " ".join(text.split())[:200]

@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_samples
+from lpvobs.ingest.recordings import Column, Head, check_samples, opened
 from lpvobs.io.safety.apart import call, environment
 
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
@@ -75,7 +75,7 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
     if find_spec("asammdf") is None:
         raise UsageError(f"{path}: MDF needs the library asammdf, which is not installed; pip install 'lpvobs[mdf]'")
-    with path.open("rb") as stream:
+    with opened(path) as stream:
         magic = stream.read(8)
     if magic not in MDF_MAGIC:  # the library would unpack it
         raise DataError(

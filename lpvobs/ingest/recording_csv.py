@@ -12,7 +12,7 @@ from typing import Any
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_samples, split_unit
+from lpvobs.ingest.recordings import Column, Head, check_samples, one_line, opened, split_unit
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
@@ -67,9 +67,8 @@ class CsvRecording:
                     ),
                 )
         except (pa.ArrowException, OSError, ValueError, LookupError) as error:
-            reason = " ".join(str(error).split())[:200]
             raise DataError(
-                f"{self.path}: not a readable CSV table ({reason}); check delimiter and encoding in the profile's [source]"
+                f"{self.path}: not a readable CSV table ({one_line(error)}); check delimiter and encoding in the profile's [source]"
             ) from None
         self._note_broken(broken, table.num_rows)
         if survey.quotes:
@@ -116,15 +115,12 @@ class Survey:
 def _survey(path: Path, encoding: str) -> Survey:
     lines, size, quotes, decodes = 0, 0, False, True
     decoder = codecs.getincrementaldecoder("utf-8")()
-    try:
-        with path.open("rb") as stream:
-            while chunk := stream.read(LONGEST_LINE):
-                lines += max(chunk.count(b"\n"), chunk.count(b"\r"))
-                size += len(chunk)
-                quotes = quotes or b'"' in chunk
-                decodes = decodes and (encoding != "utf-8" or _decodes(decoder, chunk))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    with opened(path) as stream:
+        while chunk := stream.read(LONGEST_LINE):
+            lines += max(chunk.count(b"\n"), chunk.count(b"\r"))
+            size += len(chunk)
+            quotes = quotes or b'"' in chunk
+            decodes = decodes and (encoding != "utf-8" or _decodes(decoder, chunk))
     return Survey(lines + 1, size, quotes, decodes)
 
 
@@ -139,7 +135,7 @@ def _decodes(decoder: codecs.IncrementalDecoder, chunk: bytes) -> bool:
 def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
     """Refuse a file some of whose lines became part of a field, because a quotation mark before them is not closed."""
     lines, first = 0, 0
-    with path.open("rb") as stream:
+    with opened(path) as stream:
         for number, line in enumerate(stream, 1):
             if number > before and line.strip(b"\r\n"):
                 lines += 1
@@ -174,11 +170,8 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
 
 
 def _first_lines(path: Path, count: int) -> list[bytes]:
-    try:
-        with path.open("rb") as stream:
-            lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+    with opened(path) as stream:
+        lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
     if not lines[-1].strip() or len(lines[-1]) == LONGEST_LINE or b"\0" in lines[-1]:
         raise DataError(f"{path}: no header in line {count}; expected a CSV table; see [source] in the profile")
     return lines

@@ -1,16 +1,18 @@
 """Parquet files of other tools: units in the fields' metadata or in brackets behind the names."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_size, split_unit
+from lpvobs.ingest.recordings import Column, Head, check_size, one_line, split_unit
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 
 @dataclass(frozen=True)
@@ -24,35 +26,25 @@ class ParquetRecording:
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         check_size(self.path, sum(self.sizes[name] + 8 * self.heads[name].size for name in names))
-        try:
-            with pq.ParquetFile(self.path) as file:
-                table = file.read(columns=list(names), use_threads=False)
-        except (pa.ArrowException, OSError, ValueError) as error:
-            raise _unreadable(self.path, error) from None
+        with _parquet(self.path) as file:
+            table = file.read(columns=list(names), use_threads=False)
         return {name: Column(table.column(name)) for name in names}
 
 
 def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
     """Return a Parquet file with the names and units of its flat columns."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    try:
-        with pq.ParquetFile(path) as file:
-            schema, metadata = file.schema_arrow, file.metadata
-            sizes = dict.fromkeys(schema.names, 0)
-            for number in range(metadata.num_row_groups):
-                group = metadata.row_group(number)
-                for place in range(group.num_columns):
-                    chunk = group.column(place)
-                    sizes[chunk.path_in_schema] = sizes.get(chunk.path_in_schema, 0) + chunk.total_uncompressed_size
-            rows = metadata.num_rows
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
+    with _parquet(path) as file:
+        schema, metadata = file.schema_arrow, file.metadata
+        sizes = dict.fromkeys(schema.names, 0)
+        for number in range(metadata.num_row_groups):
+            group = metadata.row_group(number)
+            for place in range(group.num_columns):
+                chunk = group.column(place)
+                sizes[chunk.path_in_schema] = sizes.get(chunk.path_in_schema, 0) + chunk.total_uncompressed_size
+        rows = metadata.num_rows
     heads = {item.name: _head(item, rows) for item in schema if not pa.types.is_nested(item.type)}
     return ParquetRecording(path, {name: head for name, head in heads.items() if schema.names.count(name) == 1}, sizes)
 
@@ -64,5 +56,14 @@ def _head(item: "pa.Field", rows: int) -> Head:
     return Head(name, stored or inside, rows)
 
 
-def _unreadable(path: Path, error: Exception) -> DataError:
-    return DataError(f"{path}: not a readable Parquet file ({' '.join(str(error).split())[:200]}); export it again")
+@contextmanager
+def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
+    """Yield an open file, or say why it cannot be read."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise DataError(f"{path}: not a readable Parquet file ({one_line(error)}); export it again") from None

@@ -2,10 +2,11 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import IO, TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -98,21 +99,22 @@ class ForeignRecording(Protocol):
         """Return the columns with these full names."""
 
 
-def find(heads: Mapping[str, Head], names: Iterable[str]) -> str | None:
+def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | None:
     """Return the full name of the first wanted column that is there, None where none is; names may lack the unit.
 
     Raises
     ------
-    ValueError
-        If a name without unit or group fits more than one column.
+    DataError
+        If a name without unit or group fits more than one column; `what` is wanted of it.
     """
     for name in names:
-        if name in heads:
+        if name in recording.heads:
             return name
-        fitting = [full for full, head in heads.items() if head.name == name]
+        fitting = [full for full, head in recording.heads.items() if head.name == name]
         if len(fitting) > 1:
-            raise ValueError(
-                f"'{name}' is there {len(fitting)} times: {', '.join(fitting[:6])}; name one of them in full"
+            raise DataError(
+                f"{recording.path}: {what}: '{name}' is there {len(fitting)} times: {', '.join(fitting[:6])}; "
+                f"name one of them in full"
             )
         if fitting:
             return fitting[0]
@@ -139,6 +141,27 @@ def split_unit(header: str) -> tuple[str, str]:
     """
     found = _WITH_UNIT.fullmatch(header)
     return (found.group(1), found.group(2).strip()) if found else (header.strip(), "")
+
+
+def one_line(error: object) -> str:
+    """Return the beginning of a message without its line breaks."""
+    return " ".join(str(error).split())[:200]
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a file to read from.
+
+    Raises
+    ------
+    DataError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            yield stream
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
 
 
 def check_samples(path: Path, sizes: Sequence[int], text: float = 0.0) -> None:

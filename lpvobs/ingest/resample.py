@@ -12,6 +12,12 @@ SLACK = 1e-9
 """[s] Rounding of stamps; a sample this much too old is not too old."""
 
 
+def _neighbours(t: Array, at: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the numbers of the samples at or before each time, and of those after them; at the ends the outermost."""
+    left = np.clip(np.searchsorted(t, at + SLACK, side="right") - 1, 0, t.size - 1)
+    return left, np.minimum(left + 1, t.size - 1)
+
+
 def hold(t: Array, v: Array, at: Array, limit: float) -> Array:
     """Return the last sample at or before each time, NaN where it is older than `limit` [s] or there is none.
 
@@ -20,9 +26,9 @@ def hold(t: Array, v: Array, at: Array, limit: float) -> Array:
     >>> hold(np.array([0.0, 1.0]), np.array([5.0, 7.0]), np.array([0.5, 1.0, 1.8]), 0.7)
     array([ 5.,  7., nan])
     """
-    left = np.searchsorted(t, at + SLACK, side="right") - 1
-    known = (left >= 0) & (at - t[np.maximum(left, 0)] <= limit + SLACK)
-    return np.where(known, v[np.maximum(left, 0)], np.nan)
+    left, _ = _neighbours(t, at)
+    age = at - t[left]
+    return np.where((age >= -SLACK) & (age <= limit + SLACK), v[left], np.nan)
 
 
 def linear(t: Array, v: Array, at: Array, limit: float) -> Array:
@@ -35,8 +41,7 @@ def linear(t: Array, v: Array, at: Array, limit: float) -> Array:
     >>> linear(np.array([0.0, 1.0, 9.0]), np.array([5.0, 7.0, 8.0]), np.array([0.5, 1.0, 5.0]), 2.0)
     array([ 6.,  7., nan])
     """
-    left = np.clip(np.searchsorted(t, at + SLACK, side="right") - 1, 0, t.size - 1)
-    right = np.minimum(left + 1, t.size - 1)
+    left, right = _neighbours(t, at)
     there = np.abs(at - t[left]) <= SLACK
     between = (at > t[left]) & (right > left) & (t[right] - t[left] <= limit + SLACK)
     share = np.clip((at - t[left]) / np.where(right > left, t[right] - t[left], 1.0), 0.0, 1.0)
@@ -91,8 +96,7 @@ def raster(times: list[Array], rate: float, gap: float) -> Array:
     stamps = np.unique(np.concatenate(times))
     count = int(np.floor((stamps[-1] - stamps[0]) * rate + 1e-6)) + 1
     at = stamps[0] + np.arange(count) / rate
-    left = np.clip(np.searchsorted(stamps, at + SLACK, side="right") - 1, 0, stamps.size - 1)
-    right = np.minimum(left + 1, stamps.size - 1)
+    left, right = _neighbours(stamps, at)
     inside = (stamps[right] - stamps[left] > gap) & (at > stamps[left] + SLACK) & (at < stamps[right] - SLACK)
     return np.asarray(at[~inside])
 
@@ -104,6 +108,5 @@ def median_step(t: Array) -> float:
 
 def bridged(t: Array, at: Array) -> NDArray[np.bool_]:
     """Return which times stand between samples more than twice the usual step apart: the rule speaks there, not the sensor."""
-    left = np.clip(np.searchsorted(t, at + SLACK, side="right") - 1, 0, t.size - 1)
-    right = np.minimum(left + 1, t.size - 1)
+    left, right = _neighbours(t, at)
     return np.asarray((t[right] - t[left] > 2.0 * median_step(t)) & (at > t[left] + SLACK))

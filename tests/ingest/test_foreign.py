@@ -12,7 +12,7 @@ from repository import ROOT
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.foreign import ingest
 from lpvobs.ingest.profiles import ChannelRules, Raster, SourceRules, TimeRules, load_profile, profile_of, shipped
-from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.ingest.record import stored_record
 
 MINIMAL = """
 schema = 1

@@ -6,7 +6,7 @@ import pytest
 
 from lpvobs.api.ingest_log import ingest_log
 from lpvobs.api.inspect import inspect_log
-from lpvobs.io.logs.ingest_record import stored_record
+from lpvobs.ingest.record import stored_record
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.policies import LogPolicies
 
