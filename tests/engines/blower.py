@@ -1,6 +1,6 @@
 """A third engine for tests: a box that a blower fills and a nozzle empties. One state, other channels, everything else as usual.
 
-dp_box/dt = a_box (W_b - rho_n p_box),    W_maf = rho_n p_box
+dp_box/dt = a_box (k_b n_b - rho_n p_box),    W_maf = rho_n p_box
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ schema = 1
 air_path = "blower"
 [map]
 v_b = { start = 0, stop = 10, step = 2 }  # V, blower voltage
-n_b = { start = 0, stop = 4000, step = 1000 }  # rpm
+n_b = { start = 1000, stop = 3000, step = 500 }  # rpm
 [estimate]
 smoothing = 0.05
 least_information = 0.1
@@ -43,6 +43,7 @@ process_noise = { p_box = 1e3 }
 [engine]
 V_box = 0.01  # m^3, volume of the box
 A_n = 1e-4  # m^2, area of the nozzle
+k_b = 2e-5  # kg/s per rpm, what the blower delivers
 """
 
 
@@ -52,6 +53,7 @@ class Box:
 
     V_box: float
     A_n: float
+    k_b: float
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Blower:
         rho, a = self._rho(log), 287.0 * T / self.engine.V_box
         A, C = (np.moveaxis(np.array(rows), -1, 0) for rows in self.system((rho, a), outputs))
         y = np.column_stack([log[name] for name in (*outputs, self.sensor)])
-        return Trajectory(np.stack([rho, a], axis=1), A, np.zeros((len(log), 1)), C, y)
+        return Trajectory(np.stack([rho, a], axis=1), A, (a * self.engine.k_b * log["n_b"])[:, None], C, y)
 
     def states(self, log):
         return log["p_box"][:, None]

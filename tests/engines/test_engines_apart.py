@@ -1,7 +1,7 @@
 """An engine is one folder: no other room names it, its channels, its states, its parameters or its constants.
 
-Reads the sources with `ast`: texts, attributes, keywords, imports and the names of functions, classes and fields count;
-docstrings, comments, arguments and local names do not.
+Reads the sources with `ast`: texts, attributes, keywords, arguments, imports and the names of functions, classes and fields count;
+docstrings, comments and local names do not.
 """
 
 import ast
@@ -77,7 +77,7 @@ def said(tree):
         match node:
             case ast.Constant(value=str(text)) if id(node) not in explaining:
                 texts = [text]
-            case ast.Attribute(attr=text) | ast.keyword(arg=str(text)) | ast.alias(name=text):
+            case ast.Attribute(attr=text) | ast.arg(arg=text) | ast.keyword(arg=str(text)) | ast.alias(name=text):
                 texts = [text]
             case ast.FunctionDef(name=text) | ast.ClassDef(name=text) | ast.AnnAssign(target=ast.Name(id=text)):
                 texts = [text]
@@ -140,6 +140,7 @@ def test_a_plant_belongs_to_an_engine():
         ('log["u_delta"]', ["u_delta in line 1"]),
         ("log.omega_t", ["omega_t in line 1"]),
         ("f(m_f=1)", ["m_f in line 1"]),
+        ("def f(alpha_th): ...", ["alpha_th in line 1"]),
         ('path == "diesel"', ["diesel in line 1"]),
         ("from lpvobs.engines.throttled import ENGINE", ["throttled in line 1"]),
         ("isinstance(path, a.Diesel)", ["Diesel in line 1"]),
