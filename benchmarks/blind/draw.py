@@ -70,9 +70,9 @@ class Case:
         return self.piece[2] - self.piece[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Engine:
-    """What an engine brings to the bank.
+    """What an engine brings to the bank; it is equal to itself alone.
 
     Attributes
     ----------
