@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind thresholds docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -24,7 +24,8 @@ help:
 	@echo 'make test    the tests that take a moment; four minutes on two cores at most'
 	@echo 'make test-all them and then the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
-	@echo 'make blind   the blind bank: effects drawn at random, judged by a process that cannot know them; about an hour'
+	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
+	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
@@ -106,6 +107,9 @@ lint: $(VENV)/.ready
 blind: export OPENBLAS_NUM_THREADS = 1
 blind: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/blind
+
+thresholds: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/thresholds
 
 bench: export OPENBLAS_NUM_THREADS = 1
 bench: $(VENV)/.ready
