@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from alter import Array, Drive, Signals
+from alter import Array, Drive, Filling, Signals, filling_of
 from draw import (
     FACTOR,
     LESS,
@@ -116,7 +116,7 @@ def record(case: Case, path: Path, with_effects: bool) -> None:
     judged = (time >= case.piece[1]) & (time < case.piece[2])
     _write(path.with_suffix(".nominal.parquet"), time[~judged], {name: v[~judged] for name, v in signals.items()})
     own = time[judged] - time[judged][0]
-    drive = Drive(own, {name: values[judged] for name, values in signals.items()})
+    drive = Drive(own, {name: values[judged] for name, values in signals.items()}, _filling())
     _write(path, own, on_a_day(drive.altered(case.effects if with_effects else []), case.healthy))
 
 
@@ -150,6 +150,11 @@ def auxiliary(time: Array, seed: int) -> Signals:
 def _recorded() -> tuple[Array, Signals]:
     table = np.genfromtxt(_path(), delimiter=",", names=True)
     return table["time"], {name: factor * table[column] for name, (column, factor, _) in COLUMNS.items()}
+
+
+@cache
+def _filling() -> Filling:
+    return filling_of(_recorded()[1])
 
 
 def _path() -> Path:

@@ -89,7 +89,7 @@ def test_with_a_leak_the_manifold_is_in_balance(drive):
 
 def test_a_film_answers_a_step_with_its_time_constant():
     time = np.arange(0.0, 5.0, 0.05)
-    step = Drive(time, {"W_maf": np.where(time < 1.0, 0.01, 0.02)})
+    step = Drive(time, {"W_maf": np.where(time < 1.0, 0.01, 0.02)}, lambda p, n: p)
     reading = step.altered([{"id": "maf.lag", "tau": 0.4}])["W_maf"]
     since = time - 0.975  # a step between two samples stands in their middle
     expected = 0.01 + 0.01 * np.where(since > 0, 1.0 - np.exp(-since / 0.4), 0.0)
