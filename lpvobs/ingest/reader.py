@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from lpvobs.ingest.recordings import Head, one_line
-from lpvobs.io.safety.apart import limit
+from lpvobs.io.safety.sandbox import limit
 
 Heads = Callable[[Path, dict[str, str]], Iterator["Found"]]
 """From a file, and a mapping that takes notes, to its columns."""

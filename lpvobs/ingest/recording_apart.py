@@ -18,7 +18,7 @@ from typing import IO, Any
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, Head, check_samples, opened
-from lpvobs.io.safety.apart import call, environment
+from lpvobs.io.safety.sandbox import call, environment
 
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
 """What a library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""

@@ -23,7 +23,7 @@ from lpvobs.ingest.mdf_reader import expect_arithmetic
 from lpvobs.ingest.profiles import SourceRules, profile_of
 from lpvobs.ingest.recording_apart import open_mat, open_mdf
 from lpvobs.ingest.recording_csv import open_csv
-from lpvobs.io.safety import apart
+from lpvobs.io.safety import sandbox
 
 PROFILE = """
 schema = 1
@@ -306,5 +306,5 @@ def test_modules_in_the_working_folder_are_not_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
     path = hdf(tmp_path / "drive.mat")
-    line = apart.call("lpvobs.io.safety.probe", str(path), "10", str(2 << 30))
-    assert subprocess.run(line, env=dict(apart.environment()), check=False).returncode == 0
+    line = sandbox.call("lpvobs.io.safety.trial_read", str(path), "10", str(2 << 30))
+    assert subprocess.run(line, env=dict(sandbox.environment()), check=False).returncode == 0

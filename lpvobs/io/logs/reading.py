@@ -119,6 +119,7 @@ class LogFile:
                 yield Slab(table, rows, piece)
         self._defects = seen.defects()
         self._refuse_poor(slabs, seen)
+        _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         refuse_changed(self.path, self._state)
 
     def _usable_rows(self, time: Array, values: Mapping[str, Array], seen: SlabCounts) -> NDArray[np.int64]:
@@ -169,13 +170,12 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     file = LogFile(path, channels, policies)
     extra = further_channels(file.schema, file.units) if auxiliary else []
     refuse_huge(path, metadata_of(path).num_rows, len(file.units) + len(extra))
-    digest = file.sha256
     (whole,) = file.slabs(extra, MOST_READINGS)
     piece = whole.piece
     starts = np.flatnonzero(piece.begins).tolist()
     return Log(
         name=file.name,
-        sha256=digest,
+        sha256=file.sha256,
         time=piece.time,
         channels=piece.channels,
         auxiliary={name: as_floats(whole.table, name)[whole.rows] for name in extra},

@@ -12,8 +12,8 @@ import numpy as np
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.io.safety.plain import expect_plain
 from lpvobs.io.safety.seal import expect_sound, sealed
+from lpvobs.io.safety.self_contained import expect_self_contained
 from lpvobs.records import Array
 
 Attribute = str | int | float | np.number[Any]
@@ -147,7 +147,7 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     except OSError:
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
     with file:
-        expect_plain(file, f"{path}", remedy)
+        expect_self_contained(file, f"{path}", remedy)
         try:
             _expect_kind(file, path, kind, remedy)
             yield file

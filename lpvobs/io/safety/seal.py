@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from lpvobs.errors import DataError
-from lpvobs.io.safety.apart import call, environment
+from lpvobs.io.safety.sandbox import call, environment
 
 HEAD = b"\nlpvobs sha256 "
 LENGTH = len(HEAD) + 64 + 1
@@ -67,7 +67,7 @@ def _digest(path: Path, length: int) -> bytes:
 
 def _probe(path: str) -> str:
     """Return why a process of its own could not read the whole file, or nothing."""
-    line = call("lpvobs.io.safety.probe", path, str(SECONDS), str(BYTES))
+    line = call("lpvobs.io.safety.trial_read", path, str(SECONDS), str(BYTES))
     try:
         done = subprocess.run(
             line, env=environment(), capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False

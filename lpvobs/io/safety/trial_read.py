@@ -1,4 +1,4 @@
-"""Reads a whole HDF5 file in a process of its own: `python -m lpvobs.io.safety.probe FILE SECONDS BYTES`.
+"""Reads a whole HDF5 file in a process of its own: `python -m lpvobs.io.safety.trial_read FILE SECONDS BYTES`.
 
 Exit code 0 if everything in it can be read; otherwise the reason stands on stdout, or the process has died of it.
 """
@@ -7,7 +7,7 @@ import sys
 
 import h5py
 
-from lpvobs.io.safety.apart import limit
+from lpvobs.io.safety.sandbox import limit
 
 
 def read_everything(path: str) -> None:

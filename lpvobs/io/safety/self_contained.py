@@ -9,7 +9,7 @@ MOST_BYTES = 2**30
 """Of all numbers in a file together, unpacked; the largest map needs a fifth of it."""
 
 
-def expect_plain(file: h5py.File, name: str, remedy: str) -> None:
+def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
     """Raise DataError unless a file holds everything itself, under hard links, and unpacks to a reasonable size.
 
     Links are looked at, never followed: a soft or external link, a virtual dataset or one whose numbers lie in another file would
