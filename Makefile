@@ -149,6 +149,7 @@ docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(VENV)/.docs-ready
 	@mkdir -p build
 	$(VENV)/bin/python -m typer lpvobs.cli.main utils docs --name lpvobs --title Verbs --output build/verbs.md
+	$(VENV)/bin/python tools/equations.py > build/equations.md
 	$(VENV)/bin/mkdocs build --strict --site-dir $(BUILD)/docs
 	@echo 'Look at $(BUILD)/docs/index.html'
 

@@ -34,7 +34,7 @@ class Excitation:
 
     def cells(self) -> Array:
         """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""
-        return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))
+        return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))  # Eq. (29)
 
     def leverage(self) -> Array:
         """Return how many nodes the data of each cell determine, shape (p_2 - 1, p_1 - 1); the sum is that of informed nodes."""
@@ -122,6 +122,6 @@ def _accumulate(u_nodes, n_nodes, fuel, speed, time, gram, cell_gram):  # type: 
         local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
         for a in range(4):
             for b in range(4):
-                product = h * weights[a] * weights[b]
+                product = h * weights[a] * weights[b]  # Eq. (29)
                 gram[nodes[a], nodes[b]] += product
                 cell_gram[j, i, a, b] += product

@@ -32,7 +32,8 @@ class Grid:
 
     def __post_init__(self) -> None:
         for name, nodes in (("fuel", self.fuel), ("speed", self.speed)):
-            if nodes.ndim != 1 or nodes.size < 2 or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
+            usable = nodes.ndim == 1 and nodes.size >= 2 and np.all(np.isfinite(nodes))
+            if not (usable and np.all(np.diff(nodes) > 0)):  # Eq. (8)
                 raise ValueError(f"axis {name} needs at least two finite, strictly increasing nodes")
 
     @property
@@ -69,9 +70,9 @@ class Grid:
 @njit(cache=True)
 def locate(nodes: Array, value: float) -> tuple[int, float]:
     """Return the interval i and eta of Eq. (35) with value in (node_i, node_i+1]; eta is clipped outside the grid."""
-    i: int = min(max(int(np.searchsorted(nodes, value)) - 1, 0), nodes.size - 2)
-    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
-    return i, min(max(eta, 0.0), 1.0)
+    i: int = min(max(int(np.searchsorted(nodes, value)) - 1, 0), nodes.size - 2)  # Eq. (14), Eq. (15)
+    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])  # Eq. (35)
+    return i, min(max(eta, 0.0), 1.0)  # Eq. (12), Eq. (13)
 
 
 @njit(cache=True, inline="always")
@@ -87,8 +88,8 @@ def seek(nodes: Array, value: float, i: int) -> int:
 @njit(cache=True, inline="always")
 def share(nodes: Array, value: float, i: int) -> float:
     """Return eta of Eq. (35) in interval i, clipped outside the grid."""
-    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])
-    return min(max(eta, 0.0), 1.0)
+    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])  # Eq. (35)
+    return min(max(eta, 0.0), 1.0)  # Eq. (12), Eq. (13)
 
 
 @njit(cache=True)
@@ -104,11 +105,11 @@ def local(u_nodes: Array, n_nodes: Array, fuel: float, speed: float, nodes: NDAr
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
     i, eta_1 = locate(u_nodes, fuel)
     j, eta_2 = locate(n_nodes, speed)
-    first = j * u_nodes.size + i
+    first = j * u_nodes.size + i  # Eq. (23)
     nodes[0], nodes[1] = first, first + 1
     nodes[2], nodes[3] = first + u_nodes.size, first + u_nodes.size + 1
-    weights[0], weights[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
-    weights[2], weights[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2
+    weights[0], weights[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)  # Eq. (34)
+    weights[2], weights[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2  # Eq. (34)
 
 
 @njit(cache=True)
@@ -129,6 +130,6 @@ def _interpolate(u_nodes: Array, n_nodes: Array, theta: Array, fuel: Array, spee
         total = 0.0
         for m in range(4):
             if weights[m] != 0.0:  # a node that takes no part may be unknown
-                total += weights[m] * theta[nodes[m]]
+                total += weights[m] * theta[nodes[m]]  # Eq. (22)
         values[k] = total
     return values

@@ -56,7 +56,7 @@ class QuadraticFit:
 
 def terms(u: Array, n: Array) -> Array:
     """Return the regressors u^2, u, n^2, n, u n, 1 of Eq. (37), shape (..., 6)."""
-    return np.stack([u * u, u, n * n, n, u * n, np.ones_like(u)], axis=-1)
+    return np.stack([u * u, u, n * n, n, u * n, np.ones_like(u)], axis=-1)  # Eq. (37)
 
 
 def evaluate(coefficients: Array, u: Array, n: Array) -> Array:

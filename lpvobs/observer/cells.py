@@ -166,7 +166,7 @@ def _add(  # type: ignore[no-untyped-def] # noqa: PLR0912 rows of views would co
             visit.weights[m] += part[m]
         for a in range(4):
             for m in range(4):
-                sums.gram[c, a, m] += psi[a] * part[m]
+                sums.gram[c, a, m] += psi[a] * part[m]  # Eq. (29)
         for b in range(B):
             for m in range(4):
                 sums.right[c, b, m] += z[b, k] * part[m]

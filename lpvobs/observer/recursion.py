@@ -193,7 +193,7 @@ def _recursion(  # type: ignore[no-untyped-def]
             for i in range(n):
                 total = push[i, k]
                 for j in range(n):
-                    total += T[i, j, k] * old[j]
+                    total += T[i, j, k] * old[j]  # Eq. (36)
                 new[i] = total
                 a -= C_2[i, k] * total
             known = (w0 * t0 + w1 * t1) + (w2 * t2 + w3 * t3)
@@ -205,7 +205,7 @@ def _recursion(  # type: ignore[no-untyped-def]
                     for i in range(n):
                         new[i] -= lent[i, k] * (known + g * e)
                 step = h[k] * gamma * e
-                t0, t1, t2, t3 = t0 + step * w0, t1 + step * w1, t2 + step * w2, t3 + step * w3
+                t0, t1, t2, t3 = t0 + step * w0, t1 + step * w1, t2 + step * w2, t3 + step * w3  # Eq. (36)
             for i in range(n):
                 old[i] = new[i]
                 x_out[i, k] = new[i]

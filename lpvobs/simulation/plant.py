@@ -148,7 +148,7 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
         Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
     else:
         Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
-    return plant.condition.compressor_flow * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))
+    return plant.condition.compressor_flow * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))  # Eq. (2)
 
 
 @njit(cache=True)
@@ -178,7 +178,7 @@ def egr_flow(plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, 
     area = plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
     area += plant.condition.egr_leak
     if p_em >= p_im:
-        return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)
+        return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (2)
     return -c.k_reverse * area * p_im * egr_flow_function(plant, p_em / p_im) / sqrt(T_im * c.R_a)
 
 
@@ -187,7 +187,7 @@ def cylinder_flow(plant: Plant, p_im: float, n_e: float, T_im: float) -> float:
     """Return W_ei [kg/s] of Eq. (2)."""
     c = plant.engine
     eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(n_e) + c.c_vol3
-    return plant.condition.eta_vol * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))
+    return plant.condition.eta_vol * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))  # Eq. (2)
 
 
 @njit(cache=True)
@@ -263,7 +263,7 @@ def turbine_flow(plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: fl
     W_t, Pi_t = 0.0, 0.9999
     for _ in range(3):
         Pi_t = min((p_amb + c.k_exhaust * W_t**2) / p_em, 0.9999)
-        W_t = scale * sqrt(1.0 - Pi_t**c.K_t)
+        W_t = scale * sqrt(1.0 - Pi_t**c.K_t)  # Eq. (2)
     return W_t, Pi_t
 
 
@@ -289,7 +289,7 @@ def turbine_power(plant: Plant, W_t: float, Pi_t: float, omega_t: float, T_em: f
     drop = c.c_pe * T_em * (1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e))
     blade_speed_ratio = c.R_t * omega_t / sqrt(2.0 * drop)
     eta_tm = c.eta_tm_max - c.c_m * (blade_speed_ratio - c.bsr_opt) ** 2
-    return plant.condition.turbine_efficiency * min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop
+    return plant.condition.turbine_efficiency * min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop  # Eq. (2)
 
 
 @njit(cache=True)
@@ -299,7 +299,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
     W_ei = cylinder_flow(plant, p_im, given.n_e, T_im)
     u_delta = max(0.0, min(given.u_demand, smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
-    W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl
+    W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl  # Eq. (2)
     needed = W_f * b.air_fuel * b.X_Oc
     lambda_O = W_ei * x[X_OIM] / needed if needed > 0.0 else 1e9  # no fuel counts as lean
     W_eo = W_ei + W_f
@@ -321,7 +321,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
         T_em,
         max(0.0, W_ei * x[X_OIM] - needed) / W_eo,
         heating,
-        W_c * c.c_pa * heating,
+        W_c * c.c_pa * heating,  # Eq. (2)
         turbine_power(plant, W_t, Pi_t, omega_t, T_em),
     )
 
@@ -352,11 +352,11 @@ def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
     dT_im = (mixed_temperature(plant, f, T_im, given.T_amb) - T_im) / b.tau_T_im
     oxygen_in = (x[X_OEM] - x[X_OIM]) * max(f.W_egr, 0.0) + (b.X_Oc - x[X_OIM]) * (f.W_c + max(-f.W_leak, 0.0))
     oxygen_out = (f.X_Oe - x[X_OEM]) * (f.W_ei + f.W_f) + (x[X_OIM] - x[X_OEM]) * max(-f.W_egr, 0.0)
-    out[P_IM] = fill * (f.W_c + f.W_egr - f.W_ei - f.W_leak) + p_im / T_im * dT_im
-    out[P_EM] = empty * (f.W_ei + f.W_f - f.W_t - f.W_egr)
+    out[P_IM] = fill * (f.W_c + f.W_egr - f.W_ei - f.W_leak) + p_im / T_im * dT_im  # Eq. (1)
+    out[P_EM] = empty * (f.W_ei + f.W_f - f.W_t - f.W_egr)  # Eq. (1)
     out[X_OIM] = fill / p_im * oxygen_in
     out[X_OEM] = empty / x[P_EM] * oxygen_out
-    out[OMEGA_T] = (f.P_t - f.P_c) / (c.J_t * max(x[OMEGA_T], SLOWEST_TURBINE))
+    out[OMEGA_T] = (f.P_t - f.P_c) / (c.J_t * max(x[OMEGA_T], SLOWEST_TURBINE))  # Eq. (1)
     out[U_EGR1] = (given.u_egr - x[U_EGR1]) / b.tau_egr1
     out[U_EGR2] = (given.u_egr - x[U_EGR2]) / b.tau_egr2
     out[U_VGT] = (given.u_vgt - x[U_VGT]) / b.tau_vgt

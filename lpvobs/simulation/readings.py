@@ -116,7 +116,8 @@ def maf_reading(
         Settled; they act on what the effects leave.
     """
     W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
-    W = maf_characteristic(W + surface_error(surface, point["u_delta"], point["n_e"], W), time, point, effects)
+    W = W + surface_error(surface, point["u_delta"], point["n_e"], W)  # Eq. (7)
+    W = maf_characteristic(W, time, point, effects)
     for disturbance in disturbances:
         if isinstance(disturbance, ChannelEffect):
             W = disturbance.on(W, time, point[disturbance.channel])

@@ -99,7 +99,7 @@ def check(
         if smallest <= 0:
             return verdict(f"{name} is not positive definite", smallest)
     Y = product(exact_P, fractions(L))
-    for vertex in vertices:
+    for vertex in vertices:  # Eq. (33)
         A, C = problem.at(vertex)
         minus_M = _minus_M(A, C, problem.map_output, exact_P, Y, exact_Q, e_1, e_2)
         smallest = min(smallest, smallest_pivot(minus_M))
@@ -112,16 +112,11 @@ def _minus_M(
     A: Matrix, C: Matrix, map_output: int, P: Matrix, Y: Matrix, Q: Matrix, eps_1: Fraction, eps_2: Fraction
 ) -> Matrix:
     """Return -M of Eq. (27), (n + 2) x (n + 2), with Y = P L."""
-    n = len(A)
-    PA, YC = product(P, A), product(Y, C)
-    zero = Fraction(0)
-    rows = [
-        [*(YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)), -Y[i][map_output], -C[map_output][i]]
-        for i in range(n)
-    ]
-    PLG = [-Y[i][map_output] for i in range(n)]
-    C_2 = [-entry for entry in C[map_output]]
-    return [*rows, [*PLG, eps_1, zero], [*C_2, zero, eps_2]]
+    PA, YC, n, zero = product(P, A), product(Y, C), len(A), Fraction(0)
+    PLG, C_2 = [row[map_output] for row in Y], C[map_output]
+    states = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)] for i in range(n)]
+    rows = [[*row, -b, -c] for row, b, c in zip(states, PLG, C_2, strict=True)]
+    return [*rows, [*(-b for b in PLG), eps_1, zero], [*(-c for c in C_2), zero, eps_2]]  # Eq. (27)
 
 
 def _sizes(problem: GainProblem) -> tuple[int, int]:
@@ -140,7 +135,7 @@ def _about_scalars(eps_1: Fraction, eps_2: Fraction, falling_gain: bool) -> str:
     bound = 1 if falling_gain else 2
     if eps_1 <= 0 or eps_2 <= 0:
         return "eps_1 and eps_2 must be positive"
-    if bound - eps_1 - eps_2 <= 0:
+    if bound - eps_1 - eps_2 <= 0:  # Eq. (28)
         return f"{bound} - eps_1 - eps_2 > 0 does not hold"
     return ""
 

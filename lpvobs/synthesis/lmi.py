@@ -111,7 +111,7 @@ def _vertices(P: Any, halves: list[Any], PLG: Any, C_2: Array, k: float, cascade
     corner = cp.reshape(k * beta, (1, 1), order="C")
     constraints = [cp.bmat([[S, PLG], [PLG.T, corner]]) >> 0, beta >= least]
     for half, c in zip(halves, C_2, strict=True):
-        constraints.append(-half - half.T - S - beta * np.outer(c, c) - np.eye(n) >> 0)
+        constraints.append(-half - half.T - S - beta * np.outer(c, c) - np.eye(n) >> 0)  # Eq. (27)
     return beta, constraints
 
 

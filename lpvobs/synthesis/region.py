@@ -59,7 +59,7 @@ class Region:
         blocks = self.blocks()
         blockwise = [name for names, _ in blocks for name in names]
         order = [blockwise.index(name) for name in self.names]
-        points = (list(chain(*choice)) for choice in product(*(corners for _, corners in blocks)))
+        points = (list(chain(*choice)) for choice in product(*(corners for _, corners in blocks)))  # Eq. (33)
         return tuple(tuple(point[k] for k in order) for point in points)
 
     def blocks(self) -> tuple[tuple[tuple[str, ...], tuple[Point, ...]], ...]:

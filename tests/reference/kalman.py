@@ -14,7 +14,7 @@ def run(trajectory, time, point, grid, R, Q, map_drift, prior_map, x_0):
         h = time[k] - time[k - 1] if k else 0.0
         row = psi(grid.fuel, grid.speed, point[0][k], point[1][k])
         F = np.eye(n + p)
-        F[:n, :n] = np.linalg.inv(np.eye(n) - h * trajectory.A[k])  # backward Euler of Eq. (4)
+        F[:n, :n] = np.linalg.inv(np.eye(n) - h * trajectory.A[k])  # Eq. (4)
         drive = np.zeros(n + p)
         drive[:n] = F[:n, :n] @ (h * trajectory.E[k])
         W = np.diag(np.concatenate((h * Q, h * map_drift**2 * (row > 0))))  # only nodes that take part drift

@@ -12,7 +12,7 @@ import numpy as np
 def membership(nodes, value):
     """Return delta^0 .. delta^p of Eq. (16), (17): exactly one is 1, intervals open on the left, closed on the right."""
     edges = [-np.inf, *nodes, np.inf]
-    return [1.0 if low < value <= high else 0.0 for low, high in pairwise(edges)]
+    return [1.0 if low < value <= high else 0.0 for low, high in pairwise(edges)]  # Eq. (16), Eq. (17)
 
 
 def psi_axis(nodes, value):
@@ -24,15 +24,15 @@ def psi_axis(nodes, value):
     psi[p - 1] += delta[p]
     for i in range(p - 1):
         width = nodes[i + 1] - nodes[i]
-        psi[i] += delta[i + 1] * (nodes[i + 1] - value) / width
-        psi[i + 1] += delta[i + 1] * (value - nodes[i]) / width
+        psi[i] += delta[i + 1] * (nodes[i + 1] - value) / width  # Eq. (19), Eq. (21)
+        psi[i + 1] += delta[i + 1] * (value - nodes[i]) / width  # Eq. (19), Eq. (21)
     return psi
 
 
 def psi(u_nodes, n_nodes, u_delta, n_e):
     """Return Psi(v) of Eq. (23), shape (p,): the speed weights times a block-diagonal of the fuel weights."""
     blocks = np.kron(np.eye(len(n_nodes)), psi_axis(u_nodes, u_delta))
-    return psi_axis(n_nodes, n_e) @ blocks
+    return psi_axis(n_nodes, n_e) @ blocks  # Eq. (23)
 
 
 def gram(u_nodes, n_nodes, u_delta, n_e, time):

@@ -122,20 +122,20 @@ class Diesel:
         A, C, y = np.zeros((3, 3, N)), np.zeros((len(outputs) + 1, 3, N)), np.empty((len(outputs) + 1, N))
         _fill_A(parameters, A)
         for row, channel in enumerate(outputs):
-            C[row, STATES.index(channel)] = 1.0
-        C[-1, 2] = parameters[0]  # C_2 of Eq. (26)
+            C[row, STATES.index(channel)] = 1.0  # Eq. (25)
+        C[-1, 2] = parameters[0]  # Eq. (25)
         for row, channel in enumerate((*outputs, self.sensor)):
-            y[row] = log[channel]
-        return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))
+            y[row] = log[channel]  # Eq. (7)
+        return Trajectory(parameters.T, A.transpose(2, 0, 1), E.T, C.transpose(2, 0, 1), y.T, len(outputs))  # Eq. (24)
 
     @staticmethod
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
         """Return A of Eq. (5) and C of Eq. (25) as nested lists, exact when the parameters are."""
         r1, r2, r3, r4, r5, a_1, a_2 = parameters
         zero = 0 * r1
-        A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]
+        A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]  # Eq. (5)
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
-        return A, [*C, [zero, zero, r1]]
+        return A, [*C, [zero, zero, r1]]  # Eq. (25)
 
     def fingerprint(self) -> str:
         """Return nothing: all constants are configured."""
@@ -196,8 +196,8 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
         parameters[0, k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
         parameters[1, k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
         parameters[2, k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
-        parameters[5, k] = c.R_a * T_im[k] / c.V_im
-        parameters[6, k] = c.R_e * T_em[k] / c.V_em
+        parameters[5, k] = c.R_a * T_im[k] / c.V_im  # Eq. (5)
+        parameters[6, k] = c.R_e * T_em[k] / c.V_em  # Eq. (5)
     for k in range(N):
         parameters[4, k] = relation.rho_5(c, parameters[0, k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
     scale, p_es, Pi_t = np.empty(N), p_amb.copy(), np.empty(N)
@@ -208,8 +208,8 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
             parameters[3, k], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
     for k in range(N):
         power = relation.turbine_power(c, parameters[3, k] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
-        E[1, k] = parameters[6, k] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])
-        E[2, k] = power / (c.J_t * omega_t[k])
+        E[1, k] = parameters[6, k] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])  # Eq. (5)
+        E[2, k] = power / (c.J_t * omega_t[k])  # Eq. (5)
     return parameters.T, E.T
 
 
@@ -217,12 +217,12 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
 def _fill_A(parameters: Array, A: Array) -> None:
     for k in range(parameters.shape[1]):
         a_1, a_2 = parameters[5, k], parameters[6, k]
-        A[0, 0, k] = -a_1 * parameters[2, k]
-        A[0, 1, k] = a_1 * parameters[1, k]
-        A[0, 2, k] = a_1 * parameters[0, k]
-        A[1, 0, k] = a_2 * parameters[2, k]
-        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])
-        A[2, 2, k] = -parameters[4, k]
+        A[0, 0, k] = -a_1 * parameters[2, k]  # Eq. (5)
+        A[0, 1, k] = a_1 * parameters[1, k]  # Eq. (5)
+        A[0, 2, k] = a_1 * parameters[0, k]  # Eq. (5)
+        A[1, 0, k] = a_2 * parameters[2, k]  # Eq. (5)
+        A[1, 1, k] = -a_2 * (parameters[1, k] + parameters[3, k])  # Eq. (5)
+        A[2, 2, k] = -parameters[4, k]  # Eq. (5)
 
 
 @njit(cache=True)
@@ -232,7 +232,7 @@ def compressor_flow(  # type: ignore[no-untyped-def]
     """Return W_c = rho_1 omega_t, shape (N,) [kg/s], Eq. (2)."""
     flow = np.empty(n_e.size)
     for k in range(n_e.size):
-        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]
+        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]  # Eq. (2)
     return flow
 
 
@@ -243,8 +243,8 @@ def filling_flow(  # type: ignore[no-untyped-def]
     """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
     flow = np.empty(n_e.size)
     for k in range(n_e.size):
-        W_ei = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]
-        W_egr = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]
+        W_ei = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
+        W_egr = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
         stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
-        flow[k] = W_ei - W_egr + stored
+        flow[k] = W_ei - W_egr + stored  # Eq. (1)
     return flow

@@ -39,7 +39,7 @@ def compressor_efficiency(c: DieselConstants, W_c: float, p_im: float, p_amb: fl
 def rho_1(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
     """Return rho_1 [kg/rad] of Eq. (3), so that W_c = rho_1 omega_t."""
     Phi_c = compressor_flow_coefficient(c, p_im, omega_t, p_amb, T_amb)
-    return p_amb * pi * c.R_c**3 * Phi_c / (c.R_a * T_amb)
+    return p_amb * pi * c.R_c**3 * Phi_c / (c.R_a * T_amb)  # Eq. (3)
 
 
 @njit(cache=True)
@@ -48,7 +48,7 @@ def rho_2(c: DieselConstants, p_im: float, p_em: float, u_egr: float, T_im: floa
     u = min(max(u_egr, 0.0), -0.5 * c.c_egr2 / c.c_egr1)
     area = c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u
     if p_em >= p_im:
-        return area * egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)
+        return area * egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (3)
     reverse = c.k_reverse * area * p_im * egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
     return -reverse / p_em
 
@@ -64,7 +64,7 @@ def egr_flow_function(c: DieselConstants, ratio: float) -> float:
 def rho_3(c: DieselConstants, p_im: float, n_e: float, T_im: float) -> float:
     """Return rho_3 [kg/(s Pa)] of Eq. (3), so that W_ei = rho_3 p_im."""
     eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(max(n_e, 0.0)) + c.c_vol3
-    return eta_vol * n_e * c.V_d / (120.0 * c.R_a * T_im)
+    return eta_vol * n_e * c.V_d / (120.0 * c.R_a * T_im)  # Eq. (3)
 
 
 @njit(cache=True)
@@ -99,7 +99,7 @@ def turbine_pass(
 ) -> tuple[float, float, float]:
     """Return rho_4 and Pi_t for a back pressure p_es, and the back pressure that this flow makes: one pass of the fixed point."""
     Pi_t = min(p_es / p_em, 0.9999)
-    flow = scale * sqrt(1.0 - Pi_t**c.K_t)
+    flow = scale * sqrt(1.0 - Pi_t**c.K_t)  # Eq. (3)
     return flow, Pi_t, p_amb + c.k_exhaust * (flow * p_em) ** 2
 
 
@@ -109,7 +109,7 @@ def turbine_power(c: DieselConstants, W_t: float, Pi_t: float, omega_t: float, T
     drop = 1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e)
     bsr = c.R_t * omega_t / sqrt(2.0 * c.c_pe * T_em * drop)
     eta_tm = min(max(c.eta_tm_max - c.c_m * (bsr - c.bsr_opt) ** 2, c.eta_tm_min), 1.0)
-    return eta_tm * W_t * c.c_pe * T_em * drop
+    return eta_tm * W_t * c.c_pe * T_em * drop  # Eq. (2)
 
 
 @njit(cache=True)
@@ -120,10 +120,10 @@ def rho_5(c: DieselConstants, rho_1_: float, p_im: float, omega_t: float, p_amb:
     """
     head = max((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0, 0.0)
     eta_c = compressor_efficiency(c, rho_1_ * omega_t, p_im, p_amb)
-    return c.c_pa * T_amb * rho_1_ * head / (c.J_t * omega_t * eta_c)
+    return c.c_pa * T_amb * rho_1_ * head / (c.J_t * omega_t * eta_c)  # Eq. (3)
 
 
 @njit(cache=True)
 def cylinder_fuel_flow(c: DieselConstants, n_e: float, u_delta: float) -> float:
     """Return W_f [kg/s] of Eq. (2)."""
-    return 1e-6 / 120.0 * c.n_cyl * n_e * u_delta
+    return 1e-6 / 120.0 * c.n_cyl * n_e * u_delta  # Eq. (2)
