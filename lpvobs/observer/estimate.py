@@ -1,10 +1,9 @@
-"""From a log to its part of the map: the default method and the observer as published.
+"""From logs to the map: the default method and the observer as published.
 
-Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with a gain whose last column is zero,
-so that the state error does not depend on the map and decays as the certificate of the gain proves, inside its region; then the map
-in information form (see `information`), from every balance that the engine offers. In this cascade the map's error is that of least
-squares, driven by a decaying state error, noise and model error. Theorem 1 itself is proven for one balance and constant Gamma (or,
-where the certificate says so, for gains that fall with information); it is not claimed for the mixture of balances.
+Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
+whose last column is zero; then the map by weighted least squares behind that state, from every balance of the engine. It is not the
+map equation of Eq. (26): `information` says how it departs. Theorem 1 is proven for one balance and constant Gamma (or, where the
+certificate says so, for gains that fall with information); it is not claimed for the mixture of balances.
 
 Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """

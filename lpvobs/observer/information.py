@@ -1,13 +1,20 @@
-"""The map in information form, with what the engine's constants owe it.
+"""The map equation of the default method: weighted least squares over the whole drive, in information form.
 
 Along the log, with W_hat the flow that the balances agree on,
 
     z = W_maf - W_hat = Psi(v) theta + g beta + e,
 
 theta being the map, beta what the map is not told of (the relative errors of the engine's configured constants, known to lie within
-their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map equation of the observer with the gain
-Gamma(t) = H(t)^-1, dH/dt = w Psi^T Psi, has the solution theta = H^-1 h with H and h the integrals of w Psi^T Psi and w Psi^T z,
-which is what is computed here. The integrals of several logs add up.
+their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map is theta = H^-1 h, with H and h the integrals of w Psi^T Psi
+and w Psi^T z; those of several logs add up.
+
+How this departs from Eq. (26) and (36), whose map equation is dtheta/dt = Gamma Psi^T (y_m2 - C_2 x - Psi theta):
+
+- Gamma is no constant diagonal matrix. Least squares solves the same equation with w in front of Psi^T and Gamma(t) = H(t)^-1,
+  dH/dt = w Psi^T Psi. So a node is the average over all its visits; with Gamma = 200 I it is the last visit, noise included.
+- The flow is not C_2 x alone but a mixture of all balances of the engine, of which C_2 x is one (see `balance_errors`).
+- The map does not act back on the state: the gain is a cascade, its last column is zero. The state error decays as the certificate
+  says, whatever the map is, and enters here as an error of z.
 
 The constants are not fitted to the log: a disagreement of the balances of a few hundredths of a gram per second would move them
 by percents along directions that hardly change it, and the map with them. Their tolerance is carried into the covariance instead
