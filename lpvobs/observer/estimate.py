@@ -3,7 +3,8 @@
 Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
 whose last column is zero; then the map by weighted least squares behind that state, from every balance of the engine. It is not the
 map equation of Eq. (26): `information` says how it departs. Theorem 1 is proven for one balance and constant Gamma (or, where the
-certificate says so, for gains that fall with information); it is not claimed for the mixture of balances.
+certificate says so, for gains that fall with information); it is not claimed for the mixture of balances. The certificate is about
+the state, and the state is nearly its newest measurement: of a gain of 2000 1/s and samples 10 ms apart, 95 % (1 - 1 / (1 + h L)).
 
 Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """
