@@ -1,8 +1,19 @@
 """`profile`: what a recording seems to be, as a profile for `ingest`."""
 
+from dataclasses import dataclass
+
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.io.safety.atomic import replacing
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileOutput:
+    """A drafted profile."""
+
+    source: str
+    profile: str | None
+    text: str
 
 
 def draft_profile(source: File, out: File | None = None) -> str:

@@ -1,10 +1,13 @@
 """`estimate`: logs in, map and metrics out."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import h5py
+from msgspec import Meta
 
 from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_copies, refuse_empty, remove_parts
@@ -20,17 +23,41 @@ from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.log_summaries import summary_of
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import write_result
+from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
+from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
+from lpvobs.report.outputs import LogOutput
 from lpvobs.steps.learning import engine_writer, learned_path
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""
 METHODS = ("observer", "published", "ekf", "batch")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeCounts:
+    """Nodes of a map, and those of them that the logs inform."""
+
+    nodes: Count
+    estimated: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOutput:
+    """A map, and its metrics by log."""
+
+    result: str
+    method: str
+    logs: Sequence[LogOutput]
+    refused: Refused
+    map: NodeCounts
+    scatter: Annotated[float, Meta(description="kg/s, of a node between logs")]
+    agreement: Sequence[Agreement]
 
 
 def estimate(

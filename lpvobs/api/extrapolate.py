@@ -1,12 +1,22 @@
 """`extrapolate`: the quadratic of Eq. (37) into a result."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvobs.api.files import File, updating
 from lpvobs.io.results.results import StoredResult, add_extrapolation, read_result
+from lpvobs.kinds import Fraction
 from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
+from lpvobs.report.outputs import QuadraticOutput
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtrapolateOutput(QuadraticOutput):
+    """The quadratic of Eq. (37), and how often it predicts the outer nodes."""
+
+    result: str
+    outer_coverage: Fraction
 
 
 def extrapolate(result: File) -> tuple[QuadraticFit, float]:

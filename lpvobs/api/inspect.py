@@ -1,11 +1,13 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.api.files import File, as_path, as_paths
 from lpvobs.engines.channels import Channel
@@ -17,96 +19,86 @@ from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log
+from lpvobs.kinds import Count, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
 
 
-def defect_list(defects: Defects) -> list[dict[str, Any]]:
+@dataclass(frozen=True, kw_only=True)
+class Defect:
+    """What is wrong with some samples, and what was done about it."""
+
+    defect: str
+    channel: str
+    count: Count
+    policy: str
+    first: Annotated[float, Meta(description="s")] | UnsetType = UNSET
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelOutput:
+    """A channel of a log: its range in the log's unit."""
+
+    unit: str
+    unit_in_file: str
+    use: Literal["needed", "auxiliary"]
+    min: float
+    median: float
+    max: float
+    dropped: Count
+    refresh: Annotated[float, Meta(description="Hz, how often it changes; null for a constant")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectedLog:
+    """What is in a log, and what the policies did."""
+
+    log: str
+    sha256: Sha
+    samples: Count
+    samples_read: Count
+    dropped_rows: Count
+    repeated: Count
+    gaps: Count
+    segments: Count
+    duration: Seconds
+    rate: Annotated[float, Meta(description="Hz")]
+    defects: Sequence[Defect]
+    channels: Mapping[str, ChannelOutput]
+    ingest: Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/IngestRecord"})] | None
+    lacking: Annotated[Mapping[str, Sequence[str]], Meta(description="By engine, where the log suits none.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectOutput:
+    """What is in logs, and what the policies did."""
+
+    logs: Sequence[InspectedLog]
+    refused: Refused
+
+
+def defects_of(defects: Defects) -> tuple[Defect, ...]:
     """Return every defect found in a log with its channel, the samples it concerns, and what was done about it."""
-    spoiled: dict[str, int] = {}
+    spoiled: Counter[str] = Counter()
     for item in defects.findings:
-        spoiled[item.channel] = spoiled.get(item.channel, 0) + item.samples
-    missing = {name: count - spoiled.get(name, 0) for name, count in defects.dropped.items()}
-    found: list[dict[str, Any]] = [
-        {"defect": "no reading", "channel": name, "count": count, "policy": "drop"}
+        spoiled[item.channel] += item.samples
+    missing = {name: count - spoiled[name] for name, count in defects.dropped.items()}
+    found = [
+        Defect(defect="no reading", channel=name, count=count, policy="drop")
         for name, count in missing.items()
         if count
     ]
     found += [
-        {
-            "defect": item.kind,
-            "channel": item.channel,
-            "count": item.samples,
-            "first": item.first,
-            "policy": item.policy,
-        }
+        Defect(defect=item.kind, channel=item.channel, count=item.samples, policy=item.policy, first=item.first)
         for item in defects.findings
     ]
     if defects.gaps:
-        found.append({"defect": "gap", "channel": "time", "count": defects.gaps, "policy": "split"})
+        found.append(Defect(defect="gap", channel="time", count=defects.gaps, policy="split"))
     if defects.repeated:
-        found.append({"defect": "repeated or backward", "channel": "time", "count": defects.repeated, "policy": "drop"})
-    return found
+        found.append(Defect(defect="repeated or backward", channel="time", count=defects.repeated, policy="drop"))
+    return tuple(found)
 
 
-@dataclass(frozen=True)
-class Inspection:
-    """A log as the estimator sees it, with the unit that each channel has in the file.
-
-    `ingest` is what was done to make the log of a foreign recording, None for a log that says nothing of it; `lacking` what each
-    engine would still need where the log suits none.
-    """
-
-    path: Path
-    log: Log
-    needed: Mapping[str, Channel]
-    file_units: Mapping[str, str]
-    ingest: Mapping[str, Any] | None = None
-    lacking: Mapping[str, list[str]] = field(default_factory=dict)
-
-    def as_content(self) -> dict[str, Any]:
-        """Return plain data for text or JSON."""
-        log, defects = self.log, self.log.defects
-        steps = np.diff(log.time)
-        channels: dict[str, Any] = {"time": self._channel("time", log.time, "s", "needed")}
-        for name, values in log.channels.items():
-            channels[name] = self._channel(name, values, self.needed[name].unit, "needed")
-        for name, values in log.auxiliary.items():
-            channels[name] = self._channel(name, values, self.file_units[name], "auxiliary")
-        return {
-            "log": str(self.path),
-            "sha256": log.sha256,
-            "samples": len(log),
-            "samples_read": defects.samples_read,
-            "dropped_rows": defects.dropped_rows,
-            "repeated": defects.repeated,
-            "gaps": defects.gaps,
-            "segments": len(log.segments),
-            "duration": float(log.time[-1] - log.time[0]),
-            "rate": float(1.0 / np.median(steps)),
-            "defects": defect_list(defects),
-            "channels": channels,
-            "ingest": self.ingest,
-            "lacking": self.lacking,
-        }
-
-    def _channel(self, name: str, values: Array, unit: str, use: str) -> dict[str, Any]:
-        finite = values[np.isfinite(values)]
-        low, middle, high = (
-            (float(finite.min()), float(np.median(finite)), float(finite.max())) if finite.size else (np.nan,) * 3
-        )
-        return {
-            "unit": unit,
-            "unit_in_file": self.file_units.get(name, ""),
-            "use": use,
-            "min": low,
-            "median": middle,
-            "max": high,
-            "dropped": self.log.defects.dropped.get(name, 0),
-            "refresh": _refresh(self.log.time, values),
-        }
-
-
-def inspect(log: File, config: File | None = None) -> Inspection:
+def inspect(log: File, config: File | None = None) -> InspectedLog:
     """Return what is in a log and what the policies did about its defects.
 
     Parameters
@@ -117,8 +109,8 @@ def inspect(log: File, config: File | None = None) -> Inspection:
 
     Returns
     -------
-    Inspection
-        `as_content()` is plain data: channels with units, ranges in the log's units, defects.
+    InspectedLog
+        Channels with units, ranges in the log's units, defects.
 
     Raises
     ------
@@ -131,7 +123,7 @@ def inspect(log: File, config: File | None = None) -> Inspection:
 
 def inspect_logs(
     logs: File | Iterable[File], config: File | None = None
-) -> tuple[tuple[Inspection, ...], tuple[str, ...]]:
+) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
     channels, policies = _engine_of(config)
     found, refused = [], []
@@ -151,7 +143,7 @@ def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPo
     return configuration.engine_path().channels, configuration.policies
 
 
-def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> Inspection:
+def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> InspectedLog:
     """Return what is in a log; raises DataError where no estimate could use it.
 
     `needed` is what the engine needs; None: the first engine that the log suits, else the usual one. A log that `ingest` made is
@@ -168,7 +160,45 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
         needed = suited[0] if suited else {} if record else usual_engine().air_path.channels
         lacking = {} if suited else lacking
     log = read_log(path, needed, policies, auxiliary=True)
-    return Inspection(path, log, needed, units, record, lacking)
+    of_all = {"time": log.time, **log.channels, **log.auxiliary}
+    in_log = {"time": "s"} | {name: needed[name].unit for name in log.channels}
+    return InspectedLog(
+        log=str(path),
+        sha256=log.sha256,
+        samples=len(log),
+        samples_read=log.defects.samples_read,
+        dropped_rows=log.defects.dropped_rows,
+        repeated=log.defects.repeated,
+        gaps=log.defects.gaps,
+        segments=len(log.segments),
+        duration=float(log.time[-1] - log.time[0]),
+        rate=float(1.0 / np.median(np.diff(log.time))),
+        defects=defects_of(log.defects),
+        channels={name: _channel(log, name, values, units, in_log) for name, values in of_all.items()},
+        ingest=record,
+        lacking=lacking,
+    )
+
+
+def _channel(
+    log: Log, name: str, values: Array, file_units: Mapping[str, str], in_log: Mapping[str, str]
+) -> ChannelOutput:
+    """Return what is in a channel; `in_log` has the units of those that the engine needs."""
+    finite = values[np.isfinite(values)]
+    low, middle, high = (
+        (float(finite.min()), float(np.median(finite)), float(finite.max())) if finite.size else (np.nan,) * 3
+    )
+    in_file = file_units.get(name, "")
+    return ChannelOutput(
+        unit=in_log.get(name, in_file),
+        unit_in_file=in_file,
+        use="needed" if name in in_log else "auxiliary",
+        min=low,
+        median=middle,
+        max=high,
+        dropped=log.defects.dropped.get(name, 0),
+        refresh=_refresh(log.time, values),
+    )
 
 
 def _refresh(time: Array, values: Array) -> float:

@@ -1,12 +1,26 @@
 """`simulate`: a cycle through the simulated engine into a log."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Effects, load_config, load_effects
 from lpvobs.io.logs.parquet import write_log
+from lpvobs.kinds import Count, Seconds
 from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.simulate import SimulatedLog
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOutput:
+    """A log that was driven."""
+
+    log: str
+    samples: Count
+    duration: Seconds
+    channels: Sequence[str]
 
 
 def simulate(

@@ -1,10 +1,13 @@
 """`synth-gain`: from the configuration and logs to a proven gain."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.engines.base import AirPath
@@ -15,14 +18,33 @@ from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.results.gains import StoredGain, write_gain
 from lpvobs.io.results.provenance import Provenance
+from lpvobs.kinds import Finite
 from lpvobs.observer.parts import RangeSeen, calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
+from lpvobs.report.outputs import GainOutput
 from lpvobs.steps.learning import learned_path
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.settings import GainSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class SynthGainOutput(GainOutput):
+    """A gain with its certificate."""
+
+    gain: str
+    eps_1: Finite
+    eps_2: Finite
+    region: Annotated[
+        Mapping[str, tuple[Finite, Finite]], Meta(description="Range of every parameter that the proof covers.")
+    ]
+    nonnegative_sums: Sequence[tuple[str, str]]
+    logs: Annotated[
+        Mapping[str, tuple[Sequence[Finite], Sequence[Finite]]],
+        Meta(description="Least and largest parameters along each log."),
+    ]
 
 
 def synth_gain(

@@ -1,5 +1,6 @@
 """`verify`: the proof of a stored gain again, without the solver."""
 
+from dataclasses import dataclass
 from functools import partial
 
 from lpvobs.api.files import File, as_path
@@ -8,6 +9,14 @@ from lpvobs.errors import DataError, NotProven
 from lpvobs.io.results.gains import StoredGain, read_gain
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.problem import GainProblem
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyOutput(Certificate):
+    """A certificate proven again, or not."""
+
+    gain: str
+    region: str
 
 
 def verify(gain: File) -> Certificate:

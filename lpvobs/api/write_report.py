@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
 
 from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.errors import UsageError
@@ -13,12 +12,12 @@ from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
 from lpvobs.report.junit import write_junit
 from lpvobs.report.load import load
 from lpvobs.report.names import distinct
-from lpvobs.report.tables import report_content
+from lpvobs.report.outputs import ReportOutput, report_output
 
 
 def write_report(
     result: File, further: File | Iterable[File] = (), *, html: File | None = None, gates: Sequence[str] = ()
-) -> dict[str, Any]:
+) -> ReportOutput:
     """Return how far the corrected sensor is from the truth, write the page if asked for, and judge the gates.
 
     Parameters
@@ -33,7 +32,7 @@ def write_report(
 
     Returns
     -------
-    dict
+    ReportOutput
         The object that `lpvobs report --json` prints, without its schema: flows in kg/s.
 
     Raises
@@ -60,7 +59,7 @@ class Reported:
         Each under a name of its own.
     told : tuple of str
         What `trace` and `refine` have found on them, in sentences.
-    content : dict
+    content : ReportOutput
         The object that `lpvobs report --json` prints, without its schema.
     verdicts : tuple of Verdict
         Of every gate on every log.
@@ -68,7 +67,7 @@ class Reported:
 
     results: tuple[tuple[str, StoredResult], ...]
     told: tuple[str, ...]
-    content: dict[str, Any]
+    content: ReportOutput
     verdicts: tuple[Verdict, ...]
 
 
@@ -100,15 +99,13 @@ def make_report(
         loaded = load(paths)
         results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
         found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]
-        content = report_content(results)
-        for item, (_, discovered) in zip(content["results"], found, strict=True):
-            item.update(contents(discovered))
+        content = report_output(results, [contents(discovered) for _, discovered in found])
         if page is not None:
             from lpvobs.report.content import gather
             from lpvobs.report.page import write_page
 
             write_page(page, gather(loaded))
-        verdicts = judge(conditions, content["logs"])
+        verdicts = judge(conditions, content.logs)
         if suite is not None:
             write_junit(suite, verdicts)
     return Reported(results, tuple(sentences(found)), content, verdicts)

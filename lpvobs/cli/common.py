@@ -11,6 +11,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
@@ -166,12 +167,16 @@ def visible(text: str) -> str:
     return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
-def print_json(verb: str, content: Mapping[str, Any]) -> None:
-    """Print the verb's one JSON object; numbers that are not finite become null."""
+def print_json(verb: str, content: Any) -> None:
+    """Print a record or table as the verb's one JSON object; numbers that are not finite become null."""
     print(json.dumps({"schema": f"lpvobs/{verb}/1"} | _plain(content), indent=2, allow_nan=False))
 
 
 def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        from msgspec import UNSET
+
+        return {key: _plain(item) for key, item in vars(value).items() if item is not UNSET}
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

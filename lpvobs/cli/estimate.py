@@ -1,6 +1,5 @@
 """`lpvobs estimate`."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -69,8 +68,10 @@ def estimate(
     """
     with loading():
         load_compiler()
+        from lpvobs.api.estimate import EstimateOutput, NodeCounts
         from lpvobs.api.estimate import estimate as estimate_map
-        from lpvobs.report.tables import agreement_rows, log_rows, logs_content
+        from lpvobs.report.outputs import LogOutput, log_fields
+        from lpvobs.report.tables import agreement_rows, log_rows
 
     config = chosen_config(config)
     with progress("estimating") as report:
@@ -80,15 +81,15 @@ def estimate(
     found, summaries = done.estimate, done.summaries
     nodes = int(found.supported.sum())
     if as_json:
-        content = {
-            "result": str(out),
-            "method": found.method,
-            "logs": logs_content(summaries),
-            "refused": done.refused,
-            "map": {"nodes": found.grid.size, "estimated": nodes},
-            "scatter": done.scatter,
-            "agreement": [asdict(item) for item in done.agreement],
-        }
+        content = EstimateOutput(
+            result=str(out),
+            method=found.method,
+            logs=[LogOutput(**log_fields(log)) for log in summaries],
+            refused=done.refused,
+            map=NodeCounts(nodes=found.grid.size, estimated=nodes),
+            scatter=done.scatter,
+            agreement=done.agreement,
+        )
         print_json("estimate", content)
     else:
         print(table(*log_rows(summaries)))

@@ -1,6 +1,5 @@
 """`lpvobs export`."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -41,6 +40,7 @@ def export(
 
     Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c
     """
+    from lpvobs.api.export import ExportOutput
     from lpvobs.api.export import export as export_map
     from lpvobs.report.tables import change_rows, origin_counts
 
@@ -57,9 +57,15 @@ def export(
     )
     counts = origin_counts(done.surface)
     if as_json:
-        changed = None if done.changes is None else [asdict(change) for change in done.changes]
-        content = {"out": str(out), "format": file_format, "values": done.surface.source, "digits": digits}
-        print_json("export", content | {"nodes": counts, "changes": changed})
+        written = ExportOutput(
+            out=str(out),
+            format=file_format,
+            values=done.surface.source,
+            digits=digits,
+            nodes=counts,
+            changes=done.changes,
+        )
+        print_json("export", written)
         return
     if done.changes:
         print(table(*change_rows(done.surface, done.changes)))

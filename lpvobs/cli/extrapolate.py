@@ -22,12 +22,15 @@ def extrapolate(
 
     Example: lpvobs extrapolate nedc.h5
     """
-    from lpvobs.api.extrapolate import fill
-    from lpvobs.report.tables import coefficient_tables, extrapolation_content, percent
+    from lpvobs.api.extrapolate import ExtrapolateOutput, fill
+    from lpvobs.report.outputs import quadratic_fields
+    from lpvobs.report.tables import coefficient_tables, percent
 
     stored, fitted, held = fill(result)
     if as_json:
-        print_json("extrapolate", {"result": str(result), "outer_coverage": held, **extrapolation_content(fitted)})
+        print_json(
+            "extrapolate", ExtrapolateOutput(result=str(result), outer_coverage=held, **quadratic_fields(fitted))
+        )
         return
     for coefficients in coefficient_tables([("this map", stored)]):
         print(table(*coefficients))

@@ -37,7 +37,7 @@ def ingest(
 
     record = ingest_log(sources, profile, out)
     if as_json:
-        print_json("ingest", {"log": str(out), **{key: value for key, value in record.items() if key != "schema"}})
+        print_json("ingest", {"log": str(out), **record})
         return
     print("\n".join([*ingest_notes(record), table(*ingest_rows(record))]))
     say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` shows this again")

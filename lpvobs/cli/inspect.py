@@ -1,11 +1,14 @@
 """`lpvobs inspect`."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lpvobs.cli.common import JsonOption, LogsArgument, folder_config, guarded, leave, print_json, table, visible
+
+if TYPE_CHECKING:
+    from lpvobs.api.inspect import InspectedLog
 
 
 @guarded
@@ -26,53 +29,51 @@ def inspect(
 
     Example: lpvobs inspect nedc.parquet
     """
-    from lpvobs.api.inspect import inspect_logs
+    from lpvobs.api.inspect import InspectOutput, inspect_logs
 
     found, refused = inspect_logs(logs, config or folder_config())
     if as_json:
-        print_json("inspect", {"logs": [item.as_content() for item in found], "refused": refused})
+        print_json("inspect", InspectOutput(logs=found, refused=refused))
     else:
-        print("\n\n".join(_text(item.as_content()) for item in found))
+        print("\n\n".join(_text(item) for item in found))
     leave(refused)
 
 
-def _text(content: dict[str, Any]) -> str:
+def _text(found: "InspectedLog") -> str:
+    from msgspec import UNSET
+
     head = (
-        f"{content['log']}: {content['samples']} of {content['samples_read']} samples used, {content['duration']:.1f} s at "
-        f"{content['rate']:.4g} Hz, {content['gaps']} gaps, {content['repeated']} repeated or backward"
+        f"{found.log}: {found.samples} of {found.samples_read} samples used, {found.duration:.1f} s at "
+        f"{found.rate:.4g} Hz, {found.gaps} gaps, {found.repeated} repeated or backward"
     )
     rows = [
         [
             name,
-            item["unit"],
-            item["use"],
-            *(f"{item[key]:.6g}" for key in ("min", "median", "max")),
-            "-" if item["refresh"] != item["refresh"] else f"{item['refresh']:.4g}",
-            str(item["dropped"]),
+            item.unit,
+            item.use,
+            *(f"{value:.6g}" for value in (item.min, item.median, item.max)),
+            "-" if item.refresh != item.refresh else f"{item.refresh:.4g}",
+            str(item.dropped),
         ]
-        for name, item in content["channels"].items()
+        for name, item in found.channels.items()
     ]
     parts = [visible(head), table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
-    found = [
+    defects = [
         [
-            item["defect"],
-            item["channel"],
-            str(item["count"]),
-            f"{item['first']:.6g} s" if "first" in item else "",
-            item["policy"],
+            item.defect,
+            item.channel,
+            str(item.count),
+            f"{item.first:.6g} s" if item.first is not UNSET else "",
+            item.policy,
         ]
-        for item in content["defects"]
+        for item in found.defects
     ]
-    if found:
-        parts.append(table(["defect", "channel", "count", "first", "policy"], found))
-    for engine, missing in content["lacking"].items():
+    if defects:
+        parts.append(table(["defect", "channel", "count", "first", "policy"], defects))
+    for engine, missing in found.lacking.items():
         parts.append(f"no log for the engine '{engine}': lacks {', '.join(missing)}")
-    if content["ingest"] is not None:
-        parts.append(_ingest_text(content["ingest"]))
+    if found.ingest is not None:
+        from lpvobs.report.tables import ingest_notes, ingest_rows
+
+        parts += [*ingest_notes(found.ingest), table(*ingest_rows(found.ingest))]
     return "\n".join(parts)
-
-
-def _ingest_text(record: dict[str, Any]) -> str:
-    from lpvobs.report.tables import ingest_notes, ingest_rows
-
-    return "\n".join([*ingest_notes(record), table(*ingest_rows(record))])

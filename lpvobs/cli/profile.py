@@ -22,12 +22,13 @@ def profile(
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
-    from lpvobs.api.draft_profile import draft_profile
+    from lpvobs.api.draft_profile import ProfileOutput, draft_profile
 
     text = draft_profile(source, out)
     if out is not None:
         say(f"{out}: read it, uncomment what is right, then lpvobs ingest {source} --profile {out} --out LOG.parquet")
     if as_json:
-        print_json("profile", {"source": str(source), "profile": None if out is None else str(out), "text": text})
+        profile = None if out is None else str(out)
+        print_json("profile", ProfileOutput(source=str(source), profile=profile, text=text))
     elif out is None:
         print(text, end="")

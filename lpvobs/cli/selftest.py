@@ -17,19 +17,14 @@ def selftest(as_json: JsonOption = False) -> None:
     """
     from lpvobs.errors import NotProven
     from lpvobs.selftest.cases import run_cases
+    from lpvobs.selftest.rows import CaseOutput, SelftestOutput
 
     with progress("testing") as report:
         rows, versions = run_cases(report)
     failed = [row for row in rows if not row.passed]
     if as_json:
-        content = [
-            {
-                "case": row.case, "basis": row.basis, "expected": row.expected, "found": row.found,
-                "tolerance": row.tolerance, "unit": row.unit, "passed": row.passed, "note": row.note,
-            }
-            for row in rows
-        ]  # fmt: skip
-        print_json("selftest", {"passed": not failed, "cases": content, "versions": versions})
+        cases = [CaseOutput(**vars(row), passed=row.passed) for row in rows]
+        print_json("selftest", SelftestOutput(passed=not failed, cases=cases, versions=versions))
     else:
         lines = [
             [

@@ -48,19 +48,16 @@ def simulate(
 
     With a leak: add --effects configs/effects/leak_intake.toml
     """
+    from lpvobs.api.simulate import SimulateOutput
     from lpvobs.api.simulate import simulate as drive
 
     config = chosen_config(config)
     with progress(f"simulating {cycle}") as report:
         log = drive(config, cycle, out, effects=effects, rate=rate, seed=seed, progress=report)
     time = log.channels["time"]
-    content = {
-        "log": str(out),
-        "samples": time.size,
-        "duration": float(time[-1] - time[0]),
-        "channels": list(log.channels),
-    }
+    duration = float(time[-1] - time[0])
     if as_json:
-        print_json("simulate", content)
+        driven = SimulateOutput(log=str(out), samples=time.size, duration=duration, channels=tuple(log.channels))
+        print_json("simulate", driven)
     else:
-        say(f"{out}: {time.size} samples, {content['duration']:.0f} s")
+        say(f"{out}: {time.size} samples, {duration:.0f} s")

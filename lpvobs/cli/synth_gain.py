@@ -41,7 +41,9 @@ def synth_gain(
 
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
+    from lpvobs.api.synth_gain import SynthGainOutput
     from lpvobs.api.synth_gain import synth_gain as synthesise
+    from lpvobs.report.outputs import gain_fields
     from lpvobs.report.tables import bounds_table
 
     config = chosen_config(config)
@@ -51,23 +53,17 @@ def synth_gain(
     gain = stored.gain
     region = gain.region
     if as_json:
-        print_json(
-            "synth-gain",
-            {
-                "gain": str(out),
-                "origin": stored.origin,
-                "outputs": stored.outputs,
-                "L": gain.L,
-                "eps_1": gain.eps_1,
-                "eps_2": gain.eps_2,
-                "proven": gain.certificate.proven,
-                "falling_gain": gain.certificate.falling_gain,
-                "vertices": gain.certificate.vertices,
-                "region": {n: [a, b] for n, a, b in zip(region.names, region.lower, region.upper, strict=True)},
-                "nonnegative_sums": region.nonnegative_sums,
-                "logs": stored.log_bounds,
-            },
+        ranges = {n: (a, b) for n, a, b in zip(region.names, region.lower, region.upper, strict=True)}
+        made = SynthGainOutput(
+            gain=str(out),
+            **gain_fields(stored),
+            eps_1=gain.eps_1,
+            eps_2=gain.eps_2,
+            region=ranges,
+            nonnegative_sums=region.nonnegative_sums,
+            logs={log: tuple(bounds.tolist()) for log, bounds in stored.log_bounds.items()},
         )
+        print_json("synth-gain", made)
         return
     print(
         f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {', '.join(stored.outputs)}, sensor"

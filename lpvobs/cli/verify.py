@@ -19,21 +19,12 @@ def verify(
 
     Example: lpvobs verify gain.h5
     """
-    from lpvobs.api.verify import check_stored, expect_proven
+    from lpvobs.api.verify import VerifyOutput, check_stored, expect_proven
 
     stored, certificate = check_stored(gain)
     if as_json:
-        content = {
-            "gain": str(gain),
-            "proven": certificate.proven,
-            "falling_gain": certificate.falling_gain,
-            "vertices": certificate.vertices,
-            "smallest_pivot": certificate.smallest_pivot,
-            "failed_vertex": certificate.failed_vertex,
-            "reason": certificate.reason,
-            "region": str(stored.gain.region),
-        }
-        print_json("verify", content)
+        proof = VerifyOutput(gain=str(gain), region=str(stored.gain.region), **vars(certificate))
+        print_json("verify", proof)
     expect_proven(gain, certificate)
     if not as_json:
         more = "; also for map gains that fall with information" if certificate.falling_gain else ""

@@ -85,11 +85,21 @@ class ProfileDone:
 
     name: str
     sha256: str
+    text: str = ""
 
 
 @dataclass(frozen=True)
-class _Stored(Done):
+class IngestRecord(Done):
+    """The same with the profile, as it stands in the log."""
+
     profile: ProfileDone
+
+
+@dataclass(frozen=True)
+class IngestOutput(IngestRecord):
+    """What was done to make a log of a recording."""
+
+    log: str
 
 
 def stored_record(path: Path) -> dict[str, Any] | None:
@@ -99,7 +109,7 @@ def stored_record(path: Path) -> dict[str, Any] | None:
 
     try:
         record = json.loads((pq.read_schema(path).metadata or {}).get(KEY.encode(), b"null"))
-        found = msgspec.convert(record, _Stored)
+        found = msgspec.convert(record, IngestRecord)
     except (pa.ArrowException, OSError, ValueError, RecursionError, msgspec.ValidationError):
         return None
-    return dict(record) if found.schema == SCHEMA else None
+    return msgspec.to_builtins(found) if found.schema == SCHEMA else None

@@ -5,29 +5,12 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
 
 from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.report.outputs import LogOutput, ReportedLog
 
-METRICS = (
-    "samples",
-    "samples_read",
-    "dropped_rows",
-    "gaps",
-    "repeated",
-    "duration",
-    "share_certified",
-    "mean_relative_error",
-    "share_left_out",
-    "rms_ratio",
-    "rmse",
-    "bias",
-    "visited_cells",
-    "compared_samples",
-    "floor_mean_relative_error",
-    "floor_rms_ratio",
-)
+METRICS = tuple(field.name for field in fields(LogOutput) if field.name not in ("log", "sha256", "found"))
 """The numbers that the JSON has for every log."""
 RELATIONS: Mapping[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -106,16 +89,17 @@ class Verdict:
         return f"{place} has {self.gate.metric} = {self.value:.6g}, the gate is {self.gate}"
 
 
-def judge(gates: Sequence[Gate], logs: Sequence[Mapping[str, Any]]) -> tuple[Verdict, ...]:
+def judge(gates: Sequence[Gate], logs: Sequence[ReportedLog]) -> tuple[Verdict, ...]:
     """Return every gate's verdict on every log.
 
     Parameters
     ----------
     gates : sequence of Gate
-    logs : sequence of mapping
-        The logs of the report's JSON.
+    logs : sequence of ReportedLog
     """
-    return tuple(Verdict(gate, log["result"], log["log"], _finite(log[gate.metric])) for gate in gates for log in logs)
+    return tuple(
+        Verdict(gate, log.result, log.log, _finite(getattr(log, gate.metric))) for gate in gates for log in logs
+    )
 
 
 def enforce(verdicts: Sequence[Verdict]) -> None:

@@ -11,7 +11,7 @@ from lpvobs.io.calibration.surfaces import ORIGINS, Surface
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
-from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
+from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error
 
@@ -71,54 +71,6 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
             ]
         )
     return header, rows
-
-
-def logs_content(logs: Sequence[LogSummary]) -> list[dict[str, Any]]:
-    """Return the logs as the contract's JSON has them; a metric that a log cannot have is null."""
-    content = []
-    for log in logs:
-        m = log.metrics
-        content.append(
-            {
-                "log": log.name,
-                "sha256": log.sha256,
-                "samples": log.samples,
-                "samples_read": log.samples_read,
-                "dropped_rows": log.dropped_rows,
-                "found": dict(log.found),
-                "gaps": log.gaps,
-                "repeated": log.repeated,
-                "duration": log.duration,
-                "share_certified": log.share_certified,
-                "mean_relative_error": None if m is None else m.mean_relative_error,
-                "share_left_out": None if m is None else m.share_left_out,
-                "rms_ratio": None if m is None else m.rms_ratio,
-                "rmse": None if m is None else m.rmse,
-                "bias": None if m is None else m.bias,
-                "visited_cells": None if m is None else m.visited_cells,
-                "compared_samples": None if m is None else m.samples,
-                "floor_mean_relative_error": None if m is None else m.floor_mean_relative_error,
-                "floor_rms_ratio": None if m is None else m.floor_rms_ratio,
-            }
-        )
-    return content
-
-
-def map_content(result: StoredResult) -> dict[str, Any]:
-    """Return how many nodes the map has, by where their value comes from."""
-    estimated = int(result.supported.sum())
-    filled = 0 if result.extrapolation is None else int((result.extrapolation.support == 2).sum())
-    return {"cells": result.grid.size, "estimated": estimated, "extrapolated": filled}
-
-
-def extrapolation_content(fitted: QuadraticFit) -> dict[str, Any]:
-    """Return the quadratic as plain content."""
-    return {
-        "coefficients": dict(zip(COEFFICIENTS, fitted.coefficients.tolist(), strict=True)),
-        "coefficients_standard_error": dict(zip(COEFFICIENTS, fitted.standard_error.tolist(), strict=True)),
-        "lack_of_fit": fitted.lack_of_fit,
-        "nodes": fitted.nodes,
-    }
 
 
 def coefficient_tables(results: Sequence[tuple[str, StoredResult]]) -> list[Table]:
@@ -193,46 +145,6 @@ def gain_line(gain: StoredGain) -> str:
         return f"{gain.origin}: not proven"
     more = ", also for map gains that fall with information" if certificate.falling_gain else ""
     return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}"
-
-
-def report_content(results: Sequence[tuple[str, StoredResult]]) -> dict[str, Any]:
-    """Return the object of `report --json` without its schema: `map` and `extrapolation` are those of the first result."""
-    every = [_result_content(name, result) for name, result in results]
-    return {
-        "logs": [
-            {
-                "result": name,
-                "method": result.method,
-                "paper_mean_relative_error": paper_error(result.air_path, log["log"]),
-                **log,
-            }
-            for name, result in results
-            for log in logs_content(result.logs)
-        ],
-        "map": every[0]["map"],
-        "extrapolation": every[0]["extrapolation"],
-        "results": every,
-    }
-
-
-def _result_content(name: str, result: StoredResult) -> dict[str, Any]:
-    certificate = result.gain.gain.certificate
-    return {
-        "result": name,
-        "file": str(result.path),
-        "method": result.method,
-        "map": map_content(result),
-        "extrapolation": result.extrapolation and extrapolation_content(result.extrapolation),
-        "gain": {
-            "origin": result.gain.origin,
-            "outputs": result.gain.outputs,
-            "L": result.gain.gain.L,
-            "proven": certificate.proven,
-            "falling_gain": certificate.falling_gain,
-            "vertices": certificate.vertices,
-            "smallest_pivot": certificate.smallest_pivot,
-        },
-    }
 
 
 def _range(low: float, high: float) -> str:

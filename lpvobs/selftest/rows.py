@@ -1,6 +1,6 @@
 """A check with its answer: what was expected, what came out, how far apart they may lie."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -35,6 +35,29 @@ class Row:
     def passed(self) -> bool:
         """Whether the answer is right; what is not a number never is."""
         return abs(self.found - self.expected) <= self.tolerance
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseOutput:
+    """A case with a known answer."""
+
+    case: str
+    basis: str
+    expected: float
+    found: float
+    tolerance: float
+    unit: str
+    note: str
+    passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelftestOutput:
+    """Cases with known answers."""
+
+    passed: bool
+    cases: Sequence[CaseOutput]
+    versions: Mapping[str, str]
 
 
 Case = Callable[[], Iterable[Row]]

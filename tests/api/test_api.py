@@ -85,7 +85,7 @@ def test_the_calibration_file_is_that_of_the_verb(example, by_verbs):
 def test_gates_and_tables_are_those_of_the_verb(example):
     folder, _ = example
     content = lpvobs.write_report(folder / "map.h5", gates=["mean_relative_error<=0.5"])
-    assert content["logs"][0]["log"] == "drive"
+    assert content.logs[0].log == "drive"
     with pytest.raises(NotProven, match="gate failed"):
         lpvobs.write_report(folder / "map.h5", gates=["samples>=1e9"])
 
@@ -95,9 +95,9 @@ def test_a_gain_is_proven_again(example):
 
 
 def test_what_is_in_a_log(example):
-    content = lpvobs.inspect(example[0] / "drive.parquet", DIESEL).as_content()
-    assert content["rate"] == pytest.approx(float(RATE))
-    assert lpvobs.inspect(example[0] / "drive.parquet").as_content()["channels"].keys() == content["channels"].keys()
+    content = lpvobs.inspect(example[0] / "drive.parquet", DIESEL)
+    assert content.rate == pytest.approx(float(RATE))
+    assert lpvobs.inspect(example[0] / "drive.parquet").channels.keys() == content.channels.keys()
 
 
 def test_an_output_that_is_an_input_is_refused(example):

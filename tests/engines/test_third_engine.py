@@ -77,8 +77,8 @@ def test_its_configuration_is_read_and_refused(example):
 
 
 def test_inspect_finds_the_engine_that_a_log_suits(log):
-    found = inspect(log).as_content()
-    assert [name for name, channel in found["channels"].items() if channel["use"] == "needed"] == [
+    found = inspect(log)
+    assert [name for name, channel in found.channels.items() if channel.use == "needed"] == [
         "time",
         *blower.Blower.channels,
     ]

@@ -303,7 +303,9 @@ def test_a_damaged_record_is_no_record(tmp_path, stored):
 
 
 def test_a_record_with_one_part_missing_is_no_record(tmp_path, run):
-    whole = run(MINIMAL, "t,map [Pa]\n0,1e5\n1,1e5\n2,1e5\n").record | {"profile": {"name": "a", "sha256": "b"}}
+    whole = run(MINIMAL, "t,map [Pa]\n0,1e5\n1,1e5\n2,1e5\n").record | {
+        "profile": {"name": "a", "sha256": "b", "text": "c"}
+    }
     path = tmp_path / "log.parquet"
 
     def stored(record):

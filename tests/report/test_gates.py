@@ -1,5 +1,6 @@
 """Gates: what is judged, who wins where one log fails and another has no such metric, and the JUnit file of it."""
 
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -10,7 +11,7 @@ from lpvobs.report.junit import junit_xml, write_junit
 
 
 def log(name, error, result="map"):
-    return {"result": result, "log": name, "mean_relative_error": error, "gaps": 0}
+    return SimpleNamespace(result=result, log=name, mean_relative_error=error, gaps=0)
 
 
 GOOD, BAD, BARE = log("good", 0.01), log("bad", 0.3), log("bare", None)

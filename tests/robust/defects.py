@@ -68,15 +68,15 @@ class Bench:
         return self
 
     def inspect(self, **policies):
-        return inspect_log(self.path, Diesel.channels, LogPolicies(**policies)).as_content()
+        return inspect_log(self.path, Diesel.channels, LogPolicies(**policies))
 
     def kept(self, samples, *defects, **policies):
         """Assert that so many samples remain, and that exactly these defects are shown: (defect, channel, count, policy)."""
         content = self.inspect(**policies)
-        shown = [(item["defect"], item["channel"], item["count"], item["policy"]) for item in content["defects"]]
+        shown = [(item.defect, item.channel, item.count, item.policy) for item in content.defects]
         assert shown == list(defects), shown
-        assert content["samples"] == samples
-        assert content["samples_read"] >= samples
+        assert content.samples == samples
+        assert content.samples_read >= samples
         return content
 
     def refused(self, *words, **policies):
@@ -145,7 +145,7 @@ def _(bench):
 def _(bench):
     bench.log["u_vgt"][4000:4500] = np.nan
     content = bench.write().kept(N - 500, ("no reading", "u_vgt", 500, "drop"), ("gap", "time", 1, "split"))
-    assert content["segments"] == 2
+    assert content.segments == 2
 
 
 @case("Samples", "a channel without any number", "refuse", IN_REFUSAL)
@@ -176,7 +176,7 @@ def _(bench):
 def _(bench):
     bench.log["W_maf"][3000:7000] = 0.02
     content = bench.write().kept(N - 4000, ("stuck", "W_maf", 4000, "drop"), ("gap", "time", 1, "split"))
-    assert content["defects"][0]["first"] == 30.0
+    assert content.defects[0].first == 30.0
 
 
 @case("Samples", "dead: one value throughout, while the others move", "refuse", IN_REFUSAL)
@@ -195,10 +195,10 @@ def _(bench):
     top = 1.5e5
     over = bench.log["p_im"] > top
     bench.log["p_im"] = np.minimum(bench.log["p_im"], top)
-    (found,) = [item for item in bench.write().inspect()["defects"] if item["defect"] == "saturated"]
-    assert (found["channel"], found["policy"]) == ("p_im", "drop")
+    (found,) = [item for item in bench.write().inspect().defects if item.defect == "saturated"]
+    assert (found.channel, found.policy) == ("p_im", "drop")
     # Runs shorter than ten samples, where noise leads in and out of the limit, are not counted.
-    assert 0.95 * np.count_nonzero(over) <= found["count"] <= np.count_nonzero(over)
+    assert 0.95 * np.count_nonzero(over) <= found.count <= np.count_nonzero(over)
 
 
 @case(
@@ -221,7 +221,7 @@ def _(bench):
 def _(bench):
     bench.log["time"][5000:] += 60.0
     content = bench.write().kept(N, ("gap", "time", 1, "split"))
-    assert content["segments"] == 2
+    assert content.segments == 2
 
 
 @case("Time", "repeated time stamps", "refuse", "how often, first stamp and row, the policy that repairs")
@@ -336,10 +336,10 @@ def _(bench):
         bench.log[name] = bench.log[name] * factor
         bench.units[name] = unit
     content = bench.write().kept(N)
-    assert content["channels"]["p_im"]["unit_in_file"] == "kPa"
-    for name, item in content["channels"].items():
+    assert content.channels["p_im"].unit_in_file == "kPa"
+    for name, item in content.channels.items():
         # Two roundings of a factor each.
-        np.testing.assert_allclose(item["median"], plain["channels"][name]["median"], rtol=1e-14)
+        np.testing.assert_allclose(item.median, plain.channels[name].median, rtol=1e-14)
 
 
 def _wrong(defect, channel, factor, offset, policy="refuse"):
@@ -389,7 +389,7 @@ def _(bench):
 def _(bench):
     exact = pa.array([Decimal(f"{value:.3f}") for value in bench.log["T_em"]], type=pa.decimal128(12, 3))
     content = bench.write(T_em=exact).kept(N)
-    assert abs(content["channels"]["T_em"]["max"] - bench.log["T_em"].max()) <= 5e-4  # rounded to a thousandth
+    assert abs(content.channels["T_em"].max - bench.log["T_em"].max()) <= 5e-4  # rounded to a thousandth
 
 
 @case("Types", "a dictionary of numbers", "repair: read as floats", "nothing")
@@ -405,7 +405,7 @@ def _(bench):
 @case("Types", "yes and no in another channel", "repair: read as 0 and 1", "the channel, as auxiliary")
 def _(bench):
     bench.log["fan"] = np.arange(N) % 2 == 0
-    assert bench.write().kept(N)["channels"]["fan"]["max"] == 1.0
+    assert bench.write().kept(N).channels["fan"].max == 1.0
 
 
 @case("Types", "text, also if it looks like numbers", "refuse", IN_REFUSAL + " and type")
@@ -433,7 +433,7 @@ def _(bench):
     bench.log["time"] = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(N)
     bench.units["time"] = "ns"
     content = bench.write().kept(N)
-    assert abs(content["rate"] - 100.0) < 0.01  # a float of 1.7e9 s resolves 0.24 microseconds
+    assert abs(content.rate - 100.0) < 0.01  # a float of 1.7e9 s resolves 0.24 microseconds
 
 
 # --- files -------------------------------------------------------------------------------------------------------------
@@ -453,7 +453,7 @@ def _(bench):
 @case("Files", "another channel that comes twice", "left out", "not listed")
 def _(bench):
     bench.log["fan"] = np.ones(N)
-    assert "fan" not in bench.write(twice=("fan",)).kept(N)["channels"]
+    assert "fan" not in bench.write(twice=("fan",)).kept(N).channels
 
 
 @case("Files", "no such file, a folder, a device", "refuse", "the refusal")

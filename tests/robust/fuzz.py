@@ -143,17 +143,17 @@ def read(path: Path) -> None:
     from lpvobs.api.verify import check_again
     from lpvobs.io.configuration.config import load_config, load_effects
     from lpvobs.io.logs.policies import LogPolicies
-    from lpvobs.io.logs.reading import read_references
+    from lpvobs.io.logs.reading import read_log, read_references
     from lpvobs.io.results.gains import read_gain
     from lpvobs.report.load import load
-    from lpvobs.report.tables import report_content
+    from lpvobs.report.outputs import report_output
 
     if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
         read_foreign(path)
     elif path.suffix == ".parquet":
-        found = inspect_log(path, Diesel.channels, LogPolicies(backward_time="drop"))
-        found.as_content()
-        read_references(path, found.log.rows)
+        policies = LogPolicies(backward_time="drop")
+        inspect_log(path, Diesel.channels, policies)
+        read_references(path, read_log(path, Diesel.channels, policies).rows)
     elif path.suffix == ".toml":
         load_config(path)
     elif path.suffix == ".effects":
@@ -162,7 +162,7 @@ def read(path: Path) -> None:
         check_again(read_gain(path))
     else:
         loaded = load([path])
-        report_content([(item.path.stem, item) for item in loaded.results])
+        report_output([(item.path.stem, item) for item in loaded.results])
 
 
 def read_foreign(path: Path) -> None:

@@ -1,0 +1,202 @@
+"""What is printed of results with `--json`, as frozen records; what one verb prints alone stands beside the verb in `lpvobs.api`.
+
+The JSON Schemas in `schemas` are made of these records. A field that may be UNSET is left out where it is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
+
+from msgspec import UNSET, Meta, UnsetType
+
+from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.results import StoredResult
+from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds, Sha
+from lpvobs.maps.metrics import Metrics
+from lpvobs.maps.quadratic import QuadraticFit
+from lpvobs.report.names import paper_error
+
+Traced = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/traced"})]
+Refined = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/refined"})]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogOutput:
+    """A log of a result with its metrics; a metric that a log cannot have is null."""
+
+    log: str
+    sha256: Sha
+    found: Annotated[Mapping[str, Count], Meta(description="Stuck, saturated and spiked samples, by kind and channel.")]
+    samples: Count
+    samples_read: Count
+    dropped_rows: Count
+    gaps: Count
+    repeated: Count
+    duration: Seconds
+    share_certified: Fraction
+    mean_relative_error: Fraction
+    share_left_out: Fraction
+    rms_ratio: Fraction
+    rmse: KgPerS | None
+    bias: KgPerS | None
+    visited_cells: Count | None
+    compared_samples: Count | None
+    floor_mean_relative_error: Fraction
+    floor_rms_ratio: Fraction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coefficients:
+    """Of Eq. (37): kg/s over the map's axes."""
+
+    a2: float
+    a1: float
+    b2: float
+    b1: float
+    c2: float
+    c1: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuadraticOutput:
+    """The quadratic of Eq. (37)."""
+
+    coefficients: Coefficients
+    coefficients_standard_error: Coefficients
+    lack_of_fit: KgPerS
+    nodes: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainOutput:
+    """A gain and what is proven of it."""
+
+    origin: str
+    outputs: Sequence[str]
+    L: Sequence[Sequence[Finite]]
+    proven: bool
+    falling_gain: bool
+    vertices: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedLog(LogOutput):
+    """A log of one of the results."""
+
+    result: str
+    method: str
+    paper_mean_relative_error: Fraction
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapCounts:
+    """Nodes of a map by where their value comes from."""
+
+    cells: Count
+    estimated: Count
+    extrapolated: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedGain(GainOutput):
+    """The gain of a result."""
+
+    smallest_pivot: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedResult:
+    """One of the results."""
+
+    result: str
+    file: str
+    method: str
+    map: MapCounts
+    extrapolation: QuadraticOutput | None
+    gain: ReportedGain
+    trace: Traced | UnsetType = UNSET
+    refinement: Refined | UnsetType = UNSET
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOutput:
+    """Metrics of every log; map and extrapolation are those of the first result."""
+
+    logs: Sequence[ReportedLog]
+    map: MapCounts
+    extrapolation: QuadraticOutput | None
+    results: Sequence[ReportedResult]
+
+
+def log_fields(log: LogSummary) -> dict[str, Any]:
+    """Return the fields of `LogOutput` for a log of a result."""
+    metrics: dict[str, Any] = dict.fromkeys(field.name for field in fields(Metrics))
+    metrics |= {} if log.metrics is None else vars(log.metrics)
+    metrics["compared_samples"] = metrics.pop("samples")
+    own = vars(log) | {"log": log.name}
+    return metrics | {field.name: own[field.name] for field in fields(LogOutput) if field.name in own}
+
+
+def quadratic_fields(fitted: QuadraticFit) -> dict[str, Any]:
+    """Return the fields of `QuadraticOutput` for a quadratic."""
+    names = [field.name for field in fields(Coefficients)]
+    value, error = (
+        Coefficients(**dict(zip(names, each.tolist(), strict=True)))
+        for each in (fitted.coefficients, fitted.standard_error)
+    )
+    return {
+        "coefficients": value,
+        "coefficients_standard_error": error,
+        "lack_of_fit": fitted.lack_of_fit,
+        "nodes": fitted.nodes,
+    }
+
+
+def gain_fields(stored: StoredGain) -> dict[str, Any]:
+    """Return the fields of `GainOutput` for a gain."""
+    certificate = stored.gain.certificate
+    return {
+        "origin": stored.origin,
+        "outputs": stored.outputs,
+        "L": stored.gain.L.tolist(),
+        "proven": certificate.proven,
+        "falling_gain": certificate.falling_gain,
+        "vertices": certificate.vertices,
+    }
+
+
+def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[Mapping[str, Any]] = ()) -> ReportOutput:
+    """Return the object of `report --json` for named results; `found` is what `trace` and `refine` said of each."""
+    every = [
+        _result_output(name, result, each)
+        for (name, result), each in zip(results, found or [{}] * len(results), strict=True)
+    ]
+    logs = [
+        ReportedLog(
+            result=name,
+            method=result.method,
+            paper_mean_relative_error=paper_error(result.air_path, log.name),
+            **log_fields(log),
+        )
+        for name, result in results
+        for log in result.logs
+    ]
+    return ReportOutput(logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every)
+
+
+def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:
+    fitted = result.extrapolation
+    return ReportedResult(
+        result=name,
+        file=str(result.path),
+        method=result.method,
+        map=MapCounts(
+            cells=result.grid.size,
+            estimated=int(result.supported.sum()),
+            extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
+        ),
+        extrapolation=None if fitted is None else QuadraticOutput(**quadratic_fields(fitted)),
+        gain=ReportedGain(**gain_fields(result.gain), smallest_pivot=result.gain.gain.certificate.smallest_pivot),
+        **found,
+    )
