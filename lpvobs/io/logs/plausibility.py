@@ -1,9 +1,10 @@
-"""What a log says that no working engine or sensor does: wrong units refuse it, stuck, saturated and spiked samples are dropped.
+"""Which samples of a log can be used; what no working engine or sensor says: wrong units, stuck, saturated and spiked samples.
 
 The rules look at the log alone, not at an engine's constants. A healthy log trips none of them: they ask for what noise and
 quantisation do not do. They cannot see a wrong unit that leaves every reading possible, such as g/s said to be kg/h.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -12,10 +13,13 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
+from lpvobs.io.logs.policies import LogPolicies, UsableRows
 from lpvobs.records import Array, DefectFound
 
 Mask = NDArray[np.bool_]
 
+MOST_BACKWARD = 0.1
+"""Share of the samples that may be dropped for their time; more is not a repair."""
 MOST_IMPOSSIBLE = 0.1
 """Share of a channel's readings outside its possible range that a fault of the sensor explains; more is a wrong unit."""
 MOST_BELOW = 0.02
@@ -30,6 +34,71 @@ MOST_STILL_AT_TOP = 120.0
 """[s]; what may stand still for longer, such as fuel at full load or a coarse temperature, may do so at its top."""
 SPIKE, SPIKE_NOISE, SPIKE_SPACING = 0.1, 30.0, 0.03
 """Least height over the typical range and over the noise (median absolute deviation), largest spacing [s] of its neighbours."""
+
+
+def usable_rows(
+    path: Path,
+    time: Array,
+    values: Mapping[str, Array],
+    channels: Mapping[str, Channel],
+    policies: LogPolicies,
+    latest: float = -math.inf,
+) -> UsableRows:
+    """Return the rows that are finite, possible, later than each other and than `latest`, and neither stuck nor spiked.
+
+    Raises
+    ------
+    DataError
+        For time that runs backward, where the policies do not drop it, and for an odd rate.
+    """
+    keep, dropped = _usable(time, values, channels)
+    rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
+    refuse_odd_rate(path, time[rows], policies.gap_limit)
+    findings = []
+    for finding, samples in list(spoiled(time[rows], {name: values[name][rows] for name in values}, channels)):
+        findings.append(finding)
+        dropped[finding.channel] += samples.size
+        keep[rows[samples]] = False
+    lost = int(keep.size - np.count_nonzero(keep))
+    return UsableRows(rows[keep[rows]], time.size, dropped, lost, repeated, tuple(findings))
+
+
+def _usable(
+    time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Return which rows are finite and physically possible in every channel, and how often each channel is not."""
+    keep = np.isfinite(time)
+    dropped = {"time": int(np.count_nonzero(~keep))}
+    for name, column in values.items():
+        possible = (column >= channels[name].low) & (column <= channels[name].high)  # False for NaN
+        dropped[name] = int(np.count_nonzero(~possible))
+        keep &= possible
+    return keep, dropped
+
+
+def _increasing(
+    path: Path, time: Array, rows: NDArray[np.int64], policies: LogPolicies, latest: float = float("-inf")
+) -> tuple[NDArray[np.int64], int]:
+    """Return the rows whose time is later than every earlier one and `latest`, and how many were removed for it."""
+    kept = time[rows]
+    if kept.size == 0:
+        return rows, 0
+    before = np.maximum.accumulate(np.concatenate(([latest], kept)))[:-1]
+    later = kept > before
+    wrong = int(np.count_nonzero(~later))
+    if wrong and policies.backward_time == "refuse":
+        first = int(np.flatnonzero(~later)[0])
+        raise DataError(
+            f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
+            f"{before[first]:.6g} s (row {rows[first]}); expected strictly increasing; "
+            f'repair the log or set backward_time = "drop" in [policies]'
+        )
+    if wrong > MOST_BACKWARD * kept.size:
+        raise DataError(
+            f"{path}: channel 'time' repeats or runs backward at {wrong} of {kept.size} samples, expected at most "
+            f"{100 * MOST_BACKWARD:.0f} %; one stamp far in the future does that: repair the log"
+        )
+    return rows[later], wrong
 
 
 def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:

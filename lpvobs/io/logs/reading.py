@@ -29,8 +29,8 @@ from lpvobs.io.logs.parquet import (
     refuse_huge,
     tables_of,
 )
-from lpvobs.io.logs.plausibility import refuse_implausible
-from lpvobs.io.logs.policies import LogPolicies, SlabCounts, too_few, usable_rows
+from lpvobs.io.logs.plausibility import refuse_implausible, usable_rows
+from lpvobs.io.logs.policies import LogPolicies, SlabCounts
 from lpvobs.io.safety.unchanged import file_digest, refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
@@ -147,7 +147,7 @@ class LogFile:
         if 2 * len(seen.refusals) > slabs:
             raise seen.refusals[0]
         if seen.samples < 2:
-            raise too_few(self.path, seen.samples, seen.read, seen.dropped, seen.findings)
+            raise seen.too_few(self.path)
 
 
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
