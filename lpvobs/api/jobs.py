@@ -70,7 +70,7 @@ class Workers:
         if self.scheduler is not None:
             return _on_cluster(function, tasks, self.scheduler)
         if self.jobs == 1 or len(tasks) < 2:
-            return ((number, function(task)) for number, task in enumerate(tasks))
+            return enumerate(map(function, tasks))
         if self._pool is None:
             # The working folder, where strangers' logs lie, is no place of modules, such as a file multiprocessing.py.
             os.environ["PYTHONSAFEPATH"] = "1"
