@@ -21,7 +21,8 @@ MOST_ALIKE = 3
 class Judged:
     """A case, the verdict on its log, and on the same log without the effect, or on the log itself if it has none.
 
-    Of a pair also the residual of the log with the one and with the other effect alone [kg/s].
+    Of a pair also the residual of the log with the one and with the other effect alone [kg/s]. Every residual is that before
+    refinement as `trace` tells it: weighed by the errors of the model with what was found, where something was.
     """
 
     case: Case

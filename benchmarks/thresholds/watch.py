@@ -12,6 +12,7 @@ becomes a plain float), it counts as a setting: it decides in ways that nobody s
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from numbers import Rational
 from typing import Any
 
 import numpy as np
@@ -176,6 +177,19 @@ class Watched(NDArrayOperatorsMixin):
     def __round__(self, digits: int | None = None) -> Any:
         """Return the value, rounded."""
         return round(self._plain(), digits)
+
+    @property
+    def numerator(self) -> int:
+        """Numerator of the value: exact arithmetic takes it."""
+        return int(float(self).as_integer_ratio()[0])
+
+    @property
+    def denominator(self) -> int:
+        """Denominator of the value."""
+        return int(float(self).as_integer_ratio()[1])
+
+
+Rational.register(Watched)
 
 
 class Count(Watched):

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import math
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -85,6 +86,7 @@ def test_what_cannot_be_seen_as_a_decision_counts_as_a_setting(recorder):
     assert math.log(watch.watched("T", 4.0)) == math.log(4.0)
     assert recorder.of("N").settings == 2
     assert recorder.of("T").settings == 1
+    assert Fraction(watch.watched("T", 0.75)) == Fraction(3, 4)
     assert not recorder.of("T").decisions
 
 
