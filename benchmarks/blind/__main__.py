@@ -19,7 +19,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
-sys.path.insert(0, str(HERE.parent))
+sys.path[:0] = [str(REPOSITORY), str(HERE.parent)]
 
 from common import publish  # noqa: E402
 from diesel import DIESEL  # noqa: E402

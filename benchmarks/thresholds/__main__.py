@@ -20,7 +20,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
-sys.path[:0] = [str(HERE.parent), str(HERE.parent / "blind"), str(HERE)]
+sys.path[:0] = [str(REPOSITORY), str(HERE.parent), str(HERE.parent / "blind"), str(HERE)]
 
 from common import markdown, publish  # noqa: E402
 from diesel import DIESEL  # noqa: E402
