@@ -14,9 +14,11 @@ from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error
+from lpvobs.report.outputs import log_fields
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
+METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "certified")
 
 
 def percent(value: float | None, digits: int = 2) -> str:
@@ -31,27 +33,21 @@ def grams(value: float | None) -> str:
 
 def log_rows(logs: Sequence[LogSummary]) -> Table:
     """Return one row per log: samples, metrics and the share that the certificate covers."""
-    header = ["log", "samples", "dropped", "gaps", "mean rel. error", "floor"]
-    header += ["rms ratio", "rmse g/s", "bias g/s", "cells", "certified"]
-    rows = []
-    for log in logs:
-        m = log.metrics
-        rows.append(
-            [
-                cycle_title(log.name),
-                str(log.samples),
-                str(log.dropped_rows),
-                str(log.gaps),
-                percent(None if m is None else m.mean_relative_error),
-                percent(None if m is None else m.floor_mean_relative_error),
-                percent(None if m is None else m.rms_ratio),
-                grams(None if m is None else m.rmse),
-                grams(None if m is None else m.bias),
-                str(m.visited_cells) if m else NONE,
-                percent(log.share_certified, 1),
-            ]
-        )
+    header = ["log", "samples", "dropped", "gaps", "mean rel. error", *METRIC_COLUMNS]
+    counts = ("samples", "dropped_rows", "gaps")
+    rows = [[cycle_title(log.name), *(str(getattr(log, name)) for name in counts), *_metric_cells(log)] for log in logs]
     return header, rows
+
+
+def _metric_cells(log: LogSummary) -> list[str]:
+    """Return the mean relative error of a log and what METRIC_COLUMNS name."""
+    known = log_fields(log)
+    return [
+        *(percent(known[name]) for name in ("mean_relative_error", "floor_mean_relative_error", "rms_ratio")),
+        *(grams(known[name]) for name in ("rmse", "bias")),
+        NONE if known["visited_cells"] is None else str(known["visited_cells"]),
+        percent(log.share_certified, 1),
+    ]
 
 
 def agreement_rows(logs: Sequence[Agreement]) -> Table:
@@ -113,28 +109,13 @@ def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = ()) -> Table:
 
 def report_rows(results: Sequence[tuple[str, StoredResult]]) -> Table:
     """Return one row per result and log: the metrics, with the paper's mean relative error beside those of its cycles."""
-    header = ["result", "method", "log", "samples", "mean rel. error", "paper", "floor", "rms ratio"]
-    header += ["rmse g/s", "bias g/s", "cells", "certified"]
+    header = ["result", "method", "log", "samples", "mean rel. error", "paper", *METRIC_COLUMNS]
     rows = []
     for name, result in results:
         for log in result.logs:
-            m = log.metrics
-            rows.append(
-                [
-                    name,
-                    result.method,
-                    cycle_title(log.name),
-                    str(log.samples),
-                    percent(None if m is None else m.mean_relative_error),
-                    percent(paper_error(result.air_path, log.name)),
-                    percent(None if m is None else m.floor_mean_relative_error),
-                    percent(None if m is None else m.rms_ratio),
-                    grams(None if m is None else m.rmse),
-                    grams(None if m is None else m.bias),
-                    str(m.visited_cells) if m else NONE,
-                    percent(log.share_certified, 1),
-                ]
-            )
+            error, *others = _metric_cells(log)
+            printed = percent(paper_error(result.air_path, log.name))
+            rows.append([name, result.method, cycle_title(log.name), str(log.samples), error, printed, *others])
     return header, rows
 
 

@@ -8,13 +8,12 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
-from lpvobs.io.calibration.surfaces import NONE, ORIGINS, Surface
+from lpvobs.io.calibration.surfaces import LONG_NAME, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import convert
-from lpvobs.io.results.hdf import Field, creating, flags, write_fields
+from lpvobs.io.results.hdf import creating, write_fields
+from lpvobs.io.results.mapping import Contents, Item, fields
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
-
-LONG_NAME = "error of the mass air flow sensor, reading minus truth"
 
 
 @dataclass(frozen=True)
@@ -149,19 +148,15 @@ def write_csv(path: Path, surface: Surface, digits: int) -> None:
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     """Write a netCDF-4 file by the CF conventions, every number as it is."""
-    both = (surface.x.name, surface.y.name)
-    fields = {axis.name: Field(axis.nodes, axis.unit, axis.long_name) for axis in (surface.x, surface.y)} | {
-        "delta_W_c": Field(surface.values, surface.unit, LONG_NAME, both),
-        "standard_error": Field(surface.standard_error, surface.unit, "standard error of delta_W_c", both),
-        "origin": Field(
-            surface.origin, "1", "where the value comes from", both, flags(list(ORIGINS), list(ORIGINS.values()))
-        ),
-    }
+    contents: Contents = {}
+    for axis in (surface.x, surface.y):
+        contents |= fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
+    contents |= fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
     with creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
         file.attrs["title"] = LONG_NAME
         file.attrs["history"] = "; ".join(comments)
-        write_fields(file, fields)
+        write_fields(file, contents)
 
 
 def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:

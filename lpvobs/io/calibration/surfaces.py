@@ -3,17 +3,19 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import numbers, reading
+from lpvobs.io.results.axes import axes_of
+from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.mapping import Item, Layout, read
 from lpvobs.records import Array
 
 NONE, ESTIMATED, EXTRAPOLATED, OLD = 0, 1, 2, 3
 ORIGINS = {NONE: "none", ESTIMATED: "estimated", EXTRAPOLATED: "extrapolated", OLD: "old"}
 
+LONG_NAME = "error of the mass air flow sensor, reading minus truth"
 SNAP = 1e-6
 """Share of a cell by which an axis of rounded numbers may miss the node that it means."""
 
@@ -78,25 +80,30 @@ def read_surface(path: Path, source: str = "") -> Surface:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in file:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
-        group = file[source]
-        fuel, speed = str(file["map"].attrs["axes"]).split()
-        x, y = _axis(group, speed), _axis(group, fuel)
-        shape = x.nodes.size, y.nodes.size
-        return Surface(
-            x=x,
-            y=y,
-            values=numbers(group, "delta_W_c", *shape),
-            standard_error=numbers(group, "standard_error", *shape),
-            origin=numbers(group, "support", *shape).astype(np.int8),
-            unit=str(group["delta_W_c"].attrs["units"]),
-            source=source,
+        group, (fuel, speed) = file[source], axes_of(file).items()
+        x, y = (
+            read(group, axis_layout(name, item), name=name, unit=item.units, long_name=item.long_name)
+            for name, item in (speed, fuel)
         )
+        unit = str(group["delta_W_c"].attrs["units"])
+        return read(group, surface_layout(x.name, y.name, unit, "support"), x=x, y=y, unit=unit, source=source)
 
 
-def _axis(group: h5py.Group, name: str) -> SurfaceAxis:
-    stored = group[name]
-    return SurfaceAxis(
-        name, str(stored.attrs["units"]), str(stored.attrs["long_name"]), numbers(group, name, stored.size)
+def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
+    """Return how an axis stands in a group."""
+    return Layout(SurfaceAxis, {name: replace(item, of="nodes")})
+
+
+def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
+    """Return how a surface stands in a group on axes of these names, where each value comes from under the name `origin`."""
+    both = (x, y)
+    return Layout(
+        Surface,
+        {
+            "delta_W_c": Item(unit, LONG_NAME, both, "values", gaps=True),
+            "standard_error": Item(unit, "standard error of delta_W_c", both, gaps=True),
+            origin: Item("1", "where the value comes from", both, "origin", meanings=ORIGINS),
+        },
     )
 
 

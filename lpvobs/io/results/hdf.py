@@ -14,9 +14,11 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.io.safety.seal import expect_sound, sealed
 from lpvobs.io.safety.self_contained import expect_self_contained
-from lpvobs.records import Array
 
 Attribute = str | int | float | np.number[Any]
+
+
+NO_YES = {0: "no", 1: "yes"}
 
 
 @dataclass(frozen=True)
@@ -57,37 +59,16 @@ def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -
     return group
 
 
-def flags(values: Sequence[int], meanings: Sequence[str]) -> dict[str, Any]:
-    """Return the CF attributes that say what small integers mean."""
-    return {"flag_values": np.array(values, dtype=np.int8), "flag_meanings": " ".join(meanings)}
+def flags(meanings: Mapping[int, str]) -> dict[str, Any]:
+    """Return the CF attributes that say what small integers mean; nothing for no meanings."""
+    if not meanings:
+        return {}
+    return {"flag_values": np.array(list(meanings), dtype=np.int8), "flag_meanings": " ".join(meanings.values())}
 
 
 def text(values: Sequence[str]) -> Any:
     """Return strings as an array that every reader understands: variable-length UTF-8."""
     return np.array(list(values), dtype=h5py.string_dtype())
-
-
-def numbers(group: h5py.Group, name: str, *shape: int) -> Array:
-    """Return a dataset of real numbers as floats; raises ValueError for another kind or shape."""
-    values = np.asarray(group[name][()])
-    if values.dtype.kind not in "fiu":
-        raise ValueError(f"'{name}' holds {values.dtype}, expected numbers")
-    if values.shape != shape:
-        raise ValueError(f"'{name}' has the shape {values.shape}, expected {shape}")
-    return values.astype(float, copy=False)
-
-
-def number(group: h5py.Group, name: str) -> float:
-    """Return a single real number; raises ValueError for anything else."""
-    return float(numbers(group, name))
-
-
-def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """Return a list of strings; raises ValueError or TypeError for anything else."""
-    values = group[name].asstr()[()]
-    if np.ndim(values) != 1:
-        raise ValueError(f"'{name}' has the shape {np.shape(values)}, expected a list")
-    return tuple(map(str, values))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.io.results.hdf import Attribute, Field, flags, text
+from lpvobs.io.results.hdf import NO_YES, Attribute, Field, flags, text
 
 Record = TypeVar("Record")
 Values = NDArray[Any]
@@ -25,21 +25,10 @@ Contents = dict[str, Field | Attribute]
 
 @dataclass(frozen=True)
 class Item:
-    """One dataset.
+    """One dataset: unit, meaning, and the names of its axes in the same group, none for a single value or an axis.
 
-    Attributes
-    ----------
-    units, long_name : str
-    axes : tuple of str
-        Names of its axes in the same group; none for a single value, and for an array that is an axis itself.
-    of : str
-        The record's field; by default it has the name of the dataset.
-    meanings : mapping of int to str
-        Of small integers; no other value is taken.
-    gaps : bool
-        Whether values may be NaN or infinite.
-    stored : str
-        Type on the disk where it is not that of the field, such as `f4` for what is only drawn.
+    `of` is the record's field where it has another name; `meanings` are of small integers, and no other value is taken; `gaps` says
+    that values may be NaN or infinite; `stored` is the type on the disk where it is not the field's, such as `f4` for drawings.
     """
 
     units: str
@@ -52,7 +41,6 @@ class Item:
 
 
 ENDS = Item("1", "which end", meanings={0: "lower", 1: "upper"})
-NO_YES = {0: "no", 1: "yes"}
 
 
 @dataclass(frozen=True)
@@ -78,14 +66,13 @@ class Layout(Generic[Record]):
     attributes: tuple[str, ...] = ()
     row: str = ""
 
-    def kind(self, name: str) -> Any:
-        """Return the annotation of the field behind a dataset or an attribute."""
-        item = self.items.get(name)
-        return _annotations(self.record)[(item.of if item else "") or name]  # type: ignore[arg-type]  # a class is hashable
+    def field_of(self, name: str) -> str:
+        """Return the field behind a dataset."""
+        return self.items[name].of or name
 
-    def meanings(self, name: str) -> Mapping[int, str]:
-        """Return what the small integers of a dataset mean; nothing for other values."""
-        return self.items[name].meanings or (NO_YES if element_of(self.kind(name)) in (bool, np.bool_) else {})
+    def kind(self, field_name: str) -> Any:
+        """Return the annotation of a field."""
+        return _annotations(self.record)[field_name]  # type: ignore[arg-type]  # a class is hashable
 
     def axes_of(self, name: str) -> tuple[str, ...]:
         """Return the names of all axes of a dataset."""
@@ -94,16 +81,16 @@ class Layout(Generic[Record]):
 
 def fields(layout: Layout[Any], record: object, labels: Labels | None = None) -> Contents:
     """Return what a group holds of a record, or of another one with the same fields; `labels` stand on axes."""
-    columns = {key: getattr(record, item.of or key) for key, item in layout.items.items()}
-    return _fields(layout, columns, labels) | {key: _as_attribute(getattr(record, key)) for key in layout.attributes}
+    columns = {name: getattr(record, layout.field_of(name)) for name in layout.items}
+    return _fields(layout, columns, labels or {}) | {
+        key: _as_attribute(getattr(record, key)) for key in layout.attributes
+    }
 
 
 def rows(layout: Layout[Record], records: Sequence[Record], labels: Labels | None = None) -> Contents:
     """Return the datasets of several records, one after the other along the axis `row`; nothing for none."""
-    if not records:
-        return {}
-    columns = {key: [getattr(each, item.of or key) for each in records] for key, item in layout.items.items()}
-    return _fields(layout, columns, labels)
+    columns = {name: [getattr(each, layout.field_of(name)) for each in records] for name in layout.items}
+    return _fields(layout, columns, labels or {}) if records else {}
 
 
 def values(group: h5py.Group, layout: Layout[Any]) -> dict[str, Any]:
@@ -114,10 +101,8 @@ def values(group: h5py.Group, layout: Layout[Any]) -> dict[str, Any]:
     KeyError, TypeError, ValueError
         For what is not there, or not as declared; `hdf.reading` makes a DataError of it.
     """
-    found = {
-        item.of or name: _as_field(_loaded(group, layout, name), layout.kind(name))
-        for name, item in layout.items.items()
-    }
+    names = {name: layout.field_of(name) for name in layout.items}
+    found = {key: _as_field(_loaded(group, layout, name), layout.kind(key)) for name, key in names.items()}
     return found | {key: _attribute(group.attrs[key], layout.kind(key), key) for key in layout.attributes}
 
 
@@ -130,17 +115,14 @@ def read_rows(group: h5py.Group, layout: Layout[Record]) -> tuple[Record, ...]:
     """Return the records along the axis `row`; none where the group has no such axis."""
     if layout.row not in group:
         return ()
-    columns = {
-        item.of or name: [_as_field(value, layout.kind(name)) for value in _loaded(group, layout, name)]
-        for name, item in layout.items.items()
-    }
-    return tuple(layout.record(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
+    names = {layout.field_of(name): _loaded(group, layout, name) for name in layout.items}
+    columns = [[_as_field(value, layout.kind(key)) for value in column] for key, column in names.items()]
+    return tuple(layout.record(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True))
 
 
 def numbered(group: h5py.Group, name: str) -> list[h5py.Group]:
     """Return the groups `name_1`, `name_2` and so on that a group holds, in this order."""
-    inner = [key for key in group if key.startswith(f"{name}_")]
-    return [group[f"{name}_{i + 1}"] for i in range(len(inner))]
+    return [group[f"{name}_{i + 1}"] for i in range(sum(key.startswith(f"{name}_") for key in group))]
 
 
 @cache
@@ -160,36 +142,31 @@ def _single(kind: Any) -> bool:
     return get_origin(kind) in (None, UnionType)
 
 
-def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels | None) -> Contents:
-    found = {name: _field(layout, name, value) for name, value in columns.items()}
-    labels = labels or {}
+def _meanings(item: Item, element: type = int) -> Mapping[int, str]:
+    return item.meanings or (NO_YES if element in (bool, np.bool_) else {})
+
+
+def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> Contents:
+    found: dict[str, Field] = {}
+    for name, value in columns.items():
+        item, element = layout.items[name], element_of(layout.kind(layout.field_of(name)))
+        meanings = _meanings(item, element)
+        dtype = item.stored or (np.int8 if meanings else np.dtype(element))
+        stored = text(value) if element is str else np.asarray(value, dtype)
+        found[name] = Field(stored, item.units, item.long_name, layout.axes_of(name), flags(meanings))
     axes: Contents = {}
     for name, meaning in layout.axes.items():
         item = meaning if isinstance(meaning, Item) else Item("1", meaning)
         size = next(each.values.shape[each.axes.index(name)] for each in found.values() if name in each.axes)
         marks = labels.get(name, np.arange(size, dtype=np.int8 if item.meanings else np.int32))
         shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
-        axes[name] = Field(shown, item.units, item.long_name, (), _meanings(item.meanings))
+        axes[name] = Field(shown, item.units, item.long_name, (), flags(item.meanings))
     return axes | found
-
-
-def _field(layout: Layout[Any], name: str, value: Any) -> Field:
-    item, element, meanings = layout.items[name], element_of(layout.kind(name)), layout.meanings(name)
-    stored = (
-        text(value)
-        if element is str
-        else np.asarray(value, item.stored or (np.int8 if meanings else np.dtype(element)))
-    )
-    return Field(stored, item.units, item.long_name, layout.axes_of(name), _meanings(meanings))
-
-
-def _meanings(meanings: Mapping[int, str]) -> dict[str, Any]:
-    return flags(list(meanings), list(meanings.values())) if meanings else {}
 
 
 def _loaded(group: h5py.Group, layout: Layout[Any], name: str) -> Values:
     """Return a dataset as it is stored; raises for another kind, shape or value than the declaration has."""
-    item, kind, axes = layout.items[name], layout.kind(name), layout.axes_of(name)
+    item, kind, axes = layout.items[name], layout.kind(layout.field_of(name)), layout.axes_of(name)
     dataset, element = group[name], element_of(kind)
     found = np.asarray(dataset.asstr()[()] if element is str else dataset[()])
     is_axis = not axes and (name == layout.row or not _single(kind))
@@ -198,11 +175,11 @@ def _loaded(group: h5py.Group, layout: Layout[Any], name: str) -> Values:
         raise ValueError(f"'{name}' has the shape {found.shape}, expected {shape}")
     if element is str:
         return found
+    meanings = _meanings(item, element)
     if found.dtype.kind not in "fiu":
         raise ValueError(f"'{name}' holds {found.dtype}, expected numbers")
     if not item.gaps and not np.isfinite(found).all():
         raise ValueError(f"'{name}' holds what is not finite")
-    meanings = layout.meanings(name)
     if meanings and not np.isin(found, list(meanings)).all():
         raise ValueError(f"'{name}' holds other values than {', '.join(map(str, meanings))}")
     if np.dtype(element).kind in "iu" and (found != np.round(found)).any():

@@ -14,7 +14,7 @@ from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.hdf import Field, flags, write_group
+from lpvobs.io.results.hdf import NO_YES, Field, flags, write_group
 from lpvobs.io.results.mapping import ENDS, Contents, Item, Labels, Layout, fields, numbered, read, read_rows, rows
 from lpvobs.synthesis.sensor_state import SensorState
 
@@ -212,7 +212,7 @@ def write_comparison(parent: h5py.Group, comparisons: Mapping[str, tuple[Compari
     unseen = np.array([unseen for _, unseen in comparisons.values()], dtype=np.int8)
     of_log = "whether nothing was fitted to any part of the log"
     contents = rows(COMPARISON, each, {"log": tuple(comparisons), **BOUNDS})
-    contents["took_no_part"] = Field(unseen, "1", of_log, ("log",), flags([0, 1], ["no", "yes"]))
+    contents["took_no_part"] = Field(unseen, "1", of_log, ("log",), flags(NO_YES))
     write_group(parent, "comparison", contents)
 
 
@@ -233,7 +233,7 @@ def _effect_contents(effect: Standing) -> Contents:
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
     contents = fields(_effect(effect.unit, f"{effect.parameter} of {effect.id}"), effect, BOUNDS)
     contents |= rows(SPANS, effect.spans)
-    contents["acts"] = Field(acts, "1", "on the log", ("log",), flags([0, 1], ["no", "yes"]))
+    contents["acts"] = Field(acts, "1", "on the log", ("log",), flags(NO_YES))
     if effect.curve is not None:
         contents |= fields(_curve(f"{effect.curve.of} of {effect.curve.channel}", effect.curve.carrier), effect.curve)
     return contents

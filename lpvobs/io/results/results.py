@@ -1,6 +1,5 @@
 """Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +13,9 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.results.agreement import read_agreement
 from lpvobs.io.results.axes import Axes, axes_of, grid_layout
-from lpvobs.io.results.extrapolations import read_extrapolation, write_extrapolation
+from lpvobs.io.results.extrapolations import read_extrapolation, read_outer_coverage, write_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.results.hdf import changing, creating, number, reading, texts, write_group
+from lpvobs.io.results.hdf import changing, creating, reading, write_group
 from lpvobs.io.results.log_summaries import LogSummary, read_log_summary, write_log
 from lpvobs.io.results.mapping import Item, Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
@@ -141,15 +140,18 @@ def read_result(path: Path) -> StoredResult:
             method=str(file.attrs["method"]),
             grid=read(file["map"], grid_layout(axes)),
             **found,
-            parameter_names=next((texts(logs[name], "parameter") for name in logs), ()),
+            **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
             logs=tuple(read_log_summary(file, name) for name in logs),
             gain=read_gain_group(file),
             extrapolation=read_extrapolation(file, axes),
-            outer_coverage=number(file["extrapolation"], "outer_coverage") if "extrapolation" in file else math.nan,
+            outer_coverage=read_outer_coverage(file),
             provenance=read_provenance(file),
             agreement=read_agreement(file),
             state=state,
         )
+
+
+PARAMETERS = Layout(StoredResult, {"parameter": Item("1", "scheduling parameter", of="parameter_names")})
 
 
 def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
