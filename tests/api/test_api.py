@@ -4,9 +4,8 @@ import os
 import subprocess
 import sys
 
-import h5py
-import numpy as np
 import pytest
+from hdf5 import contents
 from repository import DIESEL, ROOT, short_cycle
 
 import lpvobs
@@ -49,14 +48,6 @@ def by_verbs(lpvobs, tmp_path_factory):
     return folder
 
 
-def numbers(path):
-    """Return every dataset of an HDF5 file, by name."""
-    found = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
-    return found
-
-
 def test_the_example_tells_what_it_did(example):
     folder, printed = example
     assert "gain: proven at 128 vertices" in printed
@@ -70,10 +61,9 @@ def test_the_log_has_the_bytes_of_the_verb(example, by_verbs):
 
 @pytest.mark.parametrize("name", ["gain.h5", "map.h5"])
 def test_every_number_is_that_of_the_verb(example, by_verbs, name):
-    mine, theirs = numbers(example[0] / name), numbers(by_verbs / name)
+    mine, theirs = contents(example[0] / name), contents(by_verbs / name)
     assert mine.keys() == theirs.keys()
-    for dataset, values in mine.items():
-        assert np.array_equal(values, theirs[dataset], equal_nan=np.asarray(values).dtype.kind == "f"), dataset
+    assert [key for key in mine if mine[key] != theirs[key]] == []
 
 
 def test_the_calibration_file_is_that_of_the_verb(example, by_verbs):

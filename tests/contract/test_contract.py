@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import xarray as xr
+from hdf5 import datasets
 from reference import throttled_drive
 from repository import LIU_ICE, short_cycle
 
@@ -215,13 +216,6 @@ def test_a_map_is_exported_for_calibration_tools(lpvobs, chain, tmp_path):
 
 # --- results -----------------------------------------------------------------------------------------------------------------
 MAP = ("map/delta_W_c", "map/standard_error", "map/support")
-
-
-def datasets(path):
-    found = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
-    return found
 
 
 def test_a_map_has_its_shape_axes_units_and_support(chain):

@@ -8,9 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
+from hdf5 import contents
 from robust.kill import CONFIGURED, GAIN, ROOT, lay_out
 
 # Everything in one process per setting: loading the libraries takes longer than the verbs do.
@@ -25,8 +24,6 @@ for line in {lines!r}:
         if end.code:
             sys.exit(f"{{line}}: exit code {{end.code}}")
 """
-SCALES = ("REFERENCE_LIST", "DIMENSION_LIST")
-"""Attributes of HDF5's own, which are addresses."""
 RATE = ("--rate", "10")
 
 
@@ -53,24 +50,6 @@ def ran(folder: Path, threads: int, jobs: int) -> Path:
     done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     return folder
-
-
-def contents(path: Path) -> dict[str, object]:
-    """Return every dataset and attribute as bytes, /provenance aside."""
-    found: dict[str, object] = {}
-
-    def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
-        if name.split("/", maxsplit=1)[0] == "provenance":
-            return
-        values = np.asarray(item[()]) if isinstance(item, h5py.Dataset) else np.empty(0)
-        found[name] = (
-            values.tolist() if values.dtype.kind == "O" else values.tobytes()
-        )  # texts, or numbers to the last bit
-        found.update((f"{name}@{key}", str(value)) for key, value in item.attrs.items() if key not in SCALES)
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    return found
 
 
 @pytest.fixture(scope="module")
