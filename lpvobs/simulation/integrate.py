@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lpvobs.simulation.control import Commands, Targets, control
+from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.plant import (
     OMEGA_T,
     P_EM,
@@ -17,8 +18,6 @@ from lpvobs.simulation.plant import (
     U_VGT,
     Inputs,
     Plant,
-    derivative,
-    flows,
 )
 
 Array = NDArray[np.float64]
