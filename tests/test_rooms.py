@@ -77,6 +77,13 @@ def test_there_is_something_to_read():
     assert "cvxpy" in imported(SOURCES["lpvobs.synthesis.lmi"])
 
 
+def test_a_module_is_read_in_one_go():
+    """350 lines are what a reader holds in mind at once; half of the modules have less than 150."""
+    lines = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8").count("\n") for path in ROOT.rglob("*.py")}
+    assert {name: count for name, count in lines.items() if count > 350} == {}
+    assert sorted(lines.values())[len(lines) // 2] < 150
+
+
 @pytest.mark.parametrize("module", SOURCES)
 def test_a_room_imports_only_from_rooms_before_it(module):
     own = room_of(module)
