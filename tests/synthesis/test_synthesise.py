@@ -2,12 +2,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from reference.hurwitz import poles
 from scipy.linalg import solve_continuous_are
 
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.synthesis.balance import balance
 from lpvobs.synthesis.certificate import check
-from lpvobs.synthesis.gain import poles
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import certify_fixed_gain, largest_feasible, synthesise
