@@ -119,11 +119,24 @@ def _over(total: float, count: float) -> float:
 
 def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array) -> Array:
     """Return the node values, shape (p,), whose bilinear map fits N values best; zero where no sample went."""
-    p = grid.size
+    return node_values(*normal_equations(grid.size, nodes, weights, values))
+
+
+def normal_equations(p: int, nodes: NDArray[np.int64], weights: Array, values: Array) -> tuple[Array, Array]:
+    """Return the sums of Psi^T Psi, shape (p, p), and of Psi^T times each of N values, shape (p,).
+
+    Parameters
+    ----------
+    p : int
+        Nodes of the map.
+    nodes, weights : ndarray, shape (N, 4)
+        Of `Grid.regressors`.
+    values : ndarray, shape (N,)
+    """
     pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
     gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)
-    return node_values(gram.astype(float), right.astype(float))
+    return gram.astype(float), right.astype(float)
 
 
 @njit(cache=True)

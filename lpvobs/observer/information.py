@@ -24,8 +24,6 @@ by percents along directions that hardly change it, and the map with them. Their
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from lpvobs.records import Array
 
@@ -47,36 +45,6 @@ class Information:
     H: Array
     h: Array
     coupling: Array
-
-    def __add__(self, other: "Information") -> "Information":
-        """Return the information of two logs together."""
-        return Information(self.H + other.H, self.h + other.h, self.coupling + other.coupling)
-
-
-def empty(p: int, q: int) -> Information:
-    """Return the information of no log at all."""
-    return Information(np.zeros((p, p)), np.zeros(p), np.zeros((p, q)))
-
-
-def assemble(p: int, regressors: tuple[NDArray[np.int64], Array], weight: Array, z: Array, g: Array) -> Information:
-    """Return the information in N samples.
-
-    Parameters
-    ----------
-    p : int
-        Nodes of the map.
-    regressors : tuple of ndarrays, shape (N, 4)
-        Node numbers and weights Psi_l.
-    weight : ndarray, shape (N,)
-        [s^2/kg^2], time of the sample over the spectral density of the error of z.
-    z : ndarray, shape (N,)
-        [kg/s], sensor minus flow.
-    g : ndarray, shape (q, N)
-        Influences on z.
-    """
-    found = empty(p, g.shape[0])
-    _assemble(*regressors, weight, z, np.ascontiguousarray(g.T), found.H, found.h, found.coupling)
-    return found
 
 
 @dataclass(frozen=True)
@@ -115,18 +83,3 @@ def solve(information: Information, prior_map: float) -> Solution:
     inverse = np.linalg.inv(scaled)
     noise = 0.5 * prior_map**2 * (inverse + inverse.T)
     return Solution(noise @ information.h, noise, noise @ information.coupling)
-
-
-@njit(cache=True)
-def _assemble(nodes, weights, weight, z, g, H, h, coupling):  # type: ignore[no-untyped-def]
-    for k in range(z.size):
-        for m in range(4):
-            share = weight[k] * weights[k, m]
-            if share == 0.0:  # a node that takes no part does not move
-                continue
-            node = nodes[k, m]
-            h[node] += share * z[k]
-            for other in range(4):
-                H[node, nodes[k, other]] += share * weights[k, other]
-            for i in range(g.shape[1]):
-                coupling[node, i] += share * g[k, i]

@@ -10,9 +10,10 @@ import numpy as np
 from lpvobs.engines.base import AirPath
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import normal_equations
 from lpvobs.observer.ekf import KalmanSettings, adapt, start
 from lpvobs.observer.estimate import MapEstimate, finished, run_of, steps_of
-from lpvobs.observer.information import assemble, empty, solve
+from lpvobs.observer.information import Information, solve
 from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Log
@@ -54,17 +55,18 @@ def estimate_batch(
 
     The standard errors are those of the textbook, for white errors of equal variance.
     """
-    total, squares, samples = empty(grid.size, 0), 0.0, 0
+    p = grid.size
+    gram, right, squares, samples = np.zeros((p, p)), np.zeros(p), 0.0, 0
     excited, runs = [], []
     for log in logs:
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
-        z = trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], air_path.states(log))
-        used = (steps_of(log) > 0).astype(float)
-        total += assemble(grid.size, grid.regressors(*point), used, z, np.empty((0, z.size)))
-        squares += float(used @ z**2)
-        samples += int(used.sum())
+        used = steps_of(log) > 0
+        z = (trajectory.y[:, -1] - np.einsum("kj,kj->k", trajectory.C[:, -1], air_path.states(log)))[used]
+        nodes, weights = grid.regressors(*point)
+        more = normal_equations(p, nodes[used], weights[used], z)
+        gram, right, squares, samples = gram + more[0], right + more[1], squares + float(z @ z), samples + z.size
         excited.append(excitation(grid, *point, log.time, log.segments))
         runs.append(run_of(log, trajectory.parameters, gain.region))
-    unit = solve(total, NO_PRIOR)
-    variance = max(squares - float(unit.theta @ total.h), 0.0) / max(samples - grid.size, 1)
+    unit = solve(Information(gram, right, np.empty((p, 0))), NO_PRIOR)
+    variance = max(squares - float(unit.theta @ right), 0.0) / max(samples - p, 1)
     return finished("batch", grid, unit.theta, variance * unit.noise, runs, sum(excited[1:], excited[0]), settings)

@@ -5,7 +5,7 @@ import pytest
 from reference.membership import psi
 
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.information import assemble, empty, solve
+from lpvobs.observer.information import Information, solve
 
 GRID = Grid(np.array([0.0, 4.0, 10.0, 20.0]), np.array([500.0, 1000.0, 2000.0]))
 PRIOR = 0.1
@@ -20,7 +20,8 @@ def problem(seed, N=300, u_max=20.0):
 
 
 def informed(u, n, weight, z, g):
-    return assemble(GRID.size, GRID.regressors(u, n), weight, z, g)
+    weighted = rows(u, n).T * weight
+    return Information(weighted @ rows(u, n), weighted @ z, weighted @ g.T)
 
 
 def rows(u, n):
@@ -43,21 +44,9 @@ def test_map_and_covariance_are_those_of_dense_weighted_least_squares():
     np.testing.assert_allclose(found.covariance(VARIANCE), dense, rtol=0, atol=1e-9 * dense.max())
 
 
-def test_two_logs_are_one():
-    a, b = problem(2), problem(3, N=170)
-    both = [np.concatenate(pair, axis=-1) for pair in zip(a, b, strict=True)]
-    merged, whole = informed(*a) + informed(*b), informed(*both)
-    turned = informed(*b) + informed(*a)
-    for name in ("H", "h", "coupling"):
-        size = np.abs(getattr(whole, name)).max()
-        np.testing.assert_allclose(
-            getattr(merged, name), getattr(whole, name), rtol=0, atol=1e-13 * size
-        )  # order of sums
-        np.testing.assert_array_equal(getattr(merged, name), getattr(turned, name))  # a + b = b + a, also in floats
-
-
 def test_no_log_says_nothing():
-    found = solve(empty(GRID.size, 2), PRIOR)
+    p = GRID.size
+    found = solve(Information(np.zeros((p, p)), np.zeros(p), np.zeros((p, 2))), PRIOR)
     np.testing.assert_array_equal(found.theta, 0.0)
     np.testing.assert_allclose(found.covariance(VARIANCE), PRIOR**2 * np.eye(GRID.size), rtol=1e-15)
 
@@ -70,16 +59,6 @@ def test_a_node_without_data_keeps_its_prior():
     np.testing.assert_array_equal(found.theta[away], 0.0)
     np.testing.assert_array_equal(found.response[away], 0.0)
     np.testing.assert_allclose(np.diag(found.covariance(VARIANCE))[away], PRIOR**2, rtol=1e-12)
-
-
-def test_samples_of_no_weight_are_no_samples():
-    u, n, weight, z, g = problem(5)
-    silent = weight.copy()
-    silent[::3] = 0.0
-    kept = np.arange(u.size) % 3 != 0
-    a, b = informed(u, n, silent, z, g), informed(u[kept], n[kept], weight[kept], z[kept], g[:, kept])
-    for name in ("H", "h", "coupling"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
 def test_it_is_the_map_equation_with_a_gain_that_falls():
