@@ -17,13 +17,26 @@ from typing import Any
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # otherwise it compiles all of Hypothesis again for every mutant
 
 import pytest
 from change import Mutant, source
 
 LONGEST = 1.0
 """[s] of computing; a test that takes longer without the compiler is left out."""
-PRELOADED = {"cvxpy", "clarabel", "numba", "numpy", "scipy", "h5py", "pyarrow", "pandas", "msgspec", "pint"}
+PRELOADED = {
+    "cvxpy",
+    "clarabel",
+    "numba",
+    "numpy",
+    "scipy",
+    "h5py",
+    "pyarrow",
+    "pandas",
+    "msgspec",
+    "pint",
+    "hypothesis",
+}
 """Libraries that are loaded once, for all mutants; nothing of the package is."""
 BROKEN = 99
 """Exit code of a process that did not come to run the tests."""
