@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="record the logs and stop")
     parser.add_argument("--out", default="blind", help="name of the table in benchmarks/results; - prints only")
     given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
     pages, summary = [], {}
     for engine in (ENGINES[name] for name in given.engine):
         if reason := engine.missing():
@@ -135,13 +136,12 @@ class Bank:
         folder = self.folder / name / part
         folder.mkdir(parents=True, exist_ok=True)
         paths = {name_of(case): folder / f"{name_of(case)}.json" for case in cases}
-        if not all(path.exists() for path in paths.values()):
+        if missing := [own for own, path in paths.items() if not path.exists()]:
             self._truth.unlink(missing_ok=True)
             config = code / "configs" / self.engine.config
-            common = [code, config, self.folder / part, folder]
-            _together(
-                [[sys.executable, HERE / "judge.py", *common, k, self.jobs, verb] for k in range(self.jobs)], code
-            )
+            call = [sys.executable, HERE / "judge.py", code, config, self.folder / part, folder, verb]
+            shares = [missing[k :: self.jobs] for k in range(min(self.jobs, len(missing)))]
+            _together([[*call, *share] for share in shares], code)
         return {own: json.loads(path.read_text(encoding="utf-8")) for own, path in paths.items()}
 
 

@@ -1,8 +1,8 @@
-"""The judged side of the blind bank, a process of its own: `python judge.py CODE CONFIG FOLDER VERDICTS SHARE OF refine|trace`.
+"""The judged side of the blind bank, a process of its own: `python judge.py CODE CONFIG FOLDER VERDICTS refine|trace LOG...`.
 
-It is given a folder of logs, and nothing else that has to do with them. It cannot read what is in them: the truth is in the
-memory of the process that drew it and on no disk while this one runs, names and metadata of the logs do not depend on it, and
-this process ends if anything in it imports the simulator or the code that draws. It judges with the code in the folder CODE,
+It is given a folder and names of logs, and nothing else that has to do with them. It cannot read what is in them: the truth is in
+the memory of the process that drew it and on no disk while this one runs, names and metadata of the logs do not depend on it,
+and this process ends if anything in it imports the simulator or the code that draws. It judges with the code in the folder CODE,
 through the functions that the package offers to everybody, so that any version of the package can be judged.
 """
 
@@ -33,17 +33,14 @@ sys.addaudithook(refuse)  # before anything of the project is imported
 import lpvobs  # noqa: E402
 
 
-def main(code: Path, config: Path, folder: Path, verdicts: Path, share: int, of: int, verb: str) -> None:
-    """Judge every `of`-th log that has no verdict yet."""
+def main(code: Path, config: Path, folder: Path, verdicts: Path, verb: str, names: list[str]) -> None:
+    """Judge logs."""
     if Path(lpvobs.__file__).parents[1] != code.resolve():
         raise SystemExit(f"{lpvobs.__file__} was imported instead of the package in {code}")
-    gain = verdicts / f"gain_{share}.h5"
+    gain = verdicts / f"{names[0]}.gain.h5"
     lpvobs.synth_gain(config, out=gain)
-    logs = sorted(path for path in folder.glob("*.parquet") if not path.name.endswith(".nominal.parquet"))
-    for log in logs[share::of]:
-        verdict = verdicts / f"{log.stem}.json"
-        if verdict.exists():
-            continue
+    for name in names:
+        log, verdict = folder / f"{name}.parquet", verdicts / f"{name}.json"
         nominal = log.with_suffix(".nominal.parquet")
         result, refined = verdict.with_suffix(".h5"), verdict.with_suffix(".refined.h5")
         lpvobs.estimate(config, nominal if nominal.exists() else log, result, gain=gain)
@@ -61,4 +58,4 @@ def main(code: Path, config: Path, folder: Path, verdicts: Path, share: int, of:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:5]), int(sys.argv[5]), int(sys.argv[6]), sys.argv[7])
+    main(*map(Path, sys.argv[1:5]), sys.argv[5], sys.argv[6:])

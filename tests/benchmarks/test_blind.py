@@ -47,7 +47,7 @@ def test_the_judged_side_cannot_import_what_knows_the_truth(known):
 
 
 def test_a_package_other_than_the_one_asked_for_does_not_judge(tmp_path):
-    call = [sys.executable, "benchmarks/blind/judge.py", *map(str, [tmp_path] * 4), "0", "1", "refine"]
+    call = [sys.executable, "benchmarks/blind/judge.py", *map(str, [tmp_path] * 4), "refine", "a"]
     done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode != 0
     assert f"instead of the package in {tmp_path}" in done.stderr
