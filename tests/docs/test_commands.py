@@ -67,7 +67,9 @@ def test_every_page_is_in_the_navigation(page):
 
 def test_every_room_is_in_the_reference():
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    rooms = {path.stem for path in (ROOT / "lpvobs").iterdir() if not path.name.startswith("_")} - {"cli"}
+    inside = (ROOT / "lpvobs").iterdir()
+    rooms = {path.stem for path in inside if path.suffix == ".py" or (path / "__init__.py").exists()}
+    rooms -= {"__init__", "cli"}
     assert {path.stem for path in (ROOT / "docs" / "reference").glob("*.md")} == rooms | {"verbs"}
     assert all(f": reference/{room}.md\n" in navigation for room in rooms)
 

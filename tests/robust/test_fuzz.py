@@ -13,7 +13,7 @@ from lpvobs.simulation.cycles import load_cycle
     ("kind", "number"),
     [
         ("parquet bytes", 140), ("parquet content", 140), ("toml", 140), ("hdf5 bytes", 40), ("hdf5 content", 40),
-        ("csv", 130), ("mat", 6), ("mat hdf5", 4), ("mdf", 2),
+        ("csv", 130), ("mat", 3), ("mat hdf5", 2), ("mdf", 2),
     ],
 )  # fmt: skip
 def test_no_input_is_a_fault_of_the_program(samples, kind, number):
