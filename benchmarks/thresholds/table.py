@@ -2,6 +2,7 @@
 
 import ast
 import re
+import runpy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ class Threshold:
 
 def read_table(repository: Path) -> list[Threshold]:
     """Return the entries; raises ValueError for one that lacks unit, meaning or the run that set it."""
+    values = runpy.run_path(str(repository / SOURCE))
     body = ast.parse((repository / SOURCE).read_text(encoding="utf-8")).body
     found = []
     for node, after in zip(body, [*body[1:], None], strict=True):
@@ -31,7 +33,7 @@ def read_table(repository: Path) -> list[Threshold]:
         told = after.value if isinstance(after, ast.Expr) else None
         text = " ".join(str(told.value).split()) if isinstance(told, ast.Constant) else ""
         match = DOCSTRING.fullmatch(text)
-        if match is None or node.value is None:
+        if match is None:
             raise ValueError(f"{name}: its docstring is {text!r}, expected `[unit] meaning. Set by run.`")
-        found.append(Threshold(name, ast.literal_eval(node.value), *match.groups()))
+        found.append(Threshold(name, values[name], *match.groups()))
     return found
