@@ -61,8 +61,7 @@ def imported(tree, *, late=True):
 
 def room_of(module):
     parts = module.split(".")
-    room = parts[1] if len(parts) > 1 else "__init__"
-    return {"steps": "api"}.get(room, room)  # what is left of an older division
+    return parts[1] if len(parts) > 1 else "__init__"
 
 
 def inside(module):

@@ -12,6 +12,7 @@ from msgspec import Meta
 from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_copies, refuse_empty, remove_parts
 from lpvobs.api.jobs import processors
+from lpvobs.api.learning import engine_writer, learned_path
 from lpvobs.api.pooled import contents, usable
 from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
@@ -32,7 +33,6 @@ from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
-from lpvobs.steps.learning import engine_writer, learned_path
 
 MANY = 8
 """Logs from which on starting other processes is worth while: each takes about a second to start."""

@@ -137,7 +137,8 @@ def estimate_fleet(
     """
     refuse_copies(paths)
     grid = config.grid()
-    learned = air_path.fingerprint()
+    known = air_path.knowledge()
+    learned = "" if known is None else known.digest()
     settings = config.estimate.limited_to(air_path.balance_constants)
     key = run_key(config_text + learned, gain)
     store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
+from lpvobs.api.closed_loop import Sources, refine_result
 from lpvobs.api.files import File, Progress, as_path, as_paths, silent, some_logs, writing
 from lpvobs.api.pooled import Traced
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.steps.trace import Sources, refine_result
 
 
 def refine(

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from lpvobs.api.files import File, as_path, as_paths, writing
+from lpvobs.api.learning import learned_path
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
@@ -23,7 +24,6 @@ from lpvobs.observer.parts import RangeSeen, calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
-from lpvobs.steps.learning import learned_path
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region

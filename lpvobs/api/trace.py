@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
+from lpvobs.api.closed_loop import Sources, trace_result
 from lpvobs.api.files import File, Progress, silent, some_logs, updating
 from lpvobs.api.pooled import Traced
-from lpvobs.steps.trace import Sources, trace_result
 
 
 def trace(

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.held_out import NOTHING, SUPPORT, Losses
-from lpvobs.discovery.linear import Linear, Term, operating_nodes, residual_of, scene_with
-from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.drawn_up import Nodes, by_unknowns, drawn_up, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import LEVEL_PASSES, LEVEL_SHARE, NOTHING, SUPPORT, UNKNOWN
 from lpvobs.records import Array
 
 HOW_WHOLE = (
@@ -18,21 +20,39 @@ HOW_WHOLE = (
 def carried(models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem) -> Losses:
     """Return the losses of the model before and after on an unseen log.
 
-    `terms` are the effects of either model as they act on this log.
+    `terms` are the effects of either model as they act on this log. Nothing is fitted but the levels of its day, where days differ.
     """
     after = models[1]
-    weight = np.sqrt(np.mean((after.whitener**2).sum(1), axis=0))[:, None]
+    root = after.noise.pointwise().root
+    weight = np.sqrt(np.mean((root**2).sum(1), axis=0))[:, None] * unseen.shown
     time: Array = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p).astype(float)
     known, losses = np.ones(unseen.K, dtype=bool), []
     for linear, acting in zip(models, terms, strict=True):
-        scene = scene_with(unseen, acting)
-        nodes = operating_nodes(unseen, scene)
-        raw = residual_of(unseen, scene, linear.constants, linear.theta, nodes)[0]
+        raw, nodes = _with_its_levels(linear, acting, unseen, weight)
         losses.append(((weight * raw) ** 2).sum(0))
-        known &= _told(time, nodes, after)
+        known &= _informed(time, nodes, after)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
-    scale = float(1.0 / np.sqrt(np.sum(weight**2)))
+    scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
     return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
+
+
+def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, weight: Array) -> tuple[Array, Nodes]:
+    """Return the residual of a model on another log, shape (B, K), the levels of its day at their best, and the map's nodes."""
+    q = len(unseen.model.names)
+    beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
+    for _ in range(LEVEL_PASSES if unseen.levels else 0):
+        scenes = scenes_with(unseen, terms, beta)
+        nodes = operating_nodes(unseen, scenes)
+        each = drawn_up(unseen, scenes, beta)
+        columns = (weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]).reshape(beta.size - q, -1)
+        raw = (weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]).ravel()
+        prior = np.diag(unseen.spread[q:] ** -2.0)
+        shared = LEVEL_SHARE  # neighbouring places do not count anew
+        step = np.linalg.solve(shared * columns @ columns.T + prior, shared * columns @ raw + prior @ beta[q:])
+        beta[q:] -= step
+    scenes = scenes_with(unseen, terms, beta)
+    nodes = operating_nodes(unseen, scenes)
+    return residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
 
 
 def together(parts: Sequence[Losses]) -> Losses:
@@ -47,13 +67,9 @@ def together(parts: Sequence[Losses]) -> Losses:
     )
 
 
-def _told(time: Array, nodes: tuple[NDArray[np.int64], Array], after: Linear) -> NDArray[np.bool_]:
+def _informed(time: Array, nodes: tuple[NDArray[np.int64], Array], after: Linear) -> NDArray[np.bool_]:
     """Return where the map along a log stands on nodes that the model knows."""
     prior = after.problem.prior
     stands = np.zeros(after.p, dtype=bool) if prior.free else np.diag(prior.precision) > UNKNOWN * prior.precision.max()
     informed = (time >= SUPPORT) | stands
     return np.asarray(np.all(informed[nodes[0]] | (nodes[1] < NOTHING), axis=1), dtype=bool)
-
-
-UNKNOWN = 1e-3
-"""Of the largest precision of a nominal map: nodes under it were not estimated."""

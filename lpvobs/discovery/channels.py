@@ -7,16 +7,10 @@ import numpy as np
 
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import MOST_LEVELS
-from lpvobs.engines.effects import Effect, Scene
+from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.thresholds import COST, KNOTS, MOST_LEVELS, RATE_WINDOW
+from lpvobs.engines.effects import Effect, Signals
 from lpvobs.records import Array
-
-KNOTS = (0.0, 1 / 3, 2 / 3, 1.0)
-"""Quantiles of the channel between which a curve is straight."""
-COST = 8.0
-"""What each coefficient of a curve must gain."""
-RATE_WINDOW = 11
-"""Instants over which a channel's rate is averaged."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +60,7 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
 def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
     """Return the best curve of every channel as a candidate, none that does not pay its coefficients."""
     problem = linear.problem
-    carriers = [effect for effect in problem.plant.catalogue if effect.id in problem.plant.carriers]
+    carriers = problem.carriers
     slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
     best: dict[str, tuple[float, Curve, Effect]] = {}
     for name, of, values in shapes(linear):
@@ -76,23 +70,27 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
         )  # what a switch does on the average is no part of such a map
         middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
         for effect in carriers:
-            columns = np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]])
+            columns = linear.whiten(np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]]))
             gain, coefficients = _joint(linear, columns)
             if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
                 sizes = np.concatenate([[0.0], coefficients])
                 curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
-                best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, values))
+                best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, problem, values))
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
     found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
     return [(replace(c, gain=c.gain - COST * (curve.knots.size - 1)), curve) for c, curve in found]
 
 
-def driven(curve: Curve, carrier: Effect, values: Array) -> Effect:
-    """Return the effect whose size follows the curve; its parameter is the multiple of the curve."""
-    shape = np.tile(np.interp(values, curve.knots, curve.values), 2)
+def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Effect:
+    """Return the effect whose size follows the curve along the places of a problem."""
+    return following(curve, carrier, problem.over_columns(np.interp(values, curve.knots, curve.values)))
 
-    def apply(scene: Scene, amplitude: float) -> Scene:
-        return carrier.apply(scene, carrier.null + amplitude * shape)
+
+def following(curve: Curve, carrier: Effect, shape: Array) -> Effect:
+    """Return the effect whose size follows a curve, column by column; its parameter is the multiple of the curve."""
+
+    def apply(signals: Signals, amplitude: float) -> Signals:
+        return carrier.apply(signals, carrier.null + amplitude * shape)
 
     return Effect(
         f"channel:{curve.channel}", "amplitude", "1", 0.0, 0.2, -5.0, 5.0, carrier.place, apply,

@@ -6,17 +6,11 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from lpvobs.discovery.linear import Linear, Term, dot, residual_with
+from lpvobs.discovery.linear import Linear, dot, residual_with
 from lpvobs.discovery.ranking import least
-from lpvobs.discovery.residual import STRETCH
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.thresholds import BLURRED, OPPOSITE, SWITCH
 from lpvobs.records import Array
-
-SWITCH = 3.0
-"""Times the logarithm of the number of instants: what a switch must gain, as much as an end of an interval costs the search."""
-OPPOSITE = 0.7
-"""Cosine from which on two effects are each other's opposite."""
-BLURRED = 0.002
-"""Of what one interval gains: model error, which grows with the effect, may pretend a pause that gains so much."""
 
 
 def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
@@ -29,21 +23,27 @@ def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
     others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
     off = residual_with(linear, others)
     on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
-    return np.asarray(0.5 * ((off[0] ** 2 - off[1] ** 2).sum(0) - (on[0] ** 2 - on[1] ** 2).sum(0)))
+    place = linear.noise.pointwise()
+    plain_off, plain_on = place.whiten(off), place.whiten(on)
+    gain = 0.5 * ((plain_off[0] ** 2 - plain_off[1] ** 2).sum(0) - (plain_on[0] ** 2 - plain_on[1] ** 2).sum(0))
+    if place is linear.noise:
+        return np.asarray(gain)
+    # Where noise is remembered, places do not count anew: together they say what the whole change says.
+    whole, alone = linear.noise.whiten(on - off)[0], (plain_on - plain_off)[0]
+    return np.asarray(gain * min(1.0, float(np.vdot(whole, whole) / max(np.vdot(alone, alone), 1e-300))))
 
 
 def sharpened(linear: Linear, index: int) -> Term:
-    """Return a term with its onset and end moved to where, instant by instant, it begins and ceases to explain."""
+    """Return a term with its onset and end moved to where, place by place, it begins and ceases to explain: between two places."""
     term = linear.terms[index]
-    better = np.cumsum(advantage(linear, index))  # of acting up to an instant
-    clock = linear.problem.scene.clock[: linear.problem.K]
+    better = np.cumsum(advantage(linear, index))  # of acting up to a place, that one included
+    clock = linear.problem.clock
+    between = np.append(0.5 * (clock[1:] + clock[:-1]), clock[-1])
     reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
-    if linear.problem.used.all():  # an onset in a stretch that was kept back is not known better than that
-        reach += STRETCH
 
     def near(at: float, sign: float) -> float:
         window = np.flatnonzero(np.abs(clock - at) <= reach)
-        return float(clock[window[np.argmax(sign * better[window])]]) if window.size else at
+        return float(between[window[np.argmax(sign * better[window])]]) if window.size else at
 
     begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
     end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
@@ -66,7 +66,10 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
 def _undoes(linear: Linear, one: int, other: int) -> bool:
     """Return whether what one term does to the residual is, while it acts, the opposite of what the other does."""
     whole = residual_with(linear, linear.terms)
-    a, b = (whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]) for j in (one, other))
+    a, b = (
+        linear.whiten(whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]))
+        for j in (one, other)
+    )
     b = b * np.any(a != 0.0, axis=(0, 1))
     return bool(dot(a, b) < -OPPOSITE * np.sqrt(max(dot(a, a) * dot(b, b), 0.0)))
 

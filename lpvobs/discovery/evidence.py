@@ -5,19 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 import scipy.stats
+from numpy.typing import NDArray
 
-from lpvobs.discovery.fit import SHARE
-from lpvobs.discovery.linear import Linear, Term, dot, operating_nodes, residual_of, views
-from lpvobs.engines.effects import Effect
+from lpvobs.discovery.drawn_up import operating_nodes, residual_of, views
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
+from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
-
-PASSES = 6
-STRONG = 5.0
-"""Standard deviations of its own noise by which the information about a size must exceed zero."""
-START = 0.1
-"""Of the logs: an effect that begins before is not told from one that was there from the first sample."""
-LEAST_LENGTH = 10
-"""Blocks that an interval must have, and must leave, to be told from an outlier."""
 
 
 @dataclass(frozen=True)
@@ -68,26 +63,27 @@ def loss_of(linear: Linear) -> Array:
 
 
 def change_of(linear: Linear, effect: Effect, size: float) -> Array:
-    """Return how a further effect changes the whitened residual when it acts all the time, shape (2, B, K)."""
+    """Return how a further effect changes the residual when it acts all the time, shape (2, B, K), not whitened."""
     problem = linear.problem
-    scene = effect.apply(linear.scene, size)
-    if effect.place == "sensor":
-        name = problem.plant.sensor
-        shift = views((scene[name] - linear.scene[name])[None])
-        return linear.whiten(shift * problem.plant.mapped[:, None])
-    nodes = operating_nodes(problem, scene) if effect.moves_point else linear.nodes
-    return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes) - linear.raw)
+    scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
+    if (
+        effect.place == "sensor" and problem.blocks is None
+    ):  # the residual is linear in the reading, and nothing else changes
+        shift = views((scenes[0][1][SENSOR] - linear.scenes[0][1][SENSOR])[None], problem.K)
+        return np.asarray(shift * problem.by_reading)
+    nodes = operating_nodes(problem, scenes) if effect.moves_point else linear.nodes
+    return residual_of(problem, scenes, linear.beta, linear.theta, nodes) - linear.raw
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
     """Return the derivative of that change by the size; `here` is the change at this size, if it is known."""
-    h = SHARE * effect.size
+    h = EFFECT_STEP * effect.size
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 
 def promise_of(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
     """Return the gain of an effect in an interval as a straight line through none promises it."""
-    slope = slope_of(linear, effect, effect.null) * within(linear, begin, end)
+    slope = linear.whiten(slope_of(linear, effect, effect.null) * within(linear, begin, end))
     products = linear.products(slope)
     gradient = dot(slope, linear.residual) - float(products @ linear.pull)
     information = dot(slope, slope) - float(products @ linear.project(products))
@@ -95,8 +91,8 @@ def promise_of(linear: Linear, effect: Effect, begin: float = -np.inf, end: floa
 
 
 def within(linear: Linear, begin: float, end: float) -> Array:
-    """Return one for the instants in an interval of the clock, zero elsewhere, shape (K,)."""
-    clock = linear.problem.scene.clock[: linear.problem.K]
+    """Return one for the places in an interval of the clock, zero elsewhere, shape (K,)."""
+    clock = linear.problem.clock
     return np.asarray((clock >= begin) & (clock < end), dtype=float)
 
 
@@ -113,8 +109,9 @@ def fit_candidate(
     on = within(linear, begin, end)
     size = effect.null if size is None else size
     best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
-    for _ in range(PASSES):
-        change = change_of(linear, effect, size) * on
+    for _ in range(SIZE_PASSES):
+        plain = change_of(linear, effect, size)
+        change = linear.whiten(plain * on)
         products = linear.products(change)
         answer = linear.project(products)
         gain = -(
@@ -123,7 +120,7 @@ def fit_candidate(
         if gain <= best[0]:
             size = 0.5 * (size + best[1])
             continue
-        slope = slope_of(linear, effect, size, change) * on
+        slope = linear.whiten(slope_of(linear, effect, size, plain) * on)
         against = linear.products(slope)
         own = linear.project(against)
         best = (float(gain), float(size), change, slope, answer)
@@ -149,7 +146,7 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
     unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
     loss = 0.5 * linear.by_block(left, left)
-    clock = problem.scene.clock
+    clock = problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     return Candidate(term, gain, information, unevenness, loss, elsewhere, from_start)
 
@@ -182,20 +179,26 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:
-    """Return the gain of a direction on every range of blocks first..last, shape (blocks + 1, blocks + 1); zero if too short."""
-    products = linear.products_by_block(direction)
-    score = linear.by_block(direction, linear.residual) - products @ linear.pull
-    power = linear.by_block(direction, direction)
+    """Return the gain of a direction, not whitened, on every range of stretches first..last; zero if too short.
+
+    Shape (stretches + 1, stretches + 1).
+    """
+    first, whitened = linear.problem.first, linear.whiten(direction)
+    products, score = linear.along_stretches(direction, whitened)
+    score = score - products @ linear.pull
     white = scipy.linalg.solve_triangular(linear.factor, np.cumsum(products, 0).T, lower=True, check_finite=False).T
     white = np.vstack([np.zeros(white.shape[1]), white])
-    S, H = (np.concatenate([[0.0], np.cumsum(x)]) for x in (score, power))
+    S = np.concatenate([[0.0], np.cumsum(score)])
     gram = white @ white.T
     own = np.diag(gram)
-    information = H[None] - H[:, None] - (own[None] + own[:, None] - 2.0 * gram)
-    number = np.arange(H.size)
-    blur = np.concatenate([[0.0], np.cumsum(_blur(linear, direction))])
+    power = linear.noise.ranges(direction, whitened, first)
+    information = power - (own[None] + own[:, None] - 2.0 * gram)
+    number = np.arange(S.size)
+    blur = np.concatenate([[0.0], np.cumsum(_blur(linear, whitened))])
     usable = number[None] - number[:, None] >= LEAST_LENGTH
-    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + 1e-6 * max(H[-1], 1e-300)
+    usable &= information > STRONG * np.sqrt(np.maximum(blur[None] - blur[:, None], 0.0)) + 1e-6 * max(
+        power[0, -1], 1e-300
+    )
     gains = np.zeros(information.shape)
     gains[usable] = 0.5 * (S[None] - S[:, None])[usable] ** 2 / information[usable]
     return gains
@@ -245,17 +248,36 @@ def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> C
         return whole
     effect = whole.term.effect
     absorbed = effect.in_map and linear.problem.prior.free
-    ranges = best_intervals(gains_of_intervals(linear, _direction(linear, whole)))
+    ranges = best_intervals(gains_of_intervals(linear, _direction(linear, effect, whole.term.size)))
     found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
     best = max(found, key=lambda i: score(found[i]))
-    again = best_intervals(gains_of_intervals(linear, _direction(linear, found[best])))[best]
+    again = best_intervals(gains_of_intervals(linear, _direction(linear, effect, found[best].term.size)))[best]
     rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
     return max([whole, *rivals] if allow_whole else rivals, key=score)
 
 
-def _direction(linear: Linear, like: Candidate) -> Array:
-    """Return the change per size that an effect makes when it has the size of `like`."""
-    effect, size = like.term.effect, like.term.size
+def dated_again(bare: Linear, term: Term) -> Term:
+    """Return a term with each of its ends where it gains most within a stretch of before, all unknowns following.
+
+    `bare` is the model without it, made from all data: an onset that lies in a stretch that was kept back was only guessed.
+    """
+    problem, n = bare.problem, bare.problem.first.size
+    reach = STRETCH + 2.0 * float(np.median(np.diff(problem.begins)))
+
+    def near(edge: float, whole: int) -> NDArray[np.int64]:
+        return np.flatnonzero(np.abs(problem.begins - edge) <= reach) if np.isfinite(edge) else np.array([whole])
+
+    firsts, lasts = near(term.begin, 0), near(term.end, n)
+    if not (firsts.size and lasts.size):
+        return term
+    gains = gains_of_intervals(bare, _direction(bare, term.effect, term.size))[np.ix_(firsts, lasts)]
+    i, j = np.unravel_index(int(np.argmax(gains)), gains.shape)
+    begin, end = ends_of(bare, int(firsts[i]), int(lasts[j]))
+    return replace(term, begin=begin, end=end) if gains[i, j] > 0.0 else term
+
+
+def _direction(linear: Linear, effect: Effect, size: float) -> Array:
+    """Return the change per size that an effect makes when it has a size."""
     far = abs(size - effect.null) > 0.2 * effect.size
     return change_of(linear, effect, size) / (size - effect.null) if far else slope_of(linear, effect, size)
 

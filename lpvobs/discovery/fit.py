@@ -7,55 +7,34 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lpvobs.discovery.linear import (
-    Linear,
+from lpvobs.discovery.drawn_up import (
     Nodes,
-    Term,
     bend_of,
-    covariance_root,
-    dot,
+    by_unknowns,
+    drawn_up,
     map_along,
-    map_normal,
     operating_nodes,
     residual_of,
-    scatter,
-    scene_with,
+    scenes_with,
     views,
-    whiten,
 )
-from lpvobs.discovery.residual import Problem
-from lpvobs.engines.effects import Scene
+from lpvobs.discovery.linear import Linear, dot, map_normal, scatter
+from lpvobs.discovery.noise import Noise, Scatter, first_noise, noise_of
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import ANEW, EFFECT_STEP, FARTHEST, MOST_STEPS, PIN, STILL, WIDEST
 from lpvobs.records import Array
-
-STEP = 1e-4
-"""Relative step of the difference quotients by constants."""
-SHARE = 0.02
-"""Step of the difference quotients by an effect, as a share of its noticeable size."""
-WIDEST = 100.0
-"""Prior standard deviation of an accepted effect in noticeable sizes: none to speak of."""
-ANEW = 5
-"""Steps after which the derivatives by the constants are taken anew: they change little, and are most of the work."""
-MOST_STEPS = 12
-"""Gauss-Newton steps between two sets of weights."""
-STILL = 1.0
-"""Gain, twice and in units of the noise, below which a further step is not worth taking."""
-PIN = 1e6
-"""Precision of a pinned constant in units of its prior's."""
-FARTHEST = 2.0
-"""A constant is sought within this many standard deviations of its prior, which is 15 % beyond its tolerance."""
 
 
 def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Linear | None = None) -> Linear:
     """Return the model with the given terms at its optimum, its weights made from its own residual."""
     theta = problem.prior.mean if start is None else start.theta
-    beta = np.zeros(len(problem.names))
-    whitener = None if start is None else start.whitener
-    linear = linearised(problem, tuple(terms), theta, beta, whitener, near=start)
+    beta = np.zeros(problem.spread.size)
+    noise = first_noise(problem) if start is None else start.noise.only(problem.used)
+    linear = linearised(problem, tuple(terms), theta, beta, noise, near=start)
     for _ in range(passes):
         linear = converged(linear)
-        nodes = linear.nodes
-        root = covariance_root(problem, nodes, linear.raw[0])
-        linear = linearised(problem, linear.terms, linear.theta, linear.beta, root, linear.pinned, linear)
+        noise = noise_of(problem, linear.nodes, linear.raw[0])
+        linear = linearised(problem, linear.terms, linear.theta, linear.beta, noise, linear.pinned, linear)
     return _stepped(linear, None)  # near the stall of the compressor derivatives change fast, and tests follow
 
 
@@ -64,54 +43,46 @@ def linearised(
     terms: tuple[Term, ...],
     theta: Array,
     beta: Array,
-    whitener: Array | None,
+    noise: Noise,
     pinned: NDArray[np.bool_] | None = None,
     near: Linear | None = None,
 ) -> Linear:
-    """Return the linear model at a point.
-
-    Without a whitener every balance counts alike; with a model `near` by, its derivatives by the constants are used.
-    """
-    constants = _constants(problem, beta)
-    scene = scene_with(problem, terms, constants)
-    nodes = operating_nodes(problem, scene)
-    each = problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks)
-    raw = views(each)
-    raw[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
-    if whitener is None:
-        whitener = np.tile(np.eye(raw.shape[1]) / 1e-3, (problem.K, 1, 1))
-    by_constants = _by_constants(problem, scene, beta, each) if near is None else near.by_constants
-    known = near is not None and near.whitener is whitener and near.problem is problem
-    white = near.columns[: beta.size] if near is not None and known else _whitened(problem, whitener, by_constants)
+    """Return the linear model at a point; with a model `near` by, its derivatives by the unknowns are used."""
+    scenes = scenes_with(problem, terms, beta)
+    nodes = operating_nodes(problem, scenes)
+    each = drawn_up(problem, scenes, beta)
+    raw = views(each, problem.K)
+    raw[0] -= problem.by_reading * map_along(theta, nodes)
+    derivatives = by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
+    known = near is not None and near.noise is noise and near.problem is problem
+    white = near.columns[: beta.size] if near is not None and known else noise.whiten(derivatives)
     if terms:
-        white = np.concatenate(
-            [white, _whitened(problem, whitener, _by_terms(problem, terms, constants, theta, nodes))]
-        )
+        white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
-    straight[0] += bend_of(problem, scene, constants, each)
-    residual = whiten(whitener, problem.used, straight)
+    straight[0] += bend_of(problem, scenes, each)
+    residual = noise.whiten(straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
     deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])
     bare = Linear(
-        problem,
-        terms,
-        theta,
-        beta,
-        scene,
-        nodes,
-        constants,
-        pinned,
-        whitener,
-        raw,
-        residual,
-        by_constants,
-        white,
-        np.ascontiguousarray((whitener @ problem.plant.mapped).T) * problem.used,
-        prior,
-        prior,
-        deviation,
-        deviation,
+        problem=problem,
+        terms=terms,
+        theta=theta,
+        beta=beta,
+        scenes=scenes,
+        nodes=nodes,
+        pinned=pinned,
+        noise=noise,
+        raw=raw,
+        residual=residual,
+        by_unknowns=derivatives,
+        columns=white,
+        mapped=noise.whiten(problem.by_reading),
+        dense=None if isinstance(noise, Scatter) else _map_columns(problem, noise, nodes),
+        normal=prior,
+        factor=prior,
+        gradient=deviation,
+        pull=deviation,
     )
     normal = normal_of(bare) + prior + pins(problem, pinned, prior.shape[0])
     factor = cholesky(normal)
@@ -120,13 +91,19 @@ def linearised(
     return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
 
 
-def _whitened(problem: Problem, whitener: Array, columns: Array) -> Array:
-    return np.asarray(whiten(whitener, problem.used, columns.reshape(-1, *columns.shape[2:])).reshape(columns.shape))
+def _map_columns(problem: Problem, noise: Noise, nodes: Nodes) -> Array:
+    """Return the whitened trace of every node of the map, shape (p, B, K)."""
+    weights = np.zeros((problem.grid.size, problem.K))
+    for m in range(4):
+        np.add.at(weights, (nodes[0][:, m], np.arange(problem.K)), nodes[1][:, m])
+    traces = np.zeros((problem.grid.size, 2, *problem.by_reading.shape))
+    traces[:, 0] = weights[:, None] * problem.by_reading
+    return noise.whiten(traces)[:, 0]
 
 
 def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
     """Return a model with other terms at its optimum, with the weights of this one."""
-    start = linear.theta, linear.beta, linear.whitener
+    start = linear.theta, linear.beta, linear.noise
     return converged(linearised(linear.problem, tuple(terms), *start, near=linear))
 
 
@@ -159,36 +136,19 @@ def _stepped(linear: Linear, near: Linear | None) -> Linear:
     )
     theta = linear.theta - linear.pull[:p]
     pinned = (np.abs(wanted) > bound) | (linear.pinned & ~linear.pinned_wrongly())
-    return linearised(problem, terms, theta, beta, linear.whitener, pinned, near)
+    return linearised(problem, terms, theta, beta, linear.noise, pinned, near)
 
 
-def _constants(problem: Problem, beta: Array) -> object:
-    base = problem.plant.constants
-    return base._replace(**{n: getattr(base, n) * (1.0 + b) for n, b in zip(problem.names, beta, strict=True)})
-
-
-def _by_constants(problem: Problem, scene: Scene, beta: Array, at: Array) -> Array:
-    plant = problem.plant
-    found = np.empty((beta.size, 2, len(plant.balances), problem.K))
-    for i in range(beta.size):
-        moved = beta.copy()
-        moved[i] += STEP
-        found[i] = views(
-            (plant.imbalances(_constants(problem, moved), scene.value, scene.rate, scene.lacks) - at) / STEP
-        )
-    return found
-
-
-def _by_terms(problem: Problem, terms: tuple[Term, ...], constants: object, theta: Array, nodes: Nodes) -> Array:
-    found = np.empty((len(terms), 2, len(problem.plant.balances), problem.K))
+def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array, nodes: Nodes) -> Array:
+    found = np.empty((len(terms), 2, len(problem.model.balances), problem.K))
     for i, term in enumerate(terms):
-        h = SHARE * term.effect.size
+        h = EFFECT_STEP * term.effect.size
         ends = []
         for shift in (h, -h):
             moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
-            scene = scene_with(problem, moved, constants)
-            at = operating_nodes(problem, scene) if term.effect.moves_point else nodes
-            ends.append(residual_of(problem, scene, constants, theta, at))
+            scenes = scenes_with(problem, moved, beta)
+            at = operating_nodes(problem, scenes) if term.effect.moves_point else nodes
+            ends.append(residual_of(problem, scenes, beta, theta, at))
         found[i] = (ends[0] - ends[1]) / (2.0 * h)
     return found
 
@@ -196,7 +156,10 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], constants: object, thet
 def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
     """Return the precision of what is known beforehand, shape (n, n)."""
     P, S = problem.prior.precision, problem.prior.sensitivity
-    known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + np.diag(problem.spread**-2.0)]])
+    S = np.hstack(
+        [S, np.zeros((S.shape[0], problem.spread.size - S.shape[1]))]
+    )  # a map owes nothing to another day's levels
+    known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + problem.precision]])
     own = np.array([(WIDEST * t.effect.size) ** -2.0 for t in terms])
     return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
 
@@ -211,10 +174,14 @@ def pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
 
 def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:
     """Return the products of all columns with each other over some instants, shape (n, n)."""
+    J = np.ascontiguousarray(linear.columns[..., instants]).reshape(linear.columns.shape[0], 2, -1)
+    if linear.dense is not None:
+        D = -np.ascontiguousarray(linear.dense[..., instants]).reshape(linear.p, -1)
+        both = np.vstack([D, J[:, 0]])
+        return np.asarray(both @ both.T)
     column = linear.mapped[:, instants]
     nodes = linear.nodes[0][instants], linear.nodes[1][instants]
     H = map_normal(linear.p, *nodes, (column**2).sum(0))
-    J = np.ascontiguousarray(linear.columns[..., instants]).reshape(linear.columns.shape[0], 2, -1)
     between = np.zeros((J.shape[0], linear.p))
     one = np.zeros(column.shape[1], dtype=np.int64)
     for i in range(J.shape[0]):

@@ -11,18 +11,11 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, normal_of
-from lpvobs.discovery.linear import Linear, whiten
-from lpvobs.discovery.residual import BLOCK, EVERY, GUARD, STRETCH, Problem
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.thresholds import BLOCK, DRAWS, EVERY, FOLDS, GUARD, KNOWN, NOTHING, STRETCH, SUPPORT
 from lpvobs.records import Array
 
-FOLDS = 5
-SUPPORT = 10.0
-"""Instants that must inform a node for what it predicts elsewhere to count."""
-KNOWN = 5e-4
-"""[kg/s], standard error of a nominal map's node up to which it counts as well: noise of one instant."""
-NOTHING = 0.02
-"""Weight of a node in an interpolation that does not count."""
-DRAWS = 1000
 MEASURE = "rmse of the held-out residual"
 HOW = (
     f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out, "
@@ -120,14 +113,15 @@ def compare(before: Linear, after: Linear) -> Losses:
     use = problem.judged & informed(after, problem.used) & ~undated(after)
     if not use.any():
         return cross_validated(before, after)
-    lost, left = ((whiten(after.whitener, use, linear.raw)[0] ** 2).sum(0) for linear in (before, after))
+    noise = after.noise.pointwise().only(use)
+    lost, left = ((noise.whiten(linear.raw)[0] ** 2).sum(0) for linear in (before, after))
     return Losses(lost, left, use, _coarse(problem), _scale(after))
 
 
 def undated(linear: Linear) -> NDArray[np.bool_]:
     """Return the kept stretches that an onset or end falls into, or beside, as seen from the rest, shape (K,)."""
     problem = linear.problem
-    clock = problem.scene.clock[: problem.K]
+    clock = problem.clock
     number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
     out = np.zeros(problem.K, dtype=bool)
     for edge in (edge for term in linear.terms for edge in (term.begin, term.end) if np.isfinite(edge)):
@@ -151,7 +145,8 @@ def _coarse(problem: Problem) -> NDArray[np.int64]:
 
 def _scale(linear: Linear) -> float:
     """Return what turns whitened residuals into a flow [kg/s]."""
-    return float(np.sqrt(1.0 / np.mean((linear.whitener**2).sum((1, 2)))))
+    root = linear.noise.pointwise().root
+    return float(linear.problem.flow * np.sqrt(1.0 / np.mean((root**2).sum((1, 2)))))
 
 
 def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, count: int) -> Comparison:

@@ -53,7 +53,10 @@ def widened(within: Array, degrees: float, between: Array) -> Array:
 
 def between_windows(linear: Linear) -> Array:
     """Return the difference of the sizes that wider windows give, shape (terms,)."""
-    there = linearised(linear.problem.wider(), linear.terms, linear.theta, linear.beta, linear.whitener, linear.pinned)
+    if linear.problem.blocks is not None:  # storage is a difference between edges there, and no window blurs it
+        return np.zeros(len(linear.terms))
+    wider = linear.problem.wider()
+    there = linearised(wider, linear.terms, linear.theta, linear.beta, linear.noise.only(wider.used), linear.pinned)
     return np.array([b.size - a.size for a, b in zip(linear.terms, converged(there).terms, strict=True)])
 
 

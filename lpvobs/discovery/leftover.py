@@ -8,14 +8,9 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.standing import own_time
+from lpvobs.discovery.thresholds import LARGE, LEAST_VISIT, MOST_NAMED
 from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array, Log
-
-LARGE = 2.0
-"""Times the median power of all stretches, above which a stretch is named."""
-MOST_NAMED = 5
-LEAST_VISIT = 20
-"""Instants that a cell of the map must hold to be named."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +95,7 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
         speed=(float(n[row]), float(n[row + 1])),
         times_noise=float(mean[worst] / np.median(mean[visited])) if visited.any() else 1.0,
         half_power=_half_power(sums, problem.begins),
-        balance=problem.plant.balances[int(np.argmax((sums**2).sum(1)))],
+        balance=problem.model.balances[int(np.argmax((sums**2).sum(1)))],
         follows=follows,
     )
 
@@ -109,7 +104,7 @@ def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretc
     """Return runs of stretches with much power, the strongest first."""
     problem = linear.problem
     coarse = problem.block // problem.per_coarse
-    time, of_log = own_time(problem, logs)
+    time, of_log = own_time(problem, logs), problem.of_log
     first = np.flatnonzero(np.diff(coarse, prepend=-1))
     last = np.append(first[1:], coarse.size) - 1
     mean = np.add.reduceat(power, first) / (last - first + 1)

@@ -1,4 +1,4 @@
-"""The joint model of map, constants and effects, linear around where it stands, in units of its own noise.
+"""The joint model of map, unknowns and effects, linear around where it stands, in units of its noise.
 
 Every quantity is kept as the mean and half the difference of two views with independent noise. Products are taken across the
 views, which in these terms is mean times mean minus difference times difference: noise that a regressor shares with the residual
@@ -6,36 +6,17 @@ drops out of every sum, so that a regressor built from noisy signals is not atte
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.ndimage
 from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.discovery.residual import HASTE, Problem
-from lpvobs.engines.effects import Effect, Scene
-from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.discovery.drawn_up import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.noise import Noise
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
-
-Nodes = tuple[NDArray[np.int64], Array]
-LEAST_TIME = 5.0
-"""Instants of the average cell that every cell is given."""
-
-
-@dataclass(frozen=True)
-class Term:
-    """An effect with the size and the interval that it has in a model."""
-
-    effect: Effect
-    size: float
-    begin: float = -np.inf
-    end: float = np.inf
-
-    def put(self, scene: Scene) -> Scene:
-        """Return the scene with the effect accounted for."""
-        return scene.between(self.effect.apply(scene, self.size), self.begin, self.end)
 
 
 @dataclass(frozen=True)
@@ -49,21 +30,23 @@ class Linear:
     problem : Problem
     terms : tuple of Term
     theta, beta : ndarray, shapes (p,), (q,)
-    scene : Scene
+    scenes : tuple of Scene
     nodes : tuple of ndarrays, shape (K, 4)
-    constants : named tuple
     pinned : ndarray of bool, shape (q,)
         Constants at the end of their tolerance that would leave it if they could.
-    whitener : ndarray, shape (K, B, B)
-        C with C^T C the inverse covariance of the residual, at all instants; what is whitened is zero where none is used.
+    noise : Noise
+        What is whitened with it is zero where a place is not used.
     raw, residual : ndarray, shape (2, B, K)
-        [kg/s], and whitened, there with what `bend_of` adds.
-    by_constants : ndarray, shape (q, 2, B, K)
-        [kg/s], derivatives of the residual by the constants; from a nearby point where the model has moved little since.
+        In the model's unit, and whitened, there with what `bend_of` adds.
+    by_unknowns : ndarray, shape (q, 2, B, K)
+        Derivatives of the residual by the unknowns; from a nearby point where the model has moved little since.
     columns : ndarray, shape (q + terms, 2, B, K)
         Whitened derivatives of the residual by constants and effects.
     mapped : ndarray, shape (B, K)
         Whitened derivative of the residual by a shift of the map, with opposite sign.
+    dense : ndarray, shape (p, B, K), or None
+        The same by every node, where noise that is correlated in time spreads a node's trace over all places; None where a place
+        sees the nodes of its cell alone.
     normal : ndarray, shape (n, n)
         Products of all columns with each other, and priors.
     factor : ndarray, shape (n, n)
@@ -78,16 +61,16 @@ class Linear:
     terms: tuple[Term, ...]
     theta: Array
     beta: Array
-    scene: Scene
+    scenes: tuple[Scene, ...]
     nodes: Nodes
-    constants: object
     pinned: NDArray[np.bool_]
-    whitener: Array
+    noise: Noise
     raw: Array
     residual: Array
-    by_constants: Array
+    by_unknowns: Array
     columns: Array
     mapped: Array
+    dense: Array | None
     normal: Array
     factor: Array
     gradient: Array
@@ -105,7 +88,7 @@ class Linear:
 
     def whiten(self, values: Array) -> Array:
         """Return values of shape (2, B, K) in units of their noise, zero where they are kept back."""
-        return np.asarray(whiten(self.whitener, self.problem.used, values))
+        return self.noise.whiten(values)
 
     def project(self, products: Array) -> Array:
         """Return the step of map, constants and terms that answers a gradient, shape (n,)."""
@@ -120,6 +103,19 @@ class Linear:
         """Return the same, block by block, shape (blocks, n)."""
         return _products(self, y, self.problem.block, self.problem.first)
 
+    def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
+        """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.
+
+        Where noise is correlated in time a part of a direction is not a part of what is whitened: the other factor is brought back.
+        """
+        if self.dense is None:
+            return self.products_by_block(whitened), self.by_block(whitened, self.residual)
+        first, back = self.problem.first, self.noise.dual
+        dense, columns, residual = (back(x)[:, 0] for x in (_one_view(self.dense), self.columns, self.residual[None]))
+        along = np.concatenate([-dense, columns, residual])
+        sums = np.add.reduceat(np.einsum("nbk,bk->nk", along, direction[0]), first, axis=1).T
+        return sums[:, :-1], sums[:, -1]
+
     def by_block(self, a: Array, b: Array) -> Array:
         """Return the product across views of two whitened vectors in each block, shape (blocks,)."""
         return np.asarray(np.add.reduceat((a[0] * b[0] - a[1] * b[1]).sum(0), self.problem.first))
@@ -127,18 +123,11 @@ class Linear:
     def moved(self, y: Array, step: Array) -> Array:
         """Return a whitened residual after a step of all unknowns."""
         out = y - np.tensordot(step[self.p :], self.columns, 1)
-        shift = np.einsum("km,km->k", self.nodes[1], step[: self.p][self.nodes[0]])
-        out[0] += self.mapped * shift
+        if self.dense is None:
+            out[0] += self.mapped * map_along(step[: self.p], self.nodes)
+        else:
+            out[0] += np.tensordot(step[: self.p], self.dense, 1)
         return np.asarray(out)
-
-
-def scene_with(problem: Problem, terms: Sequence[Term], constants: object = None) -> Scene:
-    """Return the scene with all effects accounted for, in the order of the catalogue, channels last."""
-    order = {effect.id: i for i, effect in enumerate(problem.plant.catalogue)}
-    scene = problem.scene if constants is None else replace(problem.scene, constants=constants)
-    for term in sorted(terms, key=lambda term: order.get(term.effect.id, len(order))):
-        scene = term.put(scene)
-    return scene
 
 
 def dot(a: Array, b: Array) -> float:
@@ -146,82 +135,18 @@ def dot(a: Array, b: Array) -> float:
     return float(np.vdot(a[0], b[0]) - np.vdot(a[1], b[1]))
 
 
-def views(values: Array) -> Array:
-    """Return mean and half difference, shape (2, B, K), of values at 2K columns."""
-    K = values.shape[1] // 2
-    return np.stack([0.5 * (values[:, :K] + values[:, K:]), 0.5 * (values[:, :K] - values[:, K:])])
-
-
-def operating_nodes(problem: Problem, scene: Scene) -> Nodes:
-    """Return node numbers and weights of the map along the instants."""
-    fuel, speed = (views(scene[name][None])[0, 0] for name in (problem.plant.fuel, problem.plant.speed))
-    return problem.grid.regressors(fuel, speed)
-
-
-def residual_of(problem: Problem, scene: Scene, constants: object, theta: Array, nodes: Nodes) -> Array:
-    """Return what is left of every balance, shape (2, B, K) [kg/s]."""
-    left = views(problem.plant.imbalances(constants, scene.value, scene.rate, scene.lacks))
-    left[0] -= problem.plant.mapped[:, None] * map_along(theta, nodes)
-    return left
-
-
-def bend_of(problem: Problem, scene: Scene, constants: object, each: Array) -> Array:
-    """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K) [kg/s].
-
-    A balance that bends moves with the noise of its signals, and the mean of the views has half the noise of either. (Near its
-    stall the compressor bends so much that the noise of p_im was worth ten pascals of offset; so it is worth one.) Twice
-    as much would take out all that a parabola bends, but where a root ends, it overshoots. Residuals have it and no regressor: the
-    product of two would not be one across views any more.
-    """
-    imbalances, K = problem.plant.imbalances, problem.K
-    middle = (0.5 * (x[:, :K] + x[:, K:]) for x in (scene.value, scene.rate, scene.lacks))
-    return np.asarray(imbalances(constants, *middle) - 0.5 * (each[:, :K] + each[:, K:]))
-
-
-def map_along(theta: Array, nodes: Nodes) -> Array:
-    """Return the map's value at every instant, shape (K,) [kg/s]."""
-    return np.asarray(np.einsum("km,km->k", nodes[1], theta[nodes[0]]))
-
-
 def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
-    """Return the whitened residual with other terms, map and constants as they are, shape (2, B, K)."""
-    problem, scene = linear.problem, scene_with(linear.problem, terms, linear.constants)
-    nodes = operating_nodes(problem, scene)
-    return linear.whiten(residual_of(problem, scene, linear.constants, linear.theta, nodes))
-
-
-def covariance_root(problem: Problem, nodes: Nodes, raw: Array) -> Array:
-    """Return the whitener, shape (K, B, B): covariance per cell of the map, spread per class of haste."""
-    shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
-    everywhere = cell_numbers(problem.grid, nodes[0])
-    cells, haste, raw = everywhere[problem.used], problem.haste[problem.used], raw[:, problem.used]
-    B = raw.shape[0]
-    spread = np.ones((len(HASTE) + 1, B))
-    time = _pool(np.bincount(cells, minlength=shape[0] * shape[1]).astype(float), shape) + LEAST_TIME
-    for _ in range(3):
-        x = raw / spread[haste].T
-        sums = np.zeros((time.size, B, B))
-        for a in range(B):
-            for b in range(a + 1):
-                sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=time.size)
-        noise = (_pool(sums, shape) + LEAST_TIME * sums.sum(0) / cells.size) / time[:, None, None]
-        y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
-        power = np.stack([np.bincount(haste, row**2, minlength=len(spread)) for row in y], axis=1)
-        spread = np.sqrt(power / np.maximum(np.bincount(haste, minlength=len(spread)), 1)[:, None])
-        spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
-    roots = np.linalg.inv(np.linalg.cholesky(noise))
-    return np.asarray(roots[everywhere] / spread[problem.haste][:, None, :])
-
-
-def _pool(values: Array, shape: tuple[int, int]) -> Array:
-    spread = values.reshape(*shape, *values.shape[1:])
-    sigma = (1.0, 1.0, *[0.0] * (values.ndim - 1))
-    return np.asarray(scipy.ndimage.gaussian_filter(spread, sigma, mode="constant", truncate=3.0).reshape(values.shape))
+    """Return the residual with other terms, map and unknowns as they are, shape (2, B, K), not whitened."""
+    problem, scenes = linear.problem, scenes_with(linear.problem, terms, linear.beta)
+    return residual_of(problem, scenes, linear.beta, linear.theta, operating_nodes(problem, scenes))
 
 
 def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
-    on_map = np.zeros((first.size, linear.p))
-    scatter(on_map, block, *linear.nodes, -(linear.mapped * y[0]).sum(0))
+    if linear.dense is None:
+        on_map = np.zeros((first.size, linear.p))
+        scatter(on_map, block, *linear.nodes, -(linear.mapped * y[0]).sum(0))
+    else:
+        on_map = -np.add.reduceat(np.einsum("pbk,bk->pk", linear.dense, y[0]), first, axis=1).T
     if first.size == 1:
         flat = linear.columns.reshape(linear.columns.shape[0], -1)
         dense = (flat @ np.concatenate([y[0].ravel(), -y[1].ravel()]))[None]
@@ -231,18 +156,9 @@ def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray
     return np.hstack([on_map, dense])
 
 
-@njit(cache=True)
-def whiten(root, used, values):  # type: ignore[no-untyped-def]
-    """Return root, lower triangular, times values at every instant that is used, zero at others, shape (n, B, K)."""
-    out = np.zeros_like(values)
-    for k in np.flatnonzero(used):
-        for i in range(values.shape[0]):
-            for a in range(values.shape[1]):
-                total = 0.0
-                for b in range(a + 1):
-                    total += root[k, a, b] * values[i, b, k]
-                out[i, a, k] = total
-    return out
+def _one_view(values: Array) -> Array:
+    """Return values of shape (n, B, K) as views, the second of them zero."""
+    return np.stack([values, np.zeros_like(values)], axis=1)
 
 
 @njit(cache=True)

@@ -14,17 +14,18 @@ An effect does one of three things, and that is all the observer needs to know o
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
 
 import numpy as np
 from numba import njit
 
-from lpvobs.discovery.residual import WIDE
 from lpvobs.discovery.standing import Standing, effect_along
-from lpvobs.engines.base import AirPath, Balances
-from lpvobs.engines.effects import Plant, Scene
+from lpvobs.discovery.thresholds import WIDE
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.effects import SENSOR, Signals
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import calmed
+from lpvobs.observer.parts import Observed, operating_point
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.smoothing import smooth
 from lpvobs.records import Array, Log
@@ -33,8 +34,6 @@ LAGS = ("maf.lag",)
 """Effects that add a state."""
 BLUR = 0.378
 """Standard deviation of the window of `smooth` over its half width: what the sensor's state may blur as well."""
-FLOW = "flow:"
-"""Begins the names of the channels that hold the flows of the balances."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Refined:
 
     Attributes
     ----------
-    plant : Plant
+    model : ResidualModel
         With the constants of the refined engine.
     air_path : AirPath
         Of the same engine.
@@ -56,7 +55,7 @@ class Refined:
     effects : tuple of Standing
     """
 
-    plant: Plant
+    model: ResidualModel
     air_path: AirPath
     outputs: tuple[str, ...]
     L: Array
@@ -74,43 +73,27 @@ class Refined:
         return float(max(0.0, 1.0 / (BLUR * self.smoothing) - 1.0 / slowest))
 
 
-def observed_path(refined: Refined) -> AirPath:
-    """Return the air path whose balances read the flows that `observed` found."""
-    return cast(AirPath, _ObservedPath(refined.air_path))
+def observed(refined: Refined, log: Log, uncertain: Sequence[str] = ()) -> Observed:
+    """Return what a log says of the map beside the effects: the reading less the flow of every balance, and where it is read.
 
-
-class _ObservedPath:
-    """An air path that is asked for its flows along a log and finds them there; all else is the engine's."""
-
-    def __init__(self, base: AirPath):
-        self._base = base
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._base, name)
-
-    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
-        """Return the flows with the effects in them, and the slopes of the engine."""
-        plain = self._base.balances(log, rates, uncertain)
-        return replace(plain, flow=np.stack([log[FLOW + name] for name in plain.names]))
-
-
-def observed(refined: Refined, log: Log) -> Log:
-    """Return a log with its channels put right, and with the flow of every balance as a further channel."""
+    `uncertain` names constants that the slopes of the flows are taken by.
+    """
     right = corrected(refined, log)
     air_path = refined.air_path
     calm, rates = calmed(air_path, right, refined.smoothing)
     trajectory = air_path.trajectory(calm, refined.outputs)
     inputs, _ = added(refined, calm, rates)
     trajectory = replace(trajectory, E=trajectory.E + inputs)
-    fuel, speed = (axis.channel for axis in air_path.axes)
-    first = np.stack([[calm[state][start] for state in air_path.state_names] for start, _ in log.segments])
+    first = np.stack([air_path.states(calm)[start] for start, _ in log.segments])
     nowhere = Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0]))  # the map is not moved, so any grid will do
-    point = right[fuel], right[speed]
+    point = operating_point(air_path, right)
     run = observe(trajectory, log.time, log.segments, point, nowhere, refined.L, 0.0, first, np.zeros(nowhere.size))
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
-    balances = air_path.balances(seen, rates, ())
+    balances = air_path.balances(seen, rates, uncertain)
     _, further = added(refined, seen, rates)
-    return _behind_sensor(refined, right, dict(zip(balances.names, balances.flow + further, strict=True)))
+    z = right[air_path.sensor] - (balances.flow + further)
+    found = Observed(right, trajectory.parameters, point, z, balances.slope)
+    return _behind_sensor(refined, found) if refined.lags else found
 
 
 def corrected(refined: Refined, log: Log) -> Log:
@@ -118,81 +101,71 @@ def corrected(refined: Refined, log: Log) -> Log:
     effects = [effect for effect in refined.effects if effect.id not in LAGS]
     if not effects:
         return log
-    plant = refined.plant
-    columns = np.stack([log[name] for name in plant.channels])
-    rate = smooth(log.time, columns, log.segments, refined.smoothing)[1]
-    scene = _put(_scene(plant, log, columns, rate), refined, effects, log)
-    return replace(log, channels={**log.channels, **{name: scene[name] for name in plant.channels}})
+    there = [name for name in refined.model.channels if name in log.channels]
+    rates = smooth(log.time, np.stack([log[name] for name in there]), log.segments, refined.smoothing)[1]
+    signals = _put(_signals(refined.model, log, dict(zip(there, rates, strict=True))), refined, effects, log)
+    return replace(log, channels={**log.channels, **signals.value})
 
 
 def added(refined: Refined, log: Log, rates: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (B, N) [kg/s].
+    """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (b, N) [kg/s].
 
     `log` holds smoothed channels, `rates` their time derivatives.
     """
-    plant = refined.plant
-    mapped = plant.mapped > 0.0
-    columns = np.stack([log[name] for name in plant.channels])
-    rate = np.stack([rates.get(name, np.zeros(len(log))) for name in plant.channels])
-    scene = _scene(plant, log, columns, rate)
-    lacks = _put(scene, refined, refined.effects, log).lacks
-    if np.array_equal(lacks, scene.lacks):
-        return np.zeros((len(log), len(refined.air_path.state_names))), np.zeros((int(mapped.sum()), len(log)))
-    change = plant.imbalances(plant.constants, columns, rate, lacks)
-    change = change - plant.imbalances(plant.constants, columns, rate, scene.lacks)
-    inputs = np.zeros((len(refined.air_path.state_names), len(log)))
-    if plant.inputs is not None:
-        inputs = plant.inputs(plant.constants, columns, change)
-    return inputs.T, -change[mapped]
+    signals = _put(_signals(refined.model, log, rates), refined, refined.effects, log)
+    # What corrects channels has done so; here only what the engine lacks counts, with the channels as they are given.
+    flows, inputs = refined.model.further(
+        refined.model.constants, replace(_signals(refined.model, log, rates), lacks=signals.lacks)
+    )
+    return inputs.T, flows
 
 
-def _scene(plant: Plant, log: Log, columns: Array, rate: Array) -> Scene:
-    """Return a log as discovery sees one, once instead of twice: N samples."""
-
-    def later(shift: float) -> Array:
-        return np.asarray(np.interp(log.time + shift, log.time, columns[plant.channels.index(plant.sensor)]))
+def _signals(model: ResidualModel, log: Log, rates: Mapping[str, Array]) -> Signals:
+    """Return a log as discovery sees one, every sample once."""
 
     def slow(channel: str) -> Array:
-        row = columns[[plant.channels.index(channel)]]
-        return np.asarray(smooth(log.time, row, log.segments, WIDE)[1][0])
+        return np.asarray(smooth(log.time, log[channel][None], log.segments, WIDE)[1][0])
 
+    there = {name: log[name] for name in model.channels if name in log.channels}
     since = log.time - log.time[0]
-    lacks = np.tile(np.array(plant.lacks)[:, None], (1, len(log)))
-    return Scene(since, since, columns, rate, lacks, later, slow, plant.channels, plant.constants)
+    return Signals(
+        time=since,
+        clock=since,
+        value=there,
+        rate={name: rates.get(name, np.zeros(len(log))) for name in there},
+        lacks=np.tile(np.array(model.lacks)[:, None], (1, len(log))),
+        later=lambda shift: np.asarray(np.interp(log.time + shift, log.time, log[SENSOR])),
+        slow=slow,
+        constants=model.constants,
+    )
 
 
-def _put(scene: Scene, refined: Refined, effects: Sequence[Standing], log: Log) -> Scene:
-    """Return the scene with effects accounted for where they act, in the order of the catalogue; channels come last."""
-    order = {effect.id: i for i, effect in enumerate(refined.plant.catalogue)}
+def _put(signals: Signals, refined: Refined, effects: Sequence[Standing], log: Log) -> Signals:
+    """Return the signals with effects accounted for where they act, in the order of the catalogue; channels come last."""
+    order = {effect.id: i for i, effect in enumerate(refined.model.catalogue)}
     for standing in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
-        scene = effect_along(standing, refined.plant, log).apply(scene, standing.value)
-    return scene
+        effect, on = effect_along(standing, refined.model, log)
+        signals = signals.where(on, effect.apply(signals, standing.value))
+    return signals
 
 
-def _behind_sensor(refined: Refined, log: Log, flows: Mapping[str, Array]) -> Log:
-    """Return the log with flows such that the reading less a flow is what the sensor's state has to be corrected by."""
-    lags = refined.lags
-    if not lags:
-        return replace(log, channels={**log.channels, **{FLOW + name: flow for name, flow in flows.items()}})
+def _behind_sensor(refined: Refined, seen: Observed) -> Observed:
+    """Return what the sensor's state has to be corrected by, in place of reading less flow, at inputs that are as late."""
+    log = seen.log
     tau = np.zeros(len(log))
-    for effect in lags:
+    for effect in refined.lags:
         span = effect.span_on(log)
         tau += effect.value * ((log.time >= span.begin) & (log.time < span.end))
     correction = refined.correction()
-    fuel, speed = (axis.channel for axis in refined.air_path.axes)
     reading = log[refined.air_path.sensor]
-    channels = dict(log.channels)
-    for name, flow in flows.items():
-        z = np.empty(len(log))
-        for part in log.each_segment():
-            z[part] = _innovations(log.time[part], reading[part], flow[part], tau[part], correction)
-        channels[FLOW + name] = reading - z
-    for name in (fuel, speed):
-        out = np.empty(len(log))
-        for part in log.each_segment():
-            out[part] = _lagged(log.time[part], log[name][part], tau[part], correction)
-        channels[name] = out
-    return replace(log, channels=channels)
+    flows = reading - seen.z
+    z, fuel, speed = np.empty_like(flows), *(np.empty_like(x) for x in seen.point)
+    for part in log.each_segment():
+        for row, flow in zip(z, flows, strict=True):
+            row[part] = _innovations(log.time[part], reading[part], flow[part], tau[part], correction)
+        for late, signal in zip((fuel, speed), seen.point, strict=True):
+            late[part] = _lagged(log.time[part], signal[part], tau[part], correction)
+    return replace(seen, z=z, point=(fuel, speed))
 
 
 @njit(cache=True)

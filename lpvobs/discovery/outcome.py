@@ -1,7 +1,7 @@
 """What `trace` and `refine` say, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from lpvobs.discovery.carried import HOW_WHOLE
@@ -73,6 +73,87 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class BalanceError:
+    """One balance of one log, where the effects act; of the whole log where there is none.
+
+    Attributes
+    ----------
+    balance, unit : str
+    before, after : float
+        Rms of the residual, B without the effects and A with them accounted for.
+    healthy : float or None
+        The same of held-out parts of the healthy logs; None where there are none.
+    usual_before, usual_after : float
+        The same from medians: without the few places that lie far out.
+    affected : bool
+        Whether the effects move it by more than its usual error.
+    """
+
+    balance: str
+    unit: str
+    before: float
+    after: float
+    healthy: float | None
+    usual_before: float
+    usual_after: float
+    affected: bool
+
+    @property
+    def recovered(self) -> float | None:
+        """(B - A) / (B - N) with the healthy error N, None where the balance is not affected or nothing says what is healthy."""
+        if not self.affected or self.healthy is None:
+            return None
+        return (self.before - self.after) / (self.before - self.healthy)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the balance as plain data, fractions as fractions."""
+        return asdict(self) | {"recovered": self.recovered}
+
+    def note(self) -> str:
+        """Return a sentence on it."""
+        times, unit = (100.0, "%") if self.unit == "1" else (1e3, "g/s")
+        said = f"{self.balance}: {times * self.before:.2g} {unit} rms before, {times * self.after:.2g} {unit} after"
+        if self.healthy is None or self.recovered is None:
+            return f"{said}."
+        return f"{said}, healthy {times * self.healthy:.2g} {unit}: {100 * self.recovered:.0f} % recovered."
+
+
+@dataclass(frozen=True)
+class DayLevel:
+    """What differs from the healthy day all along a log and is no fault; `usual` is one standard deviation between days."""
+
+    name: str
+    value: float
+    unit: str
+    usual: float
+
+
+@dataclass(frozen=True)
+class Missing:
+    """What the channels of a log cannot show.
+
+    Attributes
+    ----------
+    channels, balances : tuple of str
+        Channels that the log does not have, and balances that cannot be drawn up without them.
+    same_place : tuple of tuple of str
+        Effects that move the same of the remaining balances: their place no longer tells them apart.
+    """
+
+    channels: tuple[str, ...]
+    balances: tuple[str, ...]
+    same_place: tuple[tuple[str, ...], ...]
+
+    def notes(self) -> list[str]:
+        """Return sentences on it."""
+        lost = f"Without {', '.join(self.channels)} there is no balance {', '.join(self.balances)}."
+        return [
+            lost,
+            *(f"By their place alone these cannot be told apart: {', '.join(group)}." for group in self.same_place),
+        ]
+
+
+@dataclass(frozen=True)
 class Ranked:
     """One line of the ranking: an effect alone against the residual of the model as it was."""
 
@@ -95,6 +176,10 @@ class LogPart:
     comparison : Comparison
     own : Whiteness or None
         Structure of what is left of its residual; None for a log that took no part.
+    balances : tuple of BalanceError
+    day : tuple of DayLevel
+    missing : Missing or None
+        What its channels cannot show.
     """
 
     log: str
@@ -102,14 +187,28 @@ class LogPart:
     findings: tuple[Finding, ...]
     comparison: Comparison
     own: Whiteness | None
+    balances: tuple[BalanceError, ...] = ()
+    day: tuple[DayLevel, ...] = ()
+    missing: Missing | None = None
 
     def notes(self) -> list[str]:
         """Return what a person should know beside verdict and effects, a sentence each."""
-        return []
+        agreeing = [item.balance for item in self.balances if not item.affected]
+        moved = [item for item in self.balances if item.affected]
+        said = [item.note() for item in moved]
+        if moved and agreeing:
+            said.insert(
+                0, f"{', '.join(item.balance for item in moved)} moved; still in agreement: {', '.join(agreeing)}."
+            )
+        unusual = [level for level in self.day if abs(level.value) > level.usual]
+        if unusual:
+            levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)
+            said.append(f"Different from the healthy day, but no fault: {levels}.")
+        return said + ([] if self.missing is None else self.missing.notes())
 
     def as_json(self, refined: bool) -> dict[str, Any]:
-        """Return the contract's object for this log."""
-        shown = {
+        """Return the contract's object for this log, and what is known of its balances and its day."""
+        shown: dict[str, Any] = {
             "log": self.log,
             "verdict": self.verdict,
             "effects": [finding.as_json() for finding in self.findings],
@@ -117,6 +216,10 @@ class LogPart:
         }
         if self.own is not None:
             shown["residual"] = {"white": self.own.white, "correlated_with": list(self.own.correlated_with)}
+        shown["balances"] = [item.as_json() for item in self.balances]
+        shown["day_to_day"] = [asdict(item) for item in self.day]
+        if self.missing is not None:
+            shown["missing"] = asdict(self.missing)
         return shown
 
 

@@ -13,7 +13,7 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.standing import own_time
-from lpvobs.discovery.whiteness import LAGS, SIGNIFICANT
+from lpvobs.discovery.thresholds import COLOURED, LAGS
 from lpvobs.records import Array, Log
 
 MOST_COLUMNS = 500
@@ -118,11 +118,11 @@ def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:
     problem = found.after.problem
     first = problem.first
     signals = _signals(problem)
-    spacing = float(np.median(np.diff(problem.scene.time[: problem.K])))
+    spacing = float(np.median(np.diff(problem.time)))
     spectra = [_spectrum(linear, spacing) for linear in both]
     crossed = [cross_correlations(linear.residual[0], first, signals) for linear in both]
     return Portrait(
-        balances=problem.plant.balances,
+        balances=problem.model.balances,
         tracks=tuple(_tracks(both, logs)),
         partials=tuple(_partial(found.after, i) for i in range(len(found.after.terms))),
         block=float(np.median(np.diff(problem.begins))) if first.size > 1 else 0.0,
@@ -145,7 +145,7 @@ def cross_correlations(residual: Array, first: NDArray[np.int64], signals: Mappi
     sums = block_sums(residual, first)
     counts = np.diff(np.append(first, residual.shape[1]))
     tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
-    times = float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / tests))
+    times = float(scipy.stats.norm.isf(0.5 * COLOURED / tests))
     found = np.zeros((2, len(signals), 2 * LAGS + 1))
     for s, values in enumerate(signals.values()):
         mean = np.add.reduceat(values, first) / counts
@@ -168,14 +168,13 @@ def _correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
 
 
 def _signals(problem: Problem) -> dict[str, Array]:
-    plant = problem.plant
-    inputs = {name: problem.scene[name][: problem.K] for name in plant.channels if name != plant.sensor}
+    inputs = problem.inputs()
     moving = {name: values for name, values in inputs.items() if np.ptp(values) > STILL * np.abs(values).max()}
     return moving | dict(problem.auxiliary)
 
 
 def _tracks(both: tuple[Linear, Linear], logs: Sequence[Log]) -> list[Track]:
-    time, of_log = own_time(both[1].problem, logs)
+    time, of_log = own_time(both[1].problem, logs), both[1].problem.of_log
     columns = max(20, MOST_COLUMNS // len(logs))
     found = []
     for i, log in enumerate(logs):
@@ -215,7 +214,7 @@ def _partial(linear: Linear, index: int) -> Partial:
 
 def _absent(name: str, linear: Linear) -> float:
     """Return the size of an effect that is not there."""
-    return next((effect.null for effect in linear.problem.plant.catalogue if effect.id == name), 0.0)
+    return next((effect.null for effect in linear.problem.catalogue if effect.id == name), 0.0)
 
 
 def _edges(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

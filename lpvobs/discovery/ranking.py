@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 from lpvobs.discovery.channels import Curve, channel_candidates
 from lpvobs.discovery.evidence import (
-    LEAST_LENGTH,
     Candidate,
     best_intervals,
     fit_candidate,
@@ -18,17 +17,8 @@ from lpvobs.discovery.evidence import (
 )
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.thresholds import LEAST_LENGTH, LEAST_SHARE, LOOKED_AT, SHORTLIST, SIGNIFICANT
 from lpvobs.engines.effects import Effect
-
-SHORTLIST = 4
-"""Effects that are tried on intervals at their true size, and"""
-LOOKED_AT = 9
-"""that are fitted at all, of those that a straight line through none promises most."""
-SIGNIFICANT = 1e-3
-"""Probability of naming anything by chance on a log without effects; all candidates and intervals together."""
-LEAST_SHARE = 0.008
-"""Of the noise's sum of squares. What smoothing and a bilinear map leave gained at most 0.15 % on clean logs of all cycles, with
-constants anywhere in their tolerance (seeds 1000 to 1009, and nominal maps); this is five times that."""
 
 
 def uneven_share(candidate: Candidate, problem: Problem) -> float:
@@ -72,7 +62,7 @@ def _promise_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> flo
 
 def tried(problem: Problem) -> int:
     """Return how many hypotheses compete."""
-    return len(problem.plant.catalogue) + 2 * len(problem.plant.carriers) * len(problem.auxiliary)
+    return len(problem.catalogue) + 2 * len(problem.carriers) * len(problem.auxiliary)
 
 
 def matters(candidate: Candidate, linear: Linear) -> bool:
@@ -92,7 +82,7 @@ def worth(candidate: Candidate, linear: Linear) -> bool:
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:
     """Return all candidates, best first, channels among them where they beat the catalogue."""
-    found = rank(linear, linear.problem.plant.catalogue)
+    found = rank(linear, linear.problem.catalogue)
     curves = channel_candidates(linear) if linear.problem.auxiliary else []
     if not curves:
         return found, None

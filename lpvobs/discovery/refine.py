@@ -6,29 +6,27 @@ from functools import partial
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from lpvobs.discovery.carried import carried, together
 from lpvobs.discovery.evidence import in_place
+from lpvobs.discovery.findings import finding_of, known_finding, log_part, parameter_of, standing_of
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.leftover import leftover
-from lpvobs.discovery.linear import Linear, Term, scene_with
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Ranked, Trace
+from lpvobs.discovery.per_log import shown_by
 from lpvobs.discovery.ranking import worth
-from lpvobs.discovery.residual import MapPrior, Problem, lay_out
-from lpvobs.discovery.select import STRUCTURE_LEFT, Accepted, Selection, select
+from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
+from lpvobs.discovery.select import Accepted, Selection, select
 from lpvobs.discovery.select import structure as time_structure
-from lpvobs.discovery.standing import Standing, own_time, term_on
-from lpvobs.discovery.telling import finding_of, log_part, parameter_of, standing_of, told
-from lpvobs.discovery.whiteness import Whiteness, whiteness
-from lpvobs.engines.effects import Plant
+from lpvobs.discovery.standing import Standing, term_on
+from lpvobs.discovery.thresholds import LIKENESS, STRUCTURE_LEFT
+from lpvobs.discovery.whiteness import Whiteness, structure
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
-
-LIKENESS = 2e-4
-"""[kg/s], how much the nodes of two maps of the same surface differ because a bilinear map is an approximation."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +92,8 @@ def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Arr
 
 
 def refine(
-    plant: Plant,
+    model: ResidualModel,
     grid: Grid,
-    tolerance: Mapping[str, float],
     prior: MapPrior,
     logs: Sequence[Log],
     progress: Callable[[float], None] = lambda _: None,
@@ -107,10 +104,8 @@ def refine(
 
     Parameters
     ----------
-    plant : Plant
+    model : ResidualModel
     grid : Grid
-    tolerance : mapping of str to float
-        Uncertain constants of the engine: the truth lies within this fraction of the plant's value.
     prior : MapPrior
         `free_map` on the logs that make the map, `nominal_map` on others.
     logs : sequence of Log
@@ -127,7 +122,7 @@ def refine(
     DataError
         If a log is too short, or lacks a channel that an effect of the model follows.
     """
-    lay = partial(lay_out, plant, grid, tolerance, prior)
+    lay = partial(lay_out, model, grid, prior)
     problem = lay(logs)
     terms = tuple(term_on(standing, problem, logs) for standing in had)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
@@ -141,7 +136,6 @@ def refine(
     found = tuple(standing_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(problem, logs, item) for item in accepted)
     judged = [_unseen(lay, (before, after), (kept, kept + found), log) for log in hold_out]
-    of_log = own_time(problem, logs)[1]
     tell = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
     result = Trace(
         verdict=selection.verdict,
@@ -150,13 +144,13 @@ def refine(
         comparison=selection.losses.comparison(),
         white=own[1].white,
         correlated_with=own[1].correlated_with,
-        standing=tuple(told(standing) for standing in kept),
+        standing=tuple(known_finding(standing) for standing in kept),
         logs=(
             *(
-                tell(log, selection.losses.part(of_log == i).comparison(), structure(after, of_log == i))
+                tell(log, selection.losses.part(problem.of_log == i).comparison(), **shown_by(after, i))
                 for i, log in enumerate(logs)
             ),
-            *(tell(log, losses.comparison(), None) for log, losses in zip(hold_out, judged, strict=True)),
+            *(tell(log, losses.comparison(), own=None) for log, losses in zip(hold_out, judged, strict=True)),
         ),
         held_out=together(judged).comparison() if judged else None,
         left=None
@@ -171,26 +165,14 @@ def refine(
         trace=result,
         theta=after.theta.reshape(grid.shape),
         covariance=inverse[:p, :p],
-        beta=dict(zip(problem.names, after.beta.tolist(), strict=True)),
-        beta_deviation=dict(zip(problem.names, deviation.tolist(), strict=True)),
+        beta=dict(zip(model.names, after.beta.tolist(), strict=False)),
+        beta_deviation=dict(zip(model.names, deviation.tolist(), strict=False)),
         standing=kept + found,
         before=before,
         after=after,
         whiteness_before=own[0],
         whiteness_after=own[1],
     )
-
-
-def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
-    """Return the structure of a model's residual with respect to every input and channel, at some instants or all."""
-    problem = linear.problem
-    K = problem.K
-    inputs = {n: linear.problem.scene[n][:K] for n in problem.plant.channels if n != problem.plant.sensor}
-    every = inputs | dict(problem.auxiliary)
-    if on is None:
-        return whiteness(linear.residual[0], problem.first, every)
-    first = np.flatnonzero(np.diff(problem.block[on], prepend=-1))
-    return whiteness(linear.residual[0][:, on], first, {name: values[on] for name, values in every.items()})
 
 
 def _selected(
@@ -225,7 +207,7 @@ def _explained_already(selection: Selection, after: Linear) -> bool:
 
 def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
     """Return the problem with effects accounted for at their sizes, through any window."""
-    return replace(problem, scene=scene_with(problem, terms), wider=lambda: _holding(problem.wider(), terms))
+    return replace(problem, held=(*problem.held, *terms), wider=lambda: _holding(problem.wider(), terms))
 
 
 def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Array) -> tuple[Accepted, ...]:

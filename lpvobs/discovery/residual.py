@@ -1,48 +1,26 @@
-"""Logs laid out for the search: instants, two independent views of the signals, blocks, and what is known beforehand."""
+"""Logs laid out for the search: residuals of every balance, unknowns with their priors, what is kept back."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
-from lpvobs.discovery.signals import at, instants, values_at
-from lpvobs.engines.effects import Plant, Scene
-from lpvobs.errors import DataError
+from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, mean_flow, starts, stretches
+from lpvobs.discovery.thresholds import (
+    BLOCK,
+    COARSE,
+    MOST_BLOCKS,
+    MOST_LEVELS,
+    WIDER,
+)
+from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.effects import SENSOR, Effect, Signals
+from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
-
-SPACING = 0.0973
-"""[s] between instants; no simple part of a second, so that what happens on the second (set-points of a cycle, tasks of a control
-unit) is seen at all phases: at tenths, kinks at whole seconds looked like a delay of half a millisecond. And"""
-MOST_INSTANTS = 15000
-"""how many there are at most: beyond 25 minutes they lie farther apart."""
-LEAST_TIME = 60.0
-"""[s] of driving that a log must hold."""
-HALF_WIDTH = 0.1
-"""[s] of the windows around instants; narrower ones blur fast transients less and let more noise through."""
-WIDER = 1.5
-"""How much wider the windows are that tell what a size owes to their width."""
-LEAST_SAMPLES = 14
-"""Samples that a window must hold: seven for each half of the samples."""
-MOST_LEVELS = 3
-"""A channel with at most so many values is a switch."""
-PAUSE = 60.0
-"""[s] between two logs on the common clock."""
-WIDE = 0.5
-"""[s], half width of the windows for rates of slow signals: of a temperature behind a sensor that takes seconds, narrower ones see
-mostly noise."""
-BLOCK = 2.0
-"""[s], resolution of the search for onsets."""
-MOST_BLOCKS = 400
-"""Longer logs get longer blocks: the search over pairs of onset and end grows with their square."""
-STRETCH = 20.0
-"""[s], and"""
-EVERY = 5
-"""of so many stretches one is kept from every fit and every choice; the error before and after is that on those alone."""
-GUARD = 1.0
-"""[s] at either end of such a stretch that is neither used nor judged: farther than any window or lag reaches."""
 
 
 @dataclass(frozen=True)
@@ -74,73 +52,154 @@ class MapPrior:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that stays the same during a search.
+    """All that stays the same during a search: B balances at K places, q unknowns beside the map.
+
+    Places are instants, seen twice (2K columns of signals), or blocks of samples (N columns), as the model says.
 
     Attributes
     ----------
-    plant : Plant
+    model : ResidualModel
     grid : Grid
-    names : tuple of str
-        q uncertain constants.
-    spread : ndarray, shape (q,)
-        Standard deviation of the relative error of each.
+    levels : tuple of (int, Level)
+        What differs from day to day: the number of the log, and what; unknowns behind those of the engine.
+    covariance : ndarray, shape (q, q)
+        Prior of the engine's unknowns and of the levels of the day.
     prior : MapPrior
-    scene : Scene
-        Of 2K columns.
+    signals : Signals
+        As recorded.
+    blocks : Blocks or None
+    time, clock : ndarray, shape (K,)
+        [s] since the start of the log, and on the common clock.
+    of_log : ndarray of int, shape (K,)
+        Number of the log.
     block : ndarray of int, shape (K,)
-        Rising numbers of the blocks; none spans two logs.
-    first : ndarray of int, shape (blocks,)
-        The first instant of each.
-    begins : ndarray, shape (blocks,)
+        Rising numbers of the stretches that an onset is sought between; none spans two logs.
+    first : ndarray of int, shape (stretches,)
+        The first place of each.
+    begins : ndarray, shape (stretches,)
         [s], beginning of each on the clock.
     per_coarse : int
-        Blocks whose sums are taken as independent.
-    haste : ndarray of int, shape (K,)
-        Class of how fast the inputs change, from 0.
+        Stretches whose sums are taken as independent.
+    transience : ndarray, shape (K,)
+        How fast the inputs change: a class from 0 for instants, the relative scatter within for blocks.
     auxiliary : mapping of str to ndarray, shape (K,)
         The logs' own channels, where all have them.
+    shown : ndarray of bool, shape (B, K)
+        Where each balance counts.
     used : ndarray of bool, shape (K,)
-        Instants that fits and choices see.
+        Places that fits and choices see.
     judged : ndarray of bool, shape (K,)
-        Instants that only the error before and after is computed from, at a distance from all that are used.
+        Places that only the error before and after is computed from, at a distance from all that are used.
+    flow : float
+        [kg/s], turns a residual in the model's unit into a flow.
     wider : callable
         The same problem, all of it used, seen through windows `WIDER` times as wide.
+    offset : ndarray, shape (B, K)
+        Added to the residual: what an engine that was learned without the place would say beyond the one that was.
+    held : tuple of Term
+        Effects that are accounted for and stay as they are.
     """
 
-    plant: Plant
+    model: ResidualModel
     grid: Grid
-    names: tuple[str, ...]
-    spread: Array
+    levels: tuple[tuple[int, Level], ...]
+    covariance: Array
     prior: MapPrior
-    scene: Scene
+    signals: Signals
+    blocks: Blocks | None
+    time: Array
+    clock: Array
+    of_log: NDArray[np.int64]
     block: NDArray[np.int64]
     first: NDArray[np.int64]
     begins: Array
     per_coarse: int
-    haste: NDArray[np.int64]
+    transience: Array
     auxiliary: Mapping[str, Array]
+    shown: NDArray[np.bool_]
     used: NDArray[np.bool_]
     judged: NDArray[np.bool_]
+    flow: float
     wider: Callable[[], "Problem"]
+    offset: Array
+    held: "tuple[Term, ...]" = ()
+
+    @property
+    def K(self) -> int:
+        """The number of places."""
+        return self.block.size
+
+    @property
+    def spread(self) -> Array:
+        """Standard deviation of every unknown beside the map, shape (q,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def by_reading(self) -> Array:
+        """Derivative of the residual by the reading of the sensor, zero where a balance does not count, shape (B, K)."""
+        found = self.model.by_reading(self.model.constants, self.signals, self.blocks)
+        return np.asarray(np.where(self.shown, found, 0.0))
+
+    @cached_property
+    def precision(self) -> Array:
+        """Inverse of the prior covariance, shape (q, q)."""
+        return np.asarray(np.linalg.inv(self.covariance))
+
+    @cached_property
+    def catalogue(self) -> tuple[Effect, ...]:
+        """The effects that the channels of the logs can show."""
+        return tuple(e for e in self.model.catalogue if all(channel in self.signals.value for channel in e.needs))
+
+    @property
+    def carriers(self) -> tuple[Effect, ...]:
+        """Those that a logged channel may drive."""
+        return tuple(effect for effect in self.catalogue if effect.id in self.model.carriers)
 
     @property
     def data(self) -> int:
         """The number of residuals that fits and choices see."""
-        return int(self.used.sum()) * len(self.plant.balances)
+        return int((self.shown & self.used).sum())
 
     @property
     def coarse_blocks(self) -> float:
-        """The number of blocks whose sums are taken as independent, without those kept back."""
+        """The number of stretches whose sums are taken as independent, without those kept back."""
         return float(self.first.size / self.per_coarse * self.used.mean())
 
     def with_all(self) -> "Problem":
         """Return the same with nothing kept back."""
         return replace(self, used=np.ones(self.K, dtype=bool))
 
-    @property
-    def K(self) -> int:
-        """The number of instants."""
-        return self.block.size
+    def over_columns(self, values: Array) -> Array:
+        """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""
+        if self.blocks is None:
+            return np.tile(values, 2)
+        place = np.searchsorted(self.blocks.edges[1], self.blocks.clock, side="left")
+        return np.asarray(values[np.minimum(place, self.K - 1)])
+
+    def inputs(self) -> dict[str, Array]:
+        """Return every channel but the sensor under test, at the places."""
+        return {name: self.along(name) for name in self.signals.value if name != SENSOR}
+
+    def along(self, channel: str) -> Array:
+        """Return a channel at the places, shape (K,)."""
+        values = self.signals[channel]
+        return self.blocks.mean(values) if self.blocks is not None else values[: self.K]
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect with the size and the interval of the clock that it has in a model, and places it is confined to, (K,)."""
+
+    effect: Effect
+    size: float
+    begin: float = -np.inf
+    end: float = np.inf
+    only: NDArray[np.bool_] | None = field(default=None, compare=False)
+
+    def acts(self, clock: Array) -> NDArray[np.bool_]:
+        """Return at which places it acts, shape (K,)."""
+        on = (clock >= self.begin) & (clock < self.end)
+        return np.asarray(on if self.only is None else on & self.only, dtype=bool)
 
 
 def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
@@ -150,13 +209,12 @@ def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
 
 
 def lay_out(
-    plant: Plant,
+    model: ResidualModel,
     grid: Grid,
-    tolerance: Mapping[str, float],
     prior: MapPrior,
     logs: Sequence[Log],
-    coarse: float = 10.0,
-    half_width: float = HALF_WIDTH,
+    coarse: float = COARSE,
+    wide: float = 1.0,
 ) -> Problem:
     """Return the problem of one or more logs.
 
@@ -165,157 +223,45 @@ def lay_out(
     DataError
         If a log has no stretch that is long enough.
     """
-    driven = sum(float(log.time[-1] - log.time[0]) for log in logs)
-    spacing = SPACING * max(1.0, driven / SPACING / MOST_INSTANTS)
-    views = [_view(plant, log, spacing, half_width) for log in logs]
-    K = sum(view.time.size for view in views)
-    length = max(BLOCK, np.ceil(K * spacing / MOST_BLOCKS / BLOCK) * BLOCK)
-    block = _blocks(views, length)
+    places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
+    length = max(BLOCK, np.ceil(places.time.size * places.spacing / MOST_BLOCKS / BLOCK) * BLOCK)
+    block = stretches(places, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
-    scene = _joined(plant, logs, views)
-    used, judged = _kept_back(views)
+    used, judged = kept_back(places)
     common = set.intersection(*(set(log.auxiliary) for log in logs))
+    clock = places.time + starts(logs)[places.of_log]
+    levels = tuple((i, level) for i in range(len(logs)) for level in model.levels)
+    shown = model.shown(places.signals, places.blocks)
     return Problem(
-        plant=plant,
+        model=model,
         grid=grid,
-        names=tuple(tolerance),
-        spread=np.array(list(tolerance.values())) / np.sqrt(3.0),
+        levels=levels,
+        covariance=scipy.linalg.block_diag(model.covariance, np.diag([level.deviation**2 for _, level in levels])),
         prior=prior,
-        scene=scene,
+        signals=places.signals,
+        blocks=places.blocks,
+        time=places.time,
+        clock=clock,
+        of_log=places.of_log,
         block=block,
         first=first,
-        begins=scene.clock[first],
+        begins=clock[first],
         per_coarse=max(1, round(coarse / length)),
-        haste=_haste(plant, scene, int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))),
+        transience=places.transience,
         auxiliary={
-            name: np.concatenate([_steadied(log, name, view.time) for log, view in zip(logs, views, strict=True)])
+            name: np.concatenate(
+                [_steadied(log, name, log.time[0] + places.time[places.of_log == i]) for i, log in enumerate(logs)]
+            )
             for name in sorted(common)
             if all(_usable(log.auxiliary[name]) for log in logs)
         },
+        shown=shown,
         used=used,
         judged=judged,
-        wider=lambda: lay_out(plant, grid, tolerance, prior, logs, coarse, WIDER * HALF_WIDTH).with_all(),
+        flow=1.0 if model.unit == "kg/s" else mean_flow(places),
+        wider=lambda: lay_out(model, grid, prior, logs, coarse, WIDER).with_all(),
+        offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
-
-
-@dataclass(frozen=True)
-class _View:
-    time: Array
-    half_width: float
-    value: Array
-    rate: Array
-
-
-def _view(plant: Plant, log: Log, spacing: float, half_width: float) -> _View:
-    if len(log) < 2 * LEAST_SAMPLES:
-        raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
-    least = max(1.0, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))) / HALF_WIDTH)
-    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same for all widths
-    half_width *= least
-    if time.size * spacing < LEAST_TIME:
-        raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
-    value, rate = at(log, np.stack([log[name] for name in plant.channels]), time, half_width)
-    return _View(time, half_width, value, rate)
-
-
-def starts(logs: Sequence[Log]) -> Array:
-    """Return where each log begins on the common clock [s]."""
-    lengths = [log.time[-1] - log.time[0] + PAUSE for log in logs]
-    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
-
-
-def place_in_logs(logs: Sequence[Log], clock: float) -> float | None:
-    """Return the time since the start of its log [s] of an instant of the clock, None for none."""
-    if not np.isfinite(clock):
-        return None
-    begins = starts(logs)
-    return float(clock - begins[max(int(np.searchsorted(begins, clock, side="right")) - 1, 0)])
-
-
-def _halves(values: Array) -> Array:
-    """Return (2, m, K) as (m, 2K): the first view, then the second."""
-    return np.concatenate([values[0], values[1]], axis=-1)
-
-
-def _joined(plant: Plant, logs: Sequence[Log], views: Sequence[_View]) -> Scene:
-    @lru_cache(maxsize=8)  # asked for again and again
-    def later(shift: float) -> Array:
-        seen = []
-        for log, view in zip(logs, views, strict=True):
-            time = np.clip(view.time + shift, log.time[0] + view.half_width, log.time[-1] - view.half_width)
-            seen.append(values_at(log, log[plant.sensor][None], time, view.half_width))
-        return np.asarray(_halves(np.concatenate(seen, axis=-1))[0])
-
-    @lru_cache(maxsize=8)
-    def slow(channel: str) -> Array:
-        rates = [
-            at(log, log[channel][None], view.time, max(WIDE, 2.0 * view.half_width))[1]
-            for log, view in zip(logs, views, strict=True)
-        ]
-        return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
-
-    time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
-    clock = np.concatenate(
-        [view.time - log.time[0] + start for log, view, start in zip(logs, views, starts(logs), strict=True)]
-    )
-    value, rate = (
-        _halves(np.concatenate([getattr(view, name) for view in views], axis=-1)) for name in ("value", "rate")
-    )
-    return Scene(
-        time=np.tile(time, 2),
-        clock=np.tile(clock, 2),
-        value=value,
-        rate=rate,
-        lacks=np.tile(np.array(plant.lacks)[:, None], (1, 2 * time.size)),
-        later=later,
-        slow=slow,
-        channels=plant.channels,
-        constants=plant.constants,
-    )
-
-
-def _blocks(views: Sequence[_View], length: float) -> NDArray[np.int64]:
-    """Return the number of the block of every instant."""
-    numbers, offset = [], 0
-    for view in views:
-        raw = np.floor((view.time - view.time[0]) / length).astype(np.int64)
-        held, own = np.unique(raw, return_inverse=True)
-        numbers.append(own + offset)
-        offset += held.size
-    return np.concatenate(numbers)
-
-
-def _kept_back(views: Sequence[_View]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which instants are used, and which are judged: every fifth stretch, without the guards at its ends."""
-    used, judged = [], []
-    for view in views:
-        into = (view.time - view.time[0]) / STRETCH
-        kept = np.floor(into).astype(np.int64) % EVERY == EVERY // 2
-        inside = np.abs(into - np.floor(into) - 0.5) * STRETCH <= 0.5 * STRETCH - GUARD
-        used.append(~kept)
-        judged.append(kept & inside)
-    return np.concatenate(used), np.concatenate(judged)
-
-
-def _haste(plant: Plant, scene: Scene, apart: int) -> NDArray[np.int64]:
-    """Return the class of each instant: fast changes blur the balances, whatever the cause.
-
-    The change is that between instants `apart` before and after, whose windows do not touch: a weight that knew the noise of its
-    own rate would trust a rise that noise makes smaller, and bias every lag and volume.
-    """
-    K = scene.time.size // 2
-    number = np.arange(K)
-    after, before = np.minimum(number + apart, K - 1), np.maximum(number - apart, 0)
-    total = np.zeros(K)
-    for name in plant.hurried:
-        calm = 0.5 * (scene[name][:K] + scene[name][K:])
-        change = (calm[after] - calm[before]) / np.maximum(scene.time[after] - scene.time[before], 1e-9)
-        total += (change / max(float(np.std(calm)), 1e-9)) ** 2
-    return np.searchsorted(np.quantile(total, HASTE), total)
-
-
-HASTE = (0.7, 0.85, 0.93, 0.97, 0.99)
-"""Quantiles that part the classes of haste."""
 
 
 def _usable(values: Array) -> bool:

@@ -11,6 +11,7 @@ from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
+    dated_again,
     fit_candidate,
     in_place,
     loss_of,
@@ -21,27 +22,21 @@ from lpvobs.discovery.evidence import (
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.intervals import standard_errors
-from lpvobs.discovery.linear import Linear, Term
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import best_of, foremost, matters, tried, uneven_share, worth
-from lpvobs.discovery.residual import STRETCH, Problem
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.settling import Named, exchanged, settled, without
-
-MOST_EFFECTS = 4
-MOST_STRUCTURE = 0.02
-"""Of the noise's sum of squares: what sizes that change from block to block may gain before a residual counts as unexplained. Clean
-logs stay under 0.3 %."""
-STRUCTURE_LEFT = 0.2
-"""Of the structure that was there before; named effects that leave more do not explain it."""
-MOST_UNEVEN = 0.15
-"""Of its gain: what a size of its own for every block would gain beside it. A cause has one size."""
-WEAKEST = 15.1
-"""Squared distance from none in standard deviations (one in ten thousand) that an effect keeps when all are fitted together."""
-AGAIN = 0.05
-"""Of the first gain, that the same effect must bring at another time to count as coming and going; less is what an edge leaves."""
-REST = 0.1
-"""Of the noise's sum of squares: an uneven effect that gains no more, beside others, is what they leave in fast transients."""
-ALIKE = 1.645
-"""Standard deviations of the difference of losses by block within which two effects cannot be told apart."""
+from lpvobs.discovery.thresholds import (
+    AGAIN,
+    ALIKE,
+    MOST_EFFECTS,
+    MOST_STRUCTURE,
+    MOST_UNEVEN,
+    REST,
+    STRETCH,
+    STRUCTURE_LEFT,
+    WEAKEST,
+)
 
 
 @dataclass(frozen=True)
@@ -153,18 +148,21 @@ def _with_all(linear: Linear) -> Linear:
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
         if np.isfinite(term.begin) or np.isfinite(term.end):
-            moved = [sharpened(final, i) if j == i else t for j, t in enumerate(final.terms)]
-            if moved[i] != term:
-                final = refit(final, moved)
+            final = _with_term(final, i, dated_again(without(final, i), term))
+            final = _with_term(final, i, sharpened(final, i))
     return final
+
+
+def _with_term(linear: Linear, i: int, term: Term) -> Linear:
+    """Return the model with another term in one place."""
+    return linear if term == linear.terms[i] else refit(linear, [*linear.terms[:i], term, *linear.terms[i + 1 :]])
 
 
 def structure(linear: Linear) -> float:
     """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
     blocks = linear.problem.coarse_blocks
     named = {term.effect.id for term in linear.terms}
-    plant = linear.problem.plant
-    carriers = [e for e in plant.catalogue if e.id in plant.carriers and e.id not in named]
+    carriers = [effect for effect in linear.problem.carriers if effect.id not in named]
     return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
 
 
@@ -242,7 +240,7 @@ def _finished(
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
-    others = [e for e in problem.plant.catalogue if e.id != own.id and not (absorbing and e.in_map)]
+    others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
     promise = {e: promise_of(bare, e, term.begin, term.end) for e in others}
     rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in foremost(promise)), key=score, reverse=True)
     like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # judged as the rivals are

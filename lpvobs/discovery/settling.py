@@ -9,11 +9,10 @@ from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.episodes import sharpened
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
-from lpvobs.discovery.linear import Linear, Term
-from lpvobs.discovery.ranking import SHORTLIST, rank
-
-CLOSE = 0.7
-"""Of the best score, above which candidates are fitted jointly before one is chosen."""
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.ranking import rank
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.thresholds import CLOSE, SHORTLIST, TIE
 
 Named = tuple[Candidate, Curve | None]
 """An effect and, for a channel, its curve."""
@@ -34,7 +33,7 @@ def settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[
         absorbed = problem.prior.free and again.term.effect.in_map
         rivals = [again, with_best_interval(bare, again, not absorbed)]
         taken = {term.effect.id for term in bare.terms}
-        others = [effect for effect in problem.plant.catalogue if effect.id not in taken]
+        others = [effect for effect in problem.catalogue if effect.id not in taken]
         for rival in rank(bare, others, intervals=False)[:SHORTLIST]:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
         again = _joint_best(linear, again, sorted(rivals, key=score, reverse=True))
@@ -73,7 +72,17 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
         return newest
     bare = objective(refit(linear, others))
     joint_score = {key: _joint_score(linear, others, candidate, bare) for key, candidate in close.items()}
-    return close[max(joint_score, key=lambda key: joint_score[key])]
+    best = max(joint_score.values())
+    order = [effect.id for effect in linear.problem.model.catalogue]
+    tied = [key for key, score_ in joint_score.items() if score_ > best - TIE]
+    of_best = next(key for key in tied if joint_score[key] == best)
+    plainest = min((key for key in tied if key[1:] == of_best[1:]), key=lambda key: _place(key[0], order))
+    return close[plainest]
+
+
+def _place(name: str, order: Sequence[str]) -> int:
+    """Return where an effect stands in the catalogue, the plainest first; channels come last."""
+    return order.index(name) if name in order else len(order)
 
 
 def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:

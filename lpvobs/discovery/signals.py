@@ -7,10 +7,8 @@ noise of a sensor is independent from sample to sample, theirs is independent, t
 import numpy as np
 from numba import njit
 
+from lpvobs.discovery.thresholds import NEAR
 from lpvobs.records import Array, Log
-
-NEAR = 0.1
-"""Of a half width: distance of the two values whose difference is a rate."""
 
 
 def instants(log: Log, spacing: float, half_width: float) -> Array:

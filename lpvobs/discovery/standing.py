@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import Curve, rate_of
-from lpvobs.discovery.fit import WIDEST
-from lpvobs.discovery.linear import Term
-from lpvobs.discovery.residual import MOST_LEVELS, SPACING, Problem, starts
-from lpvobs.engines.effects import Effect, Plant, Scene
+from lpvobs.discovery.channels import Curve, following, rate_of
+from lpvobs.discovery.places import starts
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
+from lpvobs.engines.effects import Effect
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
@@ -112,28 +113,24 @@ def term_on(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Term:
     DataError
         If the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
-    effect = _effect(standing, problem.plant, _on_instants(problem, logs))
+    effect = _effect(standing, problem.model, _on_places(problem, logs))
     if not standing.took_part(logs):
         spread = max(standing.standard_deviation, 1e-9 * effect.size)
         effect = replace(effect, null=standing.value, size=spread / WIDEST)
     on = active(standing, problem, logs)
-    return Term(effect if on.all() else replace(effect, apply=_masked(effect, np.tile(on, 2))), standing.value)
+    return Term(effect, standing.value, only=None if on.all() else on)
 
 
 def active(standing: Standing, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
-    """Return at which instants an effect acts, shape (K,)."""
-    time, of_log = own_time(problem, logs)
-    spans = [standing.span_on(log) for log in logs]
-    begin, end = (np.array([getattr(span, name) for span in spans])[of_log] for name in ("begin", "end"))
+    """Return at which places an effect acts, shape (K,); a log that cannot show it is without it."""
+    time, spans = own_time(problem, logs), [standing.span_on(log) for log in logs]
+    begin, end = (np.array([getattr(span, name) for span in spans])[problem.of_log] for name in ("begin", "end"))
     return np.asarray((time >= begin) & (time < end), dtype=bool)
 
 
-def own_time(problem: Problem, logs: Sequence[Log]) -> tuple[Array, NDArray[np.int64]]:
-    """Return the time of every instant on its log's own axis [s], and the number of its log, both of shape (K,)."""
-    clock = problem.scene.clock[: problem.K]
-    of_log = np.maximum(np.searchsorted(starts(logs), clock, side="right") - 1, 0)
-    first = np.array([log.time[0] for log in logs])
-    return problem.scene.time[: problem.K] + first[of_log], of_log
+def own_time(problem: Problem, logs: Sequence[Log]) -> Array:
+    """Return the time of every place on its log's own axis [s], shape (K,)."""
+    return np.asarray(problem.time + np.array([log.time[0] for log in logs])[problem.of_log])
 
 
 def stored_curve(curve: Curve, problem: Problem) -> Curve:
@@ -153,45 +150,39 @@ def from_off(standing: Standing) -> Standing:
     return replace(standing, curve=replace(curve, values=curve.values - curve.values[0]))
 
 
-def catalogued(name: str, plant: Plant) -> Effect:
+def catalogued(name: str, model: ResidualModel) -> Effect:
     """Return an effect of the catalogue by its identifier."""
-    for effect in plant.catalogue:
-        if effect.id == name:
-            return effect
-    known = ", ".join(effect.id for effect in plant.catalogue)
-    raise DataError(f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine anew")
+    found = model.effect(name)
+    if found is None:
+        known = ", ".join(effect.id for effect in model.catalogue)
+        raise DataError(f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine anew")
+    return found
 
 
-def effect_along(standing: Standing, plant: Plant, log: Log) -> Effect:
-    """Return the effect as it acts on every sample of one log, seen once."""
-    effect = _effect(standing, plant, lambda curve: channel_at(log, curve, log.time))
+def effect_along(standing: Standing, model: ResidualModel, log: Log) -> tuple[Effect, NDArray[np.bool_]]:
+    """Return the effect as it acts on every sample of one log, seen once, and where it acts, shape (N,)."""
     span = standing.span_on(log)
     on = (log.time >= span.begin) & (log.time < span.end)
-    return effect if on.all() else replace(effect, apply=_masked(effect, on))
+    return _effect(standing, model, lambda curve: channel_at(log, curve, log.time)), on
 
 
-def _on_instants(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:
-    """Return what gives the values that a curve follows at the instants of a problem, twice."""
-    time, of_log = own_time(problem, logs)
-    return lambda curve: np.tile(
-        np.concatenate([channel_at(log, curve, time[of_log == i]) for i, log in enumerate(logs)]), 2
-    )
+def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:
+    """Return what gives the values that a curve follows at the places of a problem, for every column of the signals."""
+    time = own_time(problem, logs)
+
+    def followed(curve: Curve) -> Array:
+        parts = [channel_at(log, curve, time[problem.of_log == i]) for i, log in enumerate(logs)]
+        return problem.over_columns(np.concatenate(parts))
+
+    return followed
 
 
-def _effect(standing: Standing, plant: Plant, followed: Callable[[Curve], Array]) -> Effect:
+def _effect(standing: Standing, model: ResidualModel, followed: Callable[[Curve], Array]) -> Effect:
     curve = standing.curve
     if curve is None:
-        return catalogued(standing.id, plant)
-    carrier = catalogued(curve.carrier, plant)
-    shape = np.interp(followed(curve), curve.knots, curve.values)
-
-    def apply(scene: Scene, amplitude: float) -> Scene:
-        return carrier.apply(scene, carrier.null + amplitude * shape)
-
-    return Effect(
-        standing.id, standing.parameter, standing.unit, 0.0, 0.2, -5.0, 5.0, carrier.place, apply,
-        f"drives on which {curve.channel} changes by itself",
-    )  # fmt: skip
+        return catalogued(standing.id, model)
+    carrier = catalogued(curve.carrier, model)
+    return following(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
 
 
 def channel_at(log: Log, curve: Curve, time: Array) -> Array:
@@ -211,20 +202,5 @@ def channel_at(log: Log, curve: Curve, time: Array) -> Array:
     return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time[known], recorded[known])) / SPACING))
 
 
-def _masked(effect: Effect, on: NDArray[np.bool_]):  # type: ignore[no-untyped-def]
-    """Return the effect's correction where it acts, the scene as it is elsewhere."""
-
-    def apply(scene: Scene, size: float) -> Scene:
-        other = effect.apply(scene, size)
-        return replace(
-            scene,
-            value=np.where(on, other.value, scene.value),
-            rate=np.where(on, other.rate, scene.rate),
-            lacks=np.where(on, other.lacks, scene.lacks),
-        )
-
-    return apply
-
-
 def _spacing(problem: Problem) -> float:
-    return float(np.median(np.diff(problem.scene.time[: problem.K])))
+    return float(np.median(np.diff(problem.time)))

@@ -11,14 +11,9 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.thresholds import COLOURED, LAGS, NOTABLE
 from lpvobs.records import Array
-
-LAGS = 10
-"""Blocks up to which correlation is sought, on both sides for other signals."""
-SIGNIFICANT = 1e-3
-"""Probability that white noise is called coloured."""
-NOTABLE = 0.15
-"""Correlation that is reported; a weaker one explains under a fortieth of the power."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +65,7 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
     rho, band, p = (np.array([item[i] for item in found]) for i in range(3))
     distance = np.array([periodogram_distance(row) for row in sums])
     means = {name: np.add.reduceat(values, first) / counts for name, values in signals.items()}
-    coloured = (p < SIGNIFICANT) & (np.abs(rho).max(1) > NOTABLE)
+    coloured = (p < COLOURED) & (np.abs(rho).max(1) > NOTABLE)
     return Whiteness(
         white=not bool(coloured.any()),
         autocorrelation=rho,
@@ -104,7 +99,7 @@ def periodogram_distance(x: Array) -> float:
 
 def _followed(sums: Array, signals: Mapping[str, Array]) -> dict[str, float]:
     tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
-    limit = float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / tests))
+    limit = float(scipy.stats.norm.isf(0.5 * COLOURED / tests))
     found = {}
     for name, values in signals.items():
         strongest = max(
@@ -123,3 +118,13 @@ def correlation(x: Array, y: Array, lag: int, limit: float) -> float:
     spread = np.sqrt((a**2) @ (b**2))
     product = float(a @ b)
     return product / size if size > 0.0 and abs(product) > limit * spread else 0.0
+
+
+def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
+    """Return the structure of a model's residual with respect to every input and channel, at some instants or all."""
+    problem = linear.problem
+    every = problem.inputs() | dict(problem.auxiliary)
+    if on is None:
+        return whiteness(linear.residual[0], problem.first, every)
+    first = np.flatnonzero(np.diff(problem.block[on], prepend=-1))
+    return whiteness(linear.residual[0][:, on], first, {name: values[on] for name, values in every.items()})

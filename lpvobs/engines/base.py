@@ -1,10 +1,13 @@
 """What every engine offers, so that gain, observer, tracer and report need not know which one they serve."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from lpvobs.engines.channels import Channel, Recorded
+from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.records import Array, Log
 
 
@@ -92,6 +95,8 @@ class AirPath(Protocol):
         The engine constants that a balance depends on.
     learns : bool
         Whether parts of the engine are known only after a healthy log has shown them.
+    dispensable : tuple of str
+        Channels that the loop can do without: it loses balances with them, and says so.
     """
 
     name: ClassVar[str]
@@ -105,6 +110,7 @@ class AirPath(Protocol):
     rate_names: ClassVar[tuple[str, ...]]
     balance_constants: ClassVar[tuple[str, ...]]
     learns: ClassVar[bool]
+    dispensable: ClassVar[tuple[str, ...]]
 
     def __init__(self, engine: Any) -> None:
         """Take the configuration's `[engine]`."""
@@ -125,8 +131,14 @@ class AirPath(Protocol):
     def system(parameters: Sequence[Any], outputs: Sequence[str]) -> tuple[list[list[Any]], list[list[Any]]]:
         """Return A and C as nested lists for parameters of any number type (floats or exact fractions)."""
 
-    def fingerprint(self) -> str:
-        """Return a text that changes with what was learned; empty where nothing is."""
+    def knowledge(self) -> Knowledge | None:
+        """Return what was learned; None for an engine that learns nothing, or has not yet."""
+
+    def knowing(self, known: Knowledge) -> "AirPath":
+        """Return the air path with what was learned before."""
+
+    def deviating(self, deviation: Mapping[str, float]) -> "AirPath":
+        """Return the air path with other unknowns of its residual model, by their relative deviations."""
 
     def learned_from(self, logs: Sequence[Log]) -> "AirPath":
         """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
@@ -191,6 +203,11 @@ class EngineKind:
         Under which names foreign recordings hold its channels, beside those of `COMMON`.
     example : str
         The shipped, commented configuration, a name in `configs`.
+    residual_model : callable
+        The engine as the closed loop sees it, from the configuration, the air path with what it has learned, the errors of the
+        healthy engine, and the digests of the logs that taught it.
+    errors : callable, optional
+        Those errors, from the configuration's `[engine]` and healthy logs; for an engine that learns.
     plant : str
         What simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does.
     published : Published, optional
@@ -204,6 +221,8 @@ class EngineKind:
     tables: Mapping[str, type]
     recorded: Mapping[str, Recorded]
     example: str
+    residual_model: Callable[[Any, AirPath, HealthyErrors | None, Collection[str]], ResidualModel]
+    errors: Callable[[Any, Sequence[Log]], HealthyErrors] | None = None
     plant: str = ""
     published: Published | None = None
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None

@@ -1,77 +1,91 @@
-"""What discovery needs to know of an engine: its balances as one function, and the effects that may be missing in it."""
+"""Effects: what may be wrong with an engine or its sensors, each as a change of the signals that the balances are computed from.
 
-from collections.abc import Callable
+Nothing that injects an effect into a simulation reads this module: a loop that knew the simulator's formulas would prove nothing.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lpvobs.records import Array
 
+SENSOR = "W_maf"
+"""The channel of the sensor under test, of every engine."""
+AIR_AT_CALIBRATION = 298.0
+"""[K], air temperature at which a sensor whose gain depends on temperature reads right."""
+PIVOT = 0.02
+"""[kg/s], flow at which a contaminated film reads right: too much below, too little above."""
+FILTER = 2.08e5
+"""[Pa/(kg/s)^2], depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s."""
+LITTLE = 1e-3
+"""[kg/s], flow below which the other effects on a reading are not told from its noise."""
+
+TRANSIENTS = "fast changes of load at constant speed"
+STEADY = "long stays at many operating points, before and after"
+BOOST = "the same operating points at low and at high boost"
+ALTITUDE = "drives at other ambient pressures or temperatures"
+
 
 @dataclass(frozen=True)
-class Scene:
-    """All that the balances are computed from, twice: K instants seen by the even samples, then by the odd ones.
+class Signals:
+    """All that the balances are computed from, in C columns.
 
     Attributes
     ----------
-    time : ndarray, shape (2K,)
+    time : ndarray, shape (C,)
         [s] since the start of the log.
-    clock : ndarray, shape (2K,)
+    clock : ndarray, shape (C,)
         [s], the same where there is one log; further logs follow with a pause.
-    value, rate : ndarray, shape (m, 2K)
-        Channels in the order of `Plant.channels`, and their time derivatives.
-    lacks : ndarray, shape (l, 2K)
-        Sizes of what the engine's model lacks, in the order of `Plant.lacks`.
+    value, rate : mapping of str to ndarray, shape (C,)
+        Channels, and their time derivatives.
+    lacks : ndarray, shape (l, C)
+        Sizes of what the engine's model lacks, in the order of `ResidualModel.lacks`.
     later : callable
-        What the sensor under test reads some time [s] later, shape (2K,).
+        What the sensor under test reads some time [s] later, shape (C,).
     slow : callable
-        Rate of a channel by name, seen through a wide window, shape (2K,).
-    channels : tuple of str
-    constants : named tuple
+        Rate of a channel by name, seen through a wide window, shape (C,).
+    constants : object
         The engine's, where the model stands.
     """
 
     time: Array
     clock: Array
-    value: Array
-    rate: Array
+    value: Mapping[str, Array]
+    rate: Mapping[str, Array]
     lacks: Array
     later: Callable[[float], Array]
     slow: Callable[[str], Array]
-    channels: tuple[str, ...]
     constants: Any
 
     def __getitem__(self, channel: str) -> Array:
-        """Return the values of one channel, shape (2K,)."""
-        return np.asarray(self.value[self.channels.index(channel)])
+        """Return the values of one channel, shape (C,)."""
+        return self.value[channel]
 
-    def rate_of(self, channel: str) -> Array:
-        """Return the rates of one channel, shape (2K,)."""
-        return np.asarray(self.rate[self.channels.index(channel)])
+    def corrected(self, channel: str, value: Array, rate: Array | None = None) -> "Signals":
+        """Return the signals with another one in place of a channel; without a rate, the rate stays."""
+        rates = self.rate if rate is None else {**self.rate, channel: rate}
+        return replace(self, value={**self.value, channel: value}, rate=rates)
 
-    def corrected(self, channel: str, value: Array, rate: Array | None = None) -> "Scene":
-        """Return the scene with another signal in place of a channel; without a rate, the rate stays."""
-        i = self.channels.index(channel)
-        values = self.value.copy()
-        values[i] = value
-        if rate is None:
-            return replace(self, value=values)
-        rates = self.rate.copy()
-        rates[i] = rate
-        return replace(self, value=values, rate=rates)
-
-    def between(self, other: "Scene", begin: float, end: float) -> "Scene":
-        """Return this scene, and the other one in the interval [begin, end)."""
-        if begin <= self.clock[0] and end > self.clock[-1]:
+    def where(self, on: NDArray[np.bool_], other: "Signals") -> "Signals":
+        """Return the other signals in some columns, shape (C,), and these elsewhere."""
+        if on.all():
             return other
-        on = (self.clock >= begin) & (self.clock < end)
         return replace(
             self,
-            value=np.where(on, other.value, self.value),
-            rate=np.where(on, other.rate, self.rate),
-            lacks=np.where(on, other.lacks, self.lacks),
+            value=_where(on, other.value, self.value),
+            rate=_where(on, other.rate, self.rate),
+            lacks=self.lacks if other.lacks is self.lacks else np.where(on, other.lacks, self.lacks),
         )
+
+
+def _where(on: NDArray[np.bool_], there: Mapping[str, Array], here: Mapping[str, Array]) -> Mapping[str, Array]:
+    return {name: x if there[name] is x else np.where(on, there[name], x) for name, x in here.items()}
+
+
+Change = Callable[[Signals, Any], Signals]
 
 
 @dataclass(frozen=True)
@@ -91,13 +105,15 @@ class Effect:
     place : str
         Where it acts; `sensor` for what changes the readings of the sensor under test and nothing else.
     apply : callable
-        The scene as it would have been recorded without the effect, or with it in the balances.
+        The signals as they would have been recorded without the effect, or with it in the balances.
     drive : str
         The kind of drive that separates it from its likes.
     in_map : bool
         Whether a map made from the same log contains it when it is there from the first to the last sample.
     moves_point : bool
         Whether it changes the operating point at which the map is read.
+    needs : tuple of str
+        Channels without which a log cannot show it.
     """
 
     id: str
@@ -108,52 +124,86 @@ class Effect:
     low: float
     high: float
     place: str
-    apply: Callable[[Scene, Any], Scene]
+    apply: Change
     drive: str
     in_map: bool = False
     moves_point: bool = False
+    needs: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Plant:
-    """An engine as discovery sees it.
+def gain(channel: str) -> Change:
+    """Return the correction of a channel that reads a multiple of the truth."""
+    return lambda s, factor: s.corrected(channel, s[channel] / factor, s.rate[channel] / factor)
 
-    Attributes
-    ----------
-    balances : tuple of str
-        B balances.
-    mapped : ndarray, shape (B,)
-        One where the sensor, and with it the map, is part of the balance, zero elsewhere.
-    channels : tuple of str
-        m channels, the sensor among them.
-    hurried : tuple of str
-        Those whose fast changes blur the balances.
-    sensor, fuel, speed : str
-        Channel of the sensor under test, and the map's axes.
-    lacks : tuple of float
-        l sizes of an engine in order.
-    constants : named tuple
-        The engine's constants.
-    imbalances : callable
-        What is left of each balance, shape (B, 2K) [kg/s], from constants, values, rates and lacks.
-    catalogue : tuple of Effect
-    carriers : tuple of str
-        Effects of the catalogue that a logged channel may drive; their `apply` takes a size per sample, too.
-    inputs : callable or None
-        What a change of the balances [kg/s] adds to the state equation of the observer, shape (n, K), from constants, values and
-        the change; None where the state equation stays.
-    """
 
-    balances: tuple[str, ...]
-    mapped: Array
-    channels: tuple[str, ...]
-    hurried: tuple[str, ...]
-    sensor: str
-    fuel: str
-    speed: str
-    lacks: tuple[float, ...]
-    constants: Any
-    imbalances: Callable[[Any, Array, Array, Array], Array]
-    catalogue: tuple[Effect, ...]
-    carriers: tuple[str, ...]
-    inputs: Callable[[Any, Array, Array], Array] | None = None
+def offset(channel: str) -> Change:
+    """Return the correction of a channel that reads too much by a constant."""
+    return lambda s, shift: s.corrected(channel, s[channel] - shift)
+
+
+def lacking(i: int, null: float) -> Change:
+    """Return the engine with an area added (null zero), or a flow or power multiplied (null one); `i` numbers what it lacks."""
+
+    def change(s: Signals, x: Any) -> Signals:
+        lacks = s.lacks.copy()
+        lacks[i] = lacks[i] + x if null == 0.0 else lacks[i] * x
+        return replace(s, lacks=lacks)
+
+    return change
+
+
+def reading(over_truth: Callable[[Signals, Any], Any]) -> Change:
+    """Return the correction of the sensor under test where its reading over the truth is known."""
+    return lambda s, x: s.corrected(SENSOR, s[SENSOR] / over_truth(s, x))
+
+
+def lag(s: Signals, tau: Any) -> Signals:
+    """Return the flow before a first-order response: tau dW_m/dt = W - W_m solved for W."""
+    return s.corrected(SENSOR, s[SENSOR] + tau * s.rate[SENSOR])
+
+
+def delay(s: Signals, dead_time: float) -> Signals:
+    """Return the flow before a dead time: what the sensor says that much later, behind other effects on its reading."""
+    now = s.later(0.0)
+    other = np.where(np.abs(now) > LITTLE, np.clip(s[SENSOR] / np.where(now == 0.0, 1.0, now), 0.5, 2.0), 1.0)
+    return s.corrected(SENSOR, s[SENSOR] + other * (s.later(dead_time) - now))
+
+
+def drift(s: Signals, rate: Any) -> Any:
+    """Return reading over truth of a gain that moves with time from the start of the log."""
+    return 1.0 + rate * s.time
+
+
+def warm_air(s: Signals, coefficient: Any) -> Any:
+    """Return reading over truth of a gain that follows the temperature of the air at the sensor."""
+    return 1.0 + coefficient * (s["T_amb"] - AIR_AT_CALIBRATION)
+
+
+def contamination(s: Signals, x: Any) -> Signals:
+    """Return the flow behind a film whose King's law has lost a share x of its slope: sqrt W_m = (1 - x) sqrt W + x sqrt PIVOT."""
+    above = np.sqrt(np.maximum(s[SENSOR], 0.0)) - x * np.sqrt(PIVOT)
+    # No film tells which way the air goes: below zero the curve goes on straight.
+    backward = np.minimum(s[SENSOR] - x * x * PIVOT, 0.0)
+    return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
+
+
+def on_the_reading(fuel: str) -> Mapping[str, Effect]:
+    """Return the effects that every engine may have on the reading of the sensor, and the gain of its fuel channel, by name."""
+    own = (SENSOR,)
+    found = (
+        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS, needs=own),
+        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 0.5, "sensor", lag, TRANSIENTS, needs=own),
+        Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True, needs=own),
+        Effect(
+            "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
+            reading(lambda s, x: np.broadcast_to(x, s.time.shape)), STEADY, True, needs=own,
+        ),
+        Effect("maf.drift", "rate", "1/s", 0.0, 1e-4, -1e-3, 1e-3, "sensor", reading(drift), STEADY, needs=own),
+        Effect(
+            "maf.temperature", "coefficient", "1/K", 0.0, 1e-3, -0.02, 0.02, "sensor", reading(warm_air), ALTITUDE,
+            needs=(SENSOR, "T_amb"),
+        ),
+        Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, STEADY, needs=own),
+        Effect("u_delta.gain", "factor", "1", 1.0, 0.05, 0.6, 1.5, "fuel", gain(fuel), STEADY, True, True, needs=(fuel,)),
+    )  # fmt: skip
+    return {effect.id: effect for effect in found}

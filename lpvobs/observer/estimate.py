@@ -103,7 +103,11 @@ def estimate_default(
 ) -> MapEstimate:
     """Return the map from one or more logs by the default method."""
     settings = settings.limited_to(air_path.balance_constants)
-    parts = [inform(air_path, grid, gain, log, settings) for log in logs]
+    return of_parts(grid, [inform(air_path, grid, gain, log, settings) for log in logs], settings)
+
+
+def of_parts(grid: Grid, parts: Sequence[LogInformation], settings: EstimateSettings) -> MapEstimate:
+    """Return the map from the parts of logs, added in the order of the logs' digests."""
     in_order = sorted(parts, key=lambda part: part.run.sha256)
     return replace(merged(grid, in_order, settings)[0], runs=tuple(part.run for part in parts))
 

@@ -97,6 +97,47 @@ class LogInformation:
     coupling: Array
 
 
+@dataclass(frozen=True)
+class Observed:
+    """What the observer makes of a log of N samples that is in memory, B balances.
+
+    Attributes
+    ----------
+    log : Log
+    parameters : ndarray, shape (N, m)
+        Scheduling parameters.
+    point : tuple of ndarray, shape (N,)
+        The map's inputs: fuel, speed.
+    z : ndarray, shape (B, N)
+        [kg/s], the sensor's reading less the flow of each balance.
+    slope : ndarray, shape (B, q, N)
+        [kg/s], derivative of each flow by the relative change of each uncertain constant.
+    """
+
+    log: Log
+    parameters: Array
+    point: tuple[Array, Array]
+    z: Array
+    slope: Array
+
+
+def inform_observed(grid: Grid, region: Region | None, seen: Observed, constants_variance: Array) -> LogInformation:
+    """Return the part of a log whose flows are known; raises DataError if no two samples are neighbours."""
+    log, sums = seen.log, no_sums(grid, *seen.slope.shape[:2])
+    visit, run = no_visit(seen.z.shape[0]), RangeSeen(seen.parameters.shape[1], region)
+    steps = np.diff(log.time, prepend=log.time[0])
+    steps[[start for start, _ in log.segments]] = 0.0
+    run.see(log.time, steps, seen.parameters)
+    if not run.duration > 0.0:
+        raise nothing_between(log.name, run.started)
+    for part in log.each_segment():
+        point = (seen.point[0][part], seen.point[1][part])
+        z, slope = np.ascontiguousarray(seen.z[:, part]), np.ascontiguousarray(seen.slope[..., part])
+        add(sums, visit, grid, point, steps[part], z, slope, scaled_terms(grid, *point))
+        end_visit(sums, visit)
+    return _part(grid, sums, constants_variance, run.run(log))
+
+
 def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings
 ) -> LogInformation:

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
-from lpvobs.discovery.whiteness import LAGS, Whiteness
+from lpvobs.discovery.thresholds import LAGS
+from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Array
 from lpvobs.report.svg import INK, label_of, render
 

@@ -12,8 +12,7 @@ import lpvobs.selftest.cases
 from lpvobs.cli.main import app
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.leftover import Leftover, Stretch
-from lpvobs.discovery.outcome import Finding, LogPart, Parameter, Trace
-from lpvobs.discovery.throttled_outcome import BalanceError, Level, ThrottledPart, ThrottledTrace
+from lpvobs.discovery.outcome import BalanceError, DayLevel, Finding, LogPart, Missing, Parameter, Trace
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
@@ -153,18 +152,18 @@ LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.
 
 @pytest.mark.parametrize(("verb", "refined"), [("trace", False), ("refine", True)])
 def test_what_the_chain_does_not_show(validator, verb, refined):
-    """Left-over structure, effects of before, logs held out, and the balances of the throttled engine."""
-    part = ("drive", "effect", (FINDING,), ERROR, None)
-    balance = BalanceError("throttle", 0.08, 0.02, 0.015, 0.07, 0.02, True)
-    throttled = ThrottledPart(
-        *part, (balance,), (Level("fuel", 0.01, "1", 0.02),), ("T_ic",), ("ambient",), (("a", "b"),)
-    )
-    for kind, log, left in ((Trace, LogPart(*part), LEFT), (ThrottledTrace, throttled, None)):
-        found = kind("effect", (FINDING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (log,), ERROR, left)
-        said = json.loads(json.dumps(found.as_json(refined)))
-        content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
-        validator(verb).validate(content)
-        assert ("after" in content["error"]) is refined
-        assert {"standing", "error_on_held_out_logs"} <= set(content)
-        assert ("when" in content["residual"]) is (left is not None)
-        assert ("balances" in content) is (kind is ThrottledTrace)
+    """Left-over structure, effects of before, logs held out, and what a log without some channels cannot show."""
+    part = LogPart(
+        "drive", "effect", (FINDING,), ERROR, None,
+        (BalanceError("throttle", "1", 0.08, 0.02, 0.015, 0.07, 0.02, True),),
+        (DayLevel("fuel", 0.01, "1", 0.02),),
+        Missing(("T_ic",), ("ambient",), (("a", "b"),)),
+    )  # fmt: skip
+    found = Trace("effect", (FINDING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (part,), ERROR, LEFT)
+    said = json.loads(json.dumps(found.as_json(refined)))
+    content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
+    validator(verb).validate(content)
+    assert ("after" in content["error"]) is refined
+    assert {"standing", "error_on_held_out_logs"} <= set(content)
+    assert "when" in content["residual"]
+    assert content["logs"][0].keys() >= {"balances", "day_to_day", "missing"}

@@ -8,7 +8,7 @@ from repository import DIESEL
 
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.residual import free_map, lay_out
-from lpvobs.engines.diesel.effects import diesel_plant
+from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.io.configuration.config import load_config
 from lpvobs.records import Defects, Log
@@ -43,14 +43,14 @@ def clean(record):
 
 @pytest.fixture(scope="session")
 def plant(config):
-    return diesel_plant(config.engine)
+    return diesel_model(config.engine, config.estimate.tolerance)
 
 
 @pytest.fixture(scope="session")
 def laid_out(plant, config):
     """Return a function from logs to the problem with a free map."""
-    tolerance = config.estimate.tolerance
-    return lambda *logs: lay_out(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), logs)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
+    return lambda *logs: lay_out(plant, config.grid(), prior, logs)
 
 
 @pytest.fixture(scope="session")

@@ -24,13 +24,13 @@ def test_the_catalogue_is_the_agreed_one():
 
 @pytest.mark.parametrize("one", CATALOGUE, ids=lambda e: e.id)
 def test_null_size_changes_nothing(one, linear):
-    scene = linear.problem.scene
-    same = one.apply(scene, one.null)
-    for name in ("value", "lacks"):
-        np.testing.assert_allclose(getattr(same, name), getattr(scene, name), rtol=1e-12, atol=1e-15)
-    assert np.any(one.apply(scene, one.null + one.size).value != scene.value) or np.any(
-        one.apply(scene, one.null + one.size).lacks != scene.lacks
-    )
+    signals = linear.problem.signals
+    same = one.apply(signals, one.null)
+    for name, values in signals.value.items():
+        np.testing.assert_allclose(same[name], values, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(same.lacks, signals.lacks)
+    other = one.apply(signals, one.null + one.size)
+    assert np.any(other.lacks != signals.lacks) or any(np.any(other[n] != x) for n, x in signals.value.items())
 
 
 @pytest.mark.parametrize(
@@ -44,30 +44,30 @@ def test_null_size_changes_nothing(one, linear):
     ],
 )
 def test_a_sensor_effect_undoes_what_the_sensor_did(name, size, reading, linear):
-    scene = linear.problem.scene
-    truth = np.maximum(scene["W_maf"], 1e-3)
-    seen = scene.corrected("W_maf", reading(truth, scene), scene.rate_of("W_maf"))
+    signals = linear.problem.signals
+    truth = np.maximum(signals["W_maf"], 1e-3)
+    seen = signals.corrected("W_maf", reading(truth, signals), signals.rate["W_maf"])
     np.testing.assert_allclose(effect(name).apply(seen, size)["W_maf"], truth, rtol=1e-9)
 
 
 def test_a_dead_time_leaves_what_else_is_wrong_with_the_reading(linear):
     """A reading that is 10 % too large and late: with the gain undone, the dead time moves a signal that is as much smaller."""
-    scene = linear.problem.scene
-    both = effect("maf.gain").apply(effect("maf.delay").apply(scene, 0.05), 1.1)
-    swapped = effect("maf.delay").apply(effect("maf.gain").apply(scene, 1.1), 0.05)
-    flow = scene["W_maf"] > 5e-3  # below, the ratio of two noisy readings is not known
+    signals = linear.problem.signals
+    both = effect("maf.gain").apply(effect("maf.delay").apply(signals, 0.05), 1.1)
+    swapped = effect("maf.delay").apply(effect("maf.gain").apply(signals, 1.1), 0.05)
+    flow = signals["W_maf"] > 5e-3  # below, the ratio of two noisy readings is not known
     np.testing.assert_allclose(swapped["W_maf"][flow], both["W_maf"][flow], rtol=1e-9)
 
 
 def test_a_hole_in_the_inlet_takes_its_share_of_the_filling(linear):
     """Whatever the sensor's own error: the same flow is missing in a reading that is shifted."""
-    scene = linear.problem.scene
-    shifted = scene.corrected("W_maf", scene["W_maf"] + 0.01)
+    signals = linear.problem.signals
+    shifted = signals.corrected("W_maf", signals["W_maf"] + 0.01)
     leak = effect("leak.inlet")
-    missing = leak.apply(scene, 1e-4)["W_maf"] - scene["W_maf"]
+    missing = leak.apply(signals, 1e-4)["W_maf"] - signals["W_maf"]
     np.testing.assert_allclose(leak.apply(shifted, 1e-4)["W_maf"] - shifted["W_maf"], missing, rtol=1e-9, atol=1e-15)
     # 1e-4 m^2 behind a filter of 2.08e5 Pa/(kg/s)^2 in air of 1.15 kg/m^3: sqrt(2 rho F) A = 6.9 % of what passes the sensor
-    passing = scene["W_maf"] > 0.03
-    assert np.median(missing[passing] / scene["W_maf"][passing]) == pytest.approx(
+    passing = signals["W_maf"] > 0.03
+    assert np.median(missing[passing] / signals["W_maf"][passing]) == pytest.approx(
         0.069 / 1.069, rel=0.25
     )  # its own error

@@ -33,11 +33,10 @@ def test_switches_that_cost_more_than_they_gain_are_not_made():
 @pytest.fixture(scope="module")
 def fitted(plant, config):
     """Return the model of a log with a gain of the sensor in one interval; of it, 140 to 160 s are kept from every fit."""
-    tolerance = config.estimate.tolerance
     gain = next(effect for effect in plant.catalogue if effect.id == "maf.gain")
 
     def model(log, begin, end):
-        problem = lay_out(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [log])
+        problem = lay_out(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log])
         return fit(problem, [Term(gain, 1.05, begin, end)])
 
     return model

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.held_out import KNOWN, compare, informed
+from lpvobs.discovery.held_out import compare, informed
 from lpvobs.discovery.ranking import best_of
-from lpvobs.discovery.residual import EVERY, GUARD, MapPrior
+from lpvobs.discovery.residual import MapPrior
+from lpvobs.discovery.thresholds import EVERY, GUARD, KNOWN
 
 
 def test_used_and_judged_instants_are_apart(linear):

@@ -5,16 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpvobs.discovery.drawn_up import views
 from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, refit
-from lpvobs.discovery.held_out import FOLDS, compare, held_out_losses, undated
-from lpvobs.discovery.linear import Term, dot, views
+from lpvobs.discovery.held_out import compare, held_out_losses, undated
+from lpvobs.discovery.linear import dot
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.thresholds import FOLDS
 
 
 def test_noise_that_two_factors_share_drops_out_of_their_product():
     rng = np.random.default_rng(2)
     signal, noise = rng.standard_normal((1, 40000)), rng.standard_normal((1, 2, 40000))
-    seen = views(np.concatenate([signal + noise[:, 0], signal + noise[:, 1]], axis=1))
+    seen = views(np.concatenate([signal + noise[:, 0], signal + noise[:, 1]], axis=1), 40000)
     plain = float(np.vdot(seen[0], seen[0])) / 40000
     assert plain == pytest.approx(1.5, abs=0.05)  # the mean of two views keeps half of the noise power
     assert dot(seen, seen) / 40000 == pytest.approx(1.0, abs=0.04)  # four standard deviations of the mean of products
@@ -41,12 +44,12 @@ def test_the_optimum_needs_no_further_step(linear):
 
 
 def test_gain_of_an_interval_is_that_of_a_direct_solution(linear):
-    one = next(e for e in linear.problem.plant.catalogue if e.id == "maf.lag")
+    one = next(e for e in linear.problem.catalogue if e.id == "maf.lag")
     direction = slope_of(linear, one, one.null)
     gains = gains_of_intervals(linear, direction)
     for first, last in ((0, gains.shape[0] - 1), (20, 90), (60, gains.shape[0] - 1)):
         on = ((linear.problem.block >= first) & (linear.problem.block < last)).astype(float)
-        column = direction * on
+        column = linear.whiten(direction * on)
         across = linear.products(column)
         bordered = np.block([[linear.normal, across[:, None]], [across[None], np.array([[dot(column, column)]])]])
         right = np.append(linear.gradient, dot(column, linear.residual))
@@ -74,7 +77,7 @@ def test_a_model_compared_with_itself_is_no_better(linear):
 
 
 def test_an_absent_effect_is_fitted_as_absent(linear):
-    one = next(e for e in linear.problem.plant.catalogue if e.id == "maf.lag")
+    one = next(e for e in linear.problem.catalogue if e.id == "maf.lag")
     with_lag = fit(linear.problem, [Term(one, 0.03)])
     assert abs(with_lag.terms[0].size) < 2e-3  # s; smoothing leaves a millisecond, not the 20 ms of shared noise
     candidate = in_place(with_lag, 0, _like(with_lag, one))
@@ -91,10 +94,10 @@ def _like(linear, one):
 
 def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
     problem = linear.problem
-    clock = problem.scene.clock[: problem.K]
+    clock = problem.clock
     kept = np.flatnonzero(~problem.used)
     inside = kept[kept.size // 2]
-    one = problem.plant.catalogue[0]
+    one = problem.catalogue[0]
     begun = replace(linear, terms=(Term(one, one.null, begin=float(clock[inside])),))
     out = undated(begun)
     assert out[inside]

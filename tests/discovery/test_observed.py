@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.observed import FLOW, Refined, _innovations, added, corrected, observed, observed_path
+from lpvobs.discovery.observed import Refined, _innovations, added, corrected, observed
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.observer.estimate import estimate_default
-from lpvobs.observer.parts import StateGain
+from lpvobs.observer.estimate import estimate_default, of_parts
+from lpvobs.observer.parts import StateGain, inform_observed
 from lpvobs.simulation.effects import CatalogueEffect
 
 L = np.array([[2215.0, -4.2, 156.0, 0.0], [-113.0, 2129.0, -88.0, 0.0], [55.0, -1.1, 2015.0, 0.0]])
@@ -41,8 +41,9 @@ def healthy(clean, config, settings):
 
 
 def estimated(refined, log, config, settings):
-    log = observed(refined, log)
-    return estimate_default(observed_path(refined), config.grid(), StateGain(OUTPUTS, L), [log], settings)
+    seen = observed(refined, log, tuple(settings.tolerance))
+    part = inform_observed(config.grid(), None, seen, settings.constants_variance)
+    return of_parts(config.grid(), [part], settings)
 
 
 def test_without_effects_it_is_the_observer_of_before(model, clean, config, settings, healthy):
@@ -98,10 +99,10 @@ def slowed(flow, time, tau):
 
 def test_behind_a_slow_sensor_the_state_tells_of_the_flow(model, clean, misread):
     plain = observed(model(), clean)
-    flow, time, tau = plain[FLOW + "compressor"], clean.time, 0.08
+    flow, time, tau = clean["W_maf"] - plain.z[0], clean.time, 0.08
     exact = misread(clean, slowed(flow + 0.003, time, tau))  # reads 3 g/s too much, and late
     found = observed(model(effect("maf.lag", "tau", tau)), exact)
-    z = found["W_maf"] - found[FLOW + "compressor"]
+    z = found.z[0]
     late = time > 1.0  # ten time constants: the first state is not known
     wrong, unaided = (np.sqrt(np.mean((left[late] - 0.003) ** 2)) for left in (z, exact["W_maf"] - flow))
     assert (
@@ -109,9 +110,7 @@ def test_behind_a_slow_sensor_the_state_tells_of_the_flow(model, clean, misread)
     )  # the reading bends between samples and is taken as straight there: h^2 / 12 of what bends
     quick = observed(model(effect("maf.lag", "tau", tau, begin=200.0)), exact)
     before = time < 200.0
-    assert quick[FLOW + "compressor"][before] == pytest.approx(
-        plain[FLOW + "compressor"][before], abs=1e-12
-    )  # rounding
+    assert exact["W_maf"][before] - quick.z[0, before] == pytest.approx(flow[before], abs=1e-12)  # rounding
 
 
 def test_the_sensors_state_is_of_second_order_in_the_step():
@@ -127,9 +126,8 @@ def test_the_sensors_state_is_of_second_order_in_the_step():
 def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
     model, clean, misread, plant, config, settings, healthy
 ):
-    tolerance = config.estimate.tolerance
     slow = misread(clean, slowed(clean["W_maf"], clean.time, 0.08))
-    found = refine(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [slow])
+    found = refine(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [slow])
     assert [item.id for item in found.standing] == ["maf.lag"]
     refined = estimated(model(*found.standing), slow, config, settings)
     unrefined = estimated(model(), slow, config, settings)
@@ -148,8 +146,7 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
 def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
     """The plant has a hole, put there by formulas of its own; nobody is told."""
     log = record(effects=[CatalogueEffect("leak.intake", 2e-5)])
-    tolerance = config.estimate.tolerance
-    found = refine(plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [log])
+    found = refine(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log])
     (leak,) = found.standing
     assert leak.id == "leak.intake"
     assert leak.value == pytest.approx(2e-5, rel=0.05)

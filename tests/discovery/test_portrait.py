@@ -9,17 +9,16 @@ from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, cross_correlations, portrait
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
-from lpvobs.discovery.whiteness import LAGS
+from lpvobs.discovery.thresholds import LAGS
 
 
 @pytest.fixture(scope="module")
 def stepped(clean, misread, plant, config):
     """Return a step of the gain found, and its log, which starts at 1000 s."""
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     log = misread(clean, clean["W_maf"] * np.where(clean.time < 141.7, 1.0, 1.06))
     log = replace(log, time=log.time + 1000.0)
-    return refine(plant, config.grid(), tolerance, prior, [log]), log
+    return refine(plant, config.grid(), prior, [log]), log
 
 
 def test_a_portrait_is_bounded_and_keeps_the_extremes(stepped):
@@ -60,12 +59,11 @@ def test_the_sign_of_a_lag_says_what_comes_first():
 
 
 def test_what_is_unexplained_is_placed_in_time(plant, config, clean, misread):
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     t = clean.time
     on = ((t > 40) & (t < 80)) | ((t > 120) & (t < 150)) | ((t > 210) & (t < 260))
     log = misread(clean, clean["W_maf"] * np.where(on, 1.1, 1.0))
-    found = refine(plant, config.grid(), tolerance, prior, [log])
+    found = refine(plant, config.grid(), prior, [log])
     assert found.trace.verdict == "unexplained"
     left = found.trace.left
     assert left == leftover(found.after, [log], found.trace.correlated_with)

@@ -14,9 +14,8 @@ KEYS = {"id", "parameters", "onset", "end", "explained", "p_value", "indistingui
 
 @pytest.fixture(scope="session")
 def closed(plant, config):
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
-    return lambda *logs: refine(plant, config.grid(), tolerance, prior, logs)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
+    return lambda *logs: refine(plant, config.grid(), prior, logs)
 
 
 def lagged(signal, time, tau):
@@ -106,7 +105,7 @@ def nominal(closed, clean, config):
 
 
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):
-    found = refine(plant, config.grid(), config.estimate.tolerance, nominal, [misread(clean, 1.08 * clean["W_maf"])])
+    found = refine(plant, config.grid(), nominal, [misread(clean, 1.08 * clean["W_maf"])])
     (finding,) = found.trace.findings
     assert "maf.gain" in (finding.id, *finding.indistinguishable)
     assert found.terms[0].size == pytest.approx(1.08, abs=0.02)
@@ -115,7 +114,7 @@ def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misr
 def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, clean, misread, plant, config):
     on = (np.sin(0.11 * clean.time) + np.sin(0.043 * clean.time) > 0.3).astype(float)
     log = misread(clean, clean["W_maf"] + 0.002 * on, {"compressor": on})
-    found = refine(plant, config.grid(), config.estimate.tolerance, nominal, [log])
+    found = refine(plant, config.grid(), nominal, [log])
     (effect,) = found.standing
     assert effect.id == "channel:compressor"
     assert effect.curve.values[0] == 0.0
@@ -124,8 +123,7 @@ def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, cl
 
 
 def test_a_short_log_is_refused_in_one_line(plant, config, clean):
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     cut = slice(0, 3000)
     short = replace(
         clean,
@@ -135,4 +133,4 @@ def test_a_short_log_is_refused_in_one_line(plant, config, clean):
         rows=clean.rows[cut],
     )
     with pytest.raises(DataError, match=r"^drive: under a minute without a gap; .*record more$"):
-        lay_out(plant, config.grid(), tolerance, prior, [short])
+        lay_out(plant, config.grid(), prior, [short])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.linear import Term
+from lpvobs.discovery.drawn_up import scenes_with
+from lpvobs.discovery.places import starts
 from lpvobs.discovery.refine import refine
-from lpvobs.discovery.residual import free_map, starts
+from lpvobs.discovery.residual import Term, free_map
 from lpvobs.discovery.standing import Span, Standing, active, from_off, spans_of, term_on
 from lpvobs.errors import DataError
 
@@ -63,8 +64,9 @@ def test_a_curve_follows_the_channel_of_the_other_log(first, second, laid_out):
     effect = replace(STEP, id="channel:heat", parameter="amplitude", value=1.0, spans=(), curve=curve)
     problem = laid_out(first)
     term = term_on(effect, problem, [first])
-    undone = problem.scene["W_maf"] / term.put(problem.scene)["W_maf"]
-    expected = 1.0 + 0.1 * np.sin(0.05 * problem.scene.time)
+    ((_, signals),) = scenes_with(problem, [term], np.zeros(problem.spread.size))
+    undone = problem.signals["W_maf"] / signals["W_maf"]
+    expected = 1.0 + 0.1 * np.sin(0.05 * problem.signals.time)
     assert undone == pytest.approx(expected, abs=1e-3)  # the channel is read between samples
     with pytest.raises(DataError, match=r"^second: channel 'heat' is missing, .*record it"):
         term_on(effect, laid_out(second), [second])
@@ -95,10 +97,9 @@ def slowed(log, tau=0.1):
 @pytest.fixture(scope="module")
 def learned(first, other_cycle, misread, plant, config):
     """Return a lag learned on one cycle, and judged on another that takes no part."""
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     slow, unseen = (misread(log, slowed(log)) for log in (first, other_cycle))
-    return refine(plant, config.grid(), tolerance, prior, [slow], hold_out=[unseen]), slow, unseen
+    return refine(plant, config.grid(), prior, [slow], hold_out=[unseen]), slow, unseen
 
 
 def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
@@ -115,9 +116,8 @@ def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
 
 def test_a_refined_model_has_nothing_to_add_and_estimates_what_it_has_again(learned, plant, config):
     found, slow, _ = learned
-    tolerance = config.estimate.tolerance
     again = refine(
-        plant, config.grid(), tolerance, free_map(config.grid(), len(tolerance), 0.1), [slow], had=found.standing
+        plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [slow], had=found.standing
     )
     assert again.trace.verdict == "none"
     assert again.trace.findings == ()
@@ -128,10 +128,9 @@ def test_a_refined_model_has_nothing_to_add_and_estimates_what_it_has_again(lear
 
 def test_a_further_effect_is_added_to_those_that_stand(learned, other_cycle, misread, plant, config):
     found, *_ = learned
-    tolerance = config.estimate.tolerance
-    prior = free_map(config.grid(), len(tolerance), 0.1)
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     changed = misread(other_cycle, slowed(other_cycle) * np.where(other_cycle.time < 150.0, 1.0, 1.06))
-    again = refine(plant, config.grid(), tolerance, prior, [replace(changed, sha256="4")], had=found.standing)
+    again = refine(plant, config.grid(), prior, [replace(changed, sha256="4")], had=found.standing)
     assert [effect.id for effect in again.standing] == ["maf.lag", "maf.gain"]
     assert again.standing[1].spans[0].begin == pytest.approx(150.0, abs=1.0)  # s; well under a block
     lag = again.standing[0]

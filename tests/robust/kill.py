@@ -113,13 +113,6 @@ def warm() -> None:
     import jinja2  # noqa: F401
     import pyarrow.parquet  # noqa: F401
 
-    import lpvobs.api.estimate
-    import lpvobs.api.synth_gain
-    import lpvobs.io.configuration.config
-    import lpvobs.report.page
-    import lpvobs.simulation.simulate
-    import lpvobs.steps.trace  # noqa: F401
-
 
 def start(arguments: tuple[str, ...], folder: Path, errors: Path = Path(os.devnull), *, in_shell: bool = False) -> int:
     """Run a command line in a forked process, as it is or by a shell that starts Python afresh; return its id."""

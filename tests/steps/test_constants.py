@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
+from lpvobs.api.search_start import LEAST_LEFT, start_of
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing
 from lpvobs.engines.diesel.effects import diesel_plant
@@ -11,7 +12,6 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log
-from lpvobs.steps.constants import LEAST_LEFT, start_of
 
 TOLERANCE = {"V_d": 0.01, "V_im": 0.02}
 LAG = Standing("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)

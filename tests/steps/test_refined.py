@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
+from lpvobs.api.refined_map import expect_cascade, scaled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.steps.refined import expect_cascade, scaled
 
 
 def test_constants_are_scaled_wherever_they_stand():

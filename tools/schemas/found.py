@@ -71,9 +71,7 @@ LEFT: Mapping[str, Schema] = {
     "frequency": record({"half_power_below": MEASURED, "unit": {"const": "Hz"}}),
     "balance": TEXT,
 }
-THROTTLED: Mapping[str, Schema] = {
-    "balances": array(ref("balance")),
-    "day_to_day": array(record({"name": TEXT, "value": MEASURED, "unit": TEXT, "usual": MEASURED})),
+MISSING: Mapping[str, Schema] = {
     "missing": record({"channels": array(TEXT), "balances": array(TEXT), "same_place": array(array(TEXT))}),
 }
 
@@ -84,8 +82,15 @@ REFUSED: Mapping[str, Schema] = {"refused": described(array(TEXT), "Logs that we
 def found(error: str, extra: Mapping[str, Schema] | None = None) -> Schema:
     """Return the schema of what `trace` or `refine` found; `error` names the definition of its error."""
     part = record(
-        {"log": TEXT, "verdict": VERDICT, "effects": array(ref("effect")), "error": ref(error)},
-        {"residual": described(record(RESIDUAL), "Absent for a log held out."), **THROTTLED},
+        {
+            "log": TEXT,
+            "verdict": VERDICT,
+            "effects": array(ref("effect")),
+            "error": ref(error),
+            "balances": array(ref("balance")),
+            "day_to_day": array(record({"name": TEXT, "value": MEASURED, "unit": TEXT, "usual": MEASURED})),
+        },
+        {"residual": described(record(RESIDUAL), "Absent for a log held out."), **MISSING},
     )
     return record(
         {
@@ -100,7 +105,6 @@ def found(error: str, extra: Mapping[str, Schema] | None = None) -> Schema:
         {
             "standing": described(array(ref("effect")), "Effects that the model had already."),
             "error_on_held_out_logs": ref(error),
-            **THROTTLED,
         },
     )
 
@@ -131,7 +135,7 @@ DEFINITIONS: Mapping[str, Schema] = {
     "balance": record(
         {
             "balance": TEXT,
-            "unit": {"const": "1"},
+            "unit": {"enum": ["1", "kg/s"]},
             **dict.fromkeys(("before", "after", "healthy", "usual_before", "usual_after", "recovered"), FRACTION),
             "affected": YES,
         }

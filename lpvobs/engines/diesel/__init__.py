@@ -2,6 +2,7 @@
 
 from lpvobs.engines.base import EngineKind
 from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.effects import residual_model
 from lpvobs.engines.diesel.known_drive import drive
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
@@ -12,6 +13,7 @@ ENGINE = EngineKind(
     tables={"engine": DieselEngine},
     recorded=RECORDED,
     example="diesel.toml",
+    residual_model=residual_model,
     plant="nine states",
     published=PUBLISHED,
     known_drive=drive,

@@ -1,16 +1,19 @@
 """Four balances of a diesel with EGR and VGT, with room for what the model lacks."""
 
+from collections.abc import Mapping
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
+from lpvobs.engines.effects import Signals
 from lpvobs.records import Array
 
-BALANCES = ("sensor-compressor", "sensor-filling", "exhaust", "turbo")
+BALANCES = ("compressor", "filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
@@ -57,7 +60,7 @@ def egr_per_area(c: DieselConstants, p_im: float, p_em: float, T_im: float, T_em
 
 
 @njit(cache=True)
-def imbalances(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Array:
+def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Array:
     """Return what is left of each balance, shape (4, K) [kg/s].
 
     x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`.
@@ -121,14 +124,30 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
     return min(P, 0.9999)
 
 
-def known_inputs(c: DieselConstants, x: Array, change: Array) -> Array:
-    """Return what a change of the imbalances, shape (4, K) [kg/s], adds to dp_im/dt, dp_em/dt and domega_t/dt, shape (3, K).
+def imbalances(c: DieselConstants, s: Signals, _: Blocks | None = None) -> Array:
+    """Return what is left of each balance, shape (4, C) [kg/s]."""
+    return np.asarray(imbalances_of(c, _stacked(s.value), _stacked(s.rate), s.lacks))
+
+
+def further(c: DieselConstants, s: Signals) -> tuple[Array, Array]:
+    """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N).
 
     The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third what
     enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
     """
-    omega_t, T_im, T_em = (x[CHANNELS.index(name)] for name in ("omega_t", "T_im", "T_em"))
-    a_1, a_2 = c.R_a * T_im / c.V_im, c.R_e * T_em / c.V_em
-    return np.stack(
-        [a_1 * (change[1] - change[0]), a_2 * change[2], change[3] * POWER / (c.J_t * np.maximum(omega_t, 1.0))]
+    x, dx = _stacked(s.value), _stacked(s.rate)
+    in_order = np.tile(np.array(IN_ORDER)[:, None], (1, x.shape[1]))
+    change = imbalances_of(c, x, dx, s.lacks) - imbalances_of(c, x, dx, in_order)
+    a_1, a_2 = c.R_a * s["T_im"] / c.V_im, c.R_e * s["T_em"] / c.V_em
+    inputs = (
+        a_1 * (change[1] - change[0]),
+        a_2 * change[2],
+        change[3] * POWER / (c.J_t * np.maximum(s["omega_t"], 1.0)),
     )
+    return -change[:2], np.stack(inputs)
+
+
+def _stacked(channels: Mapping[str, Array]) -> Array:
+    """Return channels in the order of `CHANNELS`; one without a rate stands still."""
+    still = np.zeros(channels[CHANNELS[0]].size)
+    return np.stack([channels.get(name, still) for name in CHANNELS])

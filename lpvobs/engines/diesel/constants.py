@@ -4,9 +4,12 @@ Structure after Wahlstrom and Eriksson, Proc. IMechE D 225 (2011), the paper's r
 The attributes bear the names of the configuration's `[engine.*]` tables.
 """
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,25 @@ def constants_of(engine: DieselEngine) -> DieselConstants:
         values |= asdict(part)
     values["Q_11"], values["Q_12"], values["Q_22"] = values.pop("Q")  # type: ignore[misc]
     return DieselConstants(**{name: float(value) for name, value in values.items()})
+
+
+def scaled(record: Record, constants: Mapping[str, float]) -> Record:
+    """Return an engine with some of its constants multiplied by one plus their relative deviation, wherever they stand.
+
+    Examples
+    --------
+    >>> from lpvobs.engines.diesel.constants import Egr
+    >>> scaled(Egr(1.0, 0.0, 2.0, 0.65, 0.6), {"c_egr2": 0.5}).c_egr2
+    3.0
+    """
+    changed: dict[str, Any] = {}
+    for item in fields(record):  # type: ignore[arg-type]
+        value = getattr(record, item.name)
+        if is_dataclass(value):
+            changed[item.name] = scaled(value, constants)
+        elif item.name in constants:
+            changed[item.name] = value * (1.0 + constants[item.name])
+    return replace(record, **changed)  # type: ignore[type-var]
 
 
 def _check(part: object, *positive: str) -> None:

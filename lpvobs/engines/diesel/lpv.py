@@ -15,7 +15,8 @@ from numba import njit
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.diesel import relations as relation
-from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
+from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of, scaled
+from lpvobs.engines.knowledge import Knowledge
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "p_em", "omega_t")
@@ -52,6 +53,7 @@ class Diesel:
 
     name: ClassVar[str] = "diesel"
     learns: ClassVar[bool] = False
+    dispensable: ClassVar[tuple[str, ...]] = ()
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
@@ -137,9 +139,16 @@ class Diesel:
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
         return A, [*C, [zero, zero, r1]]  # Eq. (25)
 
-    def fingerprint(self) -> str:
+    def knowledge(self) -> None:
         """Return nothing: all constants are configured."""
-        return ""
+
+    def knowing(self, known: Knowledge) -> "Diesel":
+        """Return this very air path: its constants are configured."""
+        return self
+
+    def deviating(self, deviation: Mapping[str, float]) -> "Diesel":
+        """Return the air path of an engine whose constants deviate."""
+        return Diesel(scaled(self.engine, deviation))
 
     def learned_from(self, logs: Sequence[Log]) -> "Diesel":
         """Return this very air path: its constants are configured."""

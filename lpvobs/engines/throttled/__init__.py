@@ -2,12 +2,16 @@
 
 from lpvobs.engines.base import EngineKind
 from lpvobs.engines.throttled.constants import DayToDay, ThrottledEngine
+from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.engines.throttled.recorded import RECORDED
+from lpvobs.engines.throttled.taught import errors_of
 
 ENGINE = EngineKind(
     air_path=Throttled,
     tables={"engine": ThrottledEngine, "trace": DayToDay},
     recorded=RECORDED,
     example="liu-ice.toml",
+    residual_model=residual_model,
+    errors=errors_of,
 )

@@ -1,169 +1,178 @@
 """Four balances of a throttled engine over blocks of a log, with room for what the model lacks.
 
-    throttle       ln (W - V_ic s_ic)                       - ln W_th(alpha, p_ic, p_im)
-    speed-density  ln (W - V_ic s_ic - V_im s_im + W_leak)  - ln W_cyl(n, p_im)
-    fuel           ln (W - V_ic s_ic - V_im s_im + W_leak)  - ln W_fuel(m_f, n)
-    ambient        ln (p_ic / p_amb), where the flow is so small that neither compressor nor filter changes the pressure
+    throttle   ln (W - V_ic s_ic)                       - ln W_th(alpha, p_ic, p_im)
+    filling    ln (W - V_ic s_ic - V_im s_im + W_leak)  - ln W_cyl(n, p_im)
+    fuel       ln (W - V_ic s_ic - V_im s_im + W_leak)  - ln W_fuel(m_f, n)
+    ambient    ln (p_ic / p_amb), where the flow is so small that neither compressor nor filter changes the pressure
 
 with W the sensor's flow and s = dp/dt / (R T). Relative, because the errors of curves and sensors are.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.blocks import Blocks
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
-from lpvobs.records import Array, Log
+from lpvobs.records import Array
 
-BALANCES = ("throttle", "speed-density", "fuel", "ambient")
-NEEDS: Mapping[str, tuple[str, ...]] = {
-    "throttle": ("W_maf", "alpha_th", "p_ic", "p_im", "T_ic"),
-    "speed-density": ("W_maf", "p_im", "n_e", "T_ic"),
-    "fuel": ("W_maf", "m_f", "n_e"),
-    "ambient": ("p_ic", "p_amb", "W_maf"),
-}
-"""Channels without which a balance cannot be drawn up."""
-LEAST_FLOW = 2e-4
-"""[kg/s]; smaller flows count as this, a logarithm knows no zero."""
-CALM = 0.15
-"""Share of the largest flow of the healthy log below which the air before the throttle is at ambient pressure."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """The signals of a log as an effect, undone, would have left them, and what the engine lacks.
-
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        [s] since the start of the log.
-    x : mapping of str to ndarray, shape (N,)
-        Channels.
-    extra : ndarray, shape (N,)
-        [kg/s], air that enters the manifold past throttle and sensor.
-    filling : float
-        Factor on the volumetric efficiency.
-    """
-
-    time: Array
-    x: Mapping[str, Array]
-    extra: Array
-    filling: float = 1.0
-
-    def corrected(self, channel: str, values: Array) -> "Scene":
-        """Return the scene with other values of a channel."""
-        return replace(self, x={**self.x, channel: values})
-
-
-def scene_of(log: Log) -> Scene:
-    """Return the signals as recorded."""
-    return Scene(log.time - log.time[0], log.channels, np.zeros(len(log)))
-
-
-def present(log: Log) -> NDArray[np.bool_]:
-    """Return which balances the channels of a log allow, shape (4,)."""
-    return np.array([all(name in log.channels for name in NEEDS[balance]) for balance in BALANCES])
-
-
-class Balancer:
-    """Draws up the balances of one log again and again, and only those parts anew whose channels have changed.
-
-    Parameters
-    ----------
-    engine : ThrottledEngine
-    learned : Learned
-    blocks : Blocks
-    scene : Scene
-        As recorded.
-    """
-
-    def __init__(self, engine: ThrottledEngine, learned: Learned, blocks: Blocks, scene: Scene) -> None:
-        self._engine, self._learned, self._blocks, self._as_recorded = engine, learned, blocks, scene
-        self._own = {name: self._part(name, scene) for name in PARTS if self._known(name)}
-
-    def __call__(self, scene: Scene) -> Array:
-        """Return what is left of each balance, shape (blocks, 4); zero where channels are missing."""
-        out = np.zeros((self._blocks.count, len(BALANCES)))
-        part = {name: self._now(name, scene) for name in self._own}
-        if "flow" not in part:
-            return out
-        none = np.zeros(self._blocks.count)
-        before = part["flow"] - part.get("before", none)
-        extra = self._blocks.mean(scene.extra) if scene.extra.any() else none
-        into = before - part.get("behind", none) + extra
-        if "throttle" in part:
-            out[:, 0] = _log(before) - _log(part["throttle"])
-        if "speed-density" in part:
-            out[:, 1] = _log(into) - _log(scene.filling * part["speed-density"])
-        if "fuel" in part:
-            out[:, 2] = _log(into) - _log(part["fuel"])
-        if "ambient" in part:
-            out[:, 3] = part["ambient"]
-        return out
-
-    def _known(self, name: str) -> bool:
-        return all(channel in self._as_recorded.x for channel in PARTS[name])
-
-    def _now(self, name: str, scene: Scene) -> Array:
-        same = all(scene.x[channel] is self._as_recorded.x[channel] for channel in PARTS[name])
-        return self._own[name] if same else self._part(name, scene)
-
-    def _part(self, name: str, scene: Scene) -> Array:
-        engine, learned, blocks, x = self._engine, self._learned, self._blocks, scene.x
-        if name in FLOWS:
-            return blocks.mean(FLOWS[name](engine, learned, x))
-        if name == "flow":
-            return blocks.mean(x["W_maf"])
-        if name == "ambient":
-            return np.asarray(np.log(np.maximum(blocks.mean(x["p_ic"]), 1.0) / blocks.mean(x["p_amb"])))
-        volume, channel = (learned.V_ic, "p_ic") if name == "before" else (learned.V_im, "p_im")
-        return volume * blocks.rate(x[channel]) / (engine.air.R_a * blocks.mean(x["T_ic"]))
-
-
+BALANCES = ("throttle", "filling", "fuel", "ambient")
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "flow": ("W_maf",),
+    "flow": (SENSOR,),
     "before": ("p_ic", "T_ic"),
     "behind": ("p_im", "T_ic"),
     "throttle": ("alpha_th", "p_ic", "p_im", "T_ic"),
-    "speed-density": ("p_im", "n_e", "T_ic"),
+    "filling": ("p_im", "n_e", "T_ic"),
     "fuel": ("m_f", "n_e"),
     "ambient": ("p_ic", "p_amb"),
 }
-"""Of what the balances consist, and the channels of each part: the sensor, the stores before and behind the throttle, ..."""
-FLOWS = {
-    "throttle": relation.throttle_flow,
-    "speed-density": relation.cylinder_flow,
-    "fuel": relation.fuelled_flow,
-}
+"""What the balances consist of, with the channels of each part: the sensor's flow, the stores around the throttle, the flows."""
+NEEDS = {name: (*PARTS[name], SENSOR) for name in BALANCES}
+"""Channels without which a balance cannot be drawn up."""
+FLOWS = {"throttle": relation.throttle_flow, "filling": relation.cylinder_flow, "fuel": relation.fuelled_flow}
+LEAST_FLOW = 2e-4
+"""[kg/s]; smaller flows count as this, a logarithm knows no zero."""
+UNEQUAL = 0.01
+"""Scatter of the pressure ratio within a block; where it is near one the throttle's flow hangs on it."""
+REMEMBERED = 4
+"""Versions of a part that are kept: an effect changes few channels, and the other parts stay as they are."""
 
 
-def imbalances(engine: ThrottledEngine, learned: Learned, blocks: Blocks, scene: Scene) -> Array:
-    """Return what is left of each balance, shape (blocks, 4); zero where channels are missing."""
-    return Balancer(engine, learned, blocks, scene)(scene)
+class Lacks(NamedTuple):
+    """Sizes of what the engine's model lacks; the defaults are an engine in order."""
+
+    leak_intake: float = 0.0  # m^2
+    eta_vol: float = 1.0
 
 
-def curve_columns(engine: ThrottledEngine, learned: Learned, blocks: Blocks, scene: Scene) -> Array:
-    """Return how the first three balances move with each relative deviation of the curves, shape (3, blocks, m); volumes apart."""
-    x, where = scene.x, learned.deviations()
-    out = np.zeros((3, blocks.count, where["volumes"].start))
-    parts = (
-        ("throttle", "throttle", relation.throttle_nodes, relation.throttle_per_area, learned.area),
-        ("speed-density", "filling", relation.filling_nodes, relation.swept, learned.eta_vol),
-        ("fuel", "fuel", relation.fuel_nodes, relation.fuel_strokes, learned.fuel),
+IN_ORDER = Lacks()
+
+
+@dataclass(frozen=True)
+class Imbalances:
+    """Draws up the balances of logs again and again, and only those parts anew whose channels have changed."""
+
+    engine: ThrottledEngine
+    kept: dict[str, list[tuple[tuple[object, ...], Array]]] = field(default_factory=dict)
+
+    def __call__(self, learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+        """Return what is left of each balance, shape (4, K); zero where channels are missing."""
+        blocks = _needed(blocks)
+        out = np.zeros((len(BALANCES), blocks.count))
+        part = {name: self._part(name, learned, s, blocks) for name in PARTS if all(c in s.value for c in PARTS[name])}
+        if "flow" not in part:
+            return out
+        before = part["flow"] - part.get("before", 0.0)
+        into = before - part.get("behind", 0.0)
+        leak, filling = s.lacks
+        if leak.any():
+            into = into + blocks.mean(leak * drawn_per_area(self.engine, s))
+        if "throttle" in part:
+            out[0] = _log(before) - _log(part["throttle"])
+        if "filling" in part:
+            factor = 1.0 if np.all(filling == 1.0) else blocks.mean(filling)
+            out[1] = _log(into) - _log(factor * part["filling"])
+        if "fuel" in part:
+            out[2] = _log(into) - _log(part["fuel"])
+        if "ambient" in part:
+            out[3] = part["ambient"]
+        return out
+
+    def _part(self, name: str, learned: Learned, s: Signals, blocks: Blocks) -> Array:
+        inputs = (learned, blocks, *(s.value[channel] for channel in PARTS[name]))
+        kept = self.kept.setdefault(name, [])
+        for known, value in kept:
+            if all(a is b for a, b in zip(known, inputs, strict=True)):
+                return value
+        value = self._anew(name, learned, s, blocks)
+        kept[:] = [(inputs, value), *kept[: REMEMBERED - 1]]
+        return value
+
+    def _anew(self, name: str, learned: Learned, s: Signals, blocks: Blocks) -> Array:
+        if name in FLOWS:
+            return blocks.mean(FLOWS[name](self.engine, learned, s.value))
+        if name == "flow":
+            return blocks.mean(s[SENSOR])
+        if name == "ambient":
+            return np.asarray(np.log(np.maximum(blocks.mean(s["p_ic"]), 1.0) / blocks.mean(s["p_amb"])))
+        volume, channel = (learned.V_ic, "p_ic") if name == "before" else (learned.V_im, "p_im")
+        return volume * blocks.rate(s[channel]) / (self.engine.air.R_a * blocks.mean(s["T_ic"]))
+
+
+def by_reading(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+    """Return the derivative of the balances by the reading [s/kg], shape (4, K): a difference quotient."""
+    step = LEAST_FLOW
+    return np.asarray(
+        (balances(learned, s.corrected(SENSOR, s[SENSOR] + step), blocks) - balances(learned, s, blocks)) / step
     )
-    for b, (balance, curve, nodes, per, values) in enumerate(parts):
-        if _has(x, balance):
-            shares = blocks.sums(nodes(engine, x), values.size, per(engine, x)) * values.reshape(-1)
-            out[b][:, where[curve]] = -shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]
+
+
+def shown(learned: Learned, s: Signals, blocks: Blocks | None) -> NDArray[np.bool_]:
+    """Return which balances the channels allow, and where they hold, shape (4, K)."""
+    blocks = _needed(blocks)
+    there = np.array([all(channel in s.value for channel in NEEDS[name]) for name in BALANCES])
+    counted = np.tile(there[:, None], (1, blocks.count))
+    if there[3]:
+        counted[3] &= blocks.mean(s[SENSOR]) < learned.calm_flow
+    return counted
+
+
+def by_curves(engine: ThrottledEngine, learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+    """Return how the balances move with the relative deviation of every node of the curves, shape (m - 2, 4, K)."""
+    blocks, where = _needed(blocks), learned.deviations()
+    out = np.zeros((where["volumes"].start, len(BALANCES), blocks.count))
+    parts = (
+        (relation.throttle_nodes, relation.throttle_per_area, learned.area),
+        (relation.filling_nodes, relation.swept, learned.eta_vol),
+        (relation.fuel_nodes, relation.fuel_strokes, learned.fuel),
+    )
+    for b, (name, (nodes, per, values)) in enumerate(zip(BALANCES, parts, strict=False)):
+        if all(channel in s.value for channel in NEEDS[name]):
+            shares = blocks.sums(nodes(engine, s.value), values.size, per(engine, s.value)) * values.reshape(-1)
+            out[where[name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T
     return out
 
 
-def _has(x: Mapping[str, Array], balance: str) -> bool:
-    return all(name in x for name in NEEDS[balance])
+def blur(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+    """Return the standard deviation that the scatter of the pressure ratio within a block gives each balance, shape (4, K)."""
+    out = np.zeros((len(BALANCES), _needed(blocks).count))
+    if all(channel in s.value for channel in NEEDS["throttle"]):
+        moved = balances(learned, s.corrected("p_im", (1.0 + UNEQUAL) * s["p_im"]), blocks)
+        out[0] = np.abs(moved[0] - balances(learned, s, blocks)[0])
+    return out
+
+
+def drawn_per_area(engine: ThrottledEngine, s: Signals) -> Array:
+    """Return the air that a leak of the manifold draws in per area [kg/(s m^2)], negative where it is under boost.
+
+    In the last per cent before equal pressures the flow function is held; the flow changes its sign there without a jump.
+    """
+    p_amb, p_im, R, gamma = s["p_amb"], s["p_im"], engine.air.R_a, engine.air.gamma_a
+    drawn = p_amb * relation.flow_function(gamma, p_im / p_amb) / np.sqrt(R * s["T_amb"])
+    lost = p_im * relation.flow_function(gamma, p_amb / p_im) / np.sqrt(R * s["T_ic"])
+    near = np.clip((p_amb - p_im) / (0.01 * p_amb), -1.0, 1.0)
+    return np.asarray(np.where(p_im < p_amb, drawn, lost) * near)
+
+
+def further(engine: ThrottledEngine, learned: Learned, s: Signals) -> tuple[Array, Array]:
+    """Return what the engine lacks adds to the flows of throttle, filling and fuel, (3, N) [kg/s], and to dx/dt, (3, N)."""
+    leak, filling = s.lacks
+    extra = leak * drawn_per_area(engine, s)
+    less = (filling - 1.0) * relation.cylinder_flow(engine, learned, s.value)
+    none = np.zeros_like(extra)
+    a_im = engine.air.R_a * s["T_ic"] / learned.V_im
+    return np.stack([none, less - extra, -extra]), np.stack([none, a_im * (extra - less), none])
+
+
+def _needed(blocks: Blocks | None) -> Blocks:
+    if blocks is None:
+        raise ValueError("the balances of a throttled engine are drawn up over blocks")
+    return blocks
 
 
 def _log(flow: Array) -> Array:

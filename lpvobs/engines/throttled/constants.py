@@ -1,7 +1,7 @@
 """What is known of a throttled engine beforehand, and what a healthy log tells of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,40 +99,6 @@ class ThrottledEngine:
 
 
 @dataclass(frozen=True)
-class DayToDay:
-    """What may differ from one day to another without being a fault: standard deviations; the configuration's `[trace]`.
-
-    Attributes
-    ----------
-    balance : float
-        Of the level of throttle and speed-density balance, as a fraction.
-    fuel : float
-        Of the fuel balance: fuels and mixtures differ, too.
-    ambient : float
-        Of p_ic against p_amb at low flow, as a fraction.
-    pressure_gain : float
-        Of the gain of either pressure sensor.
-    pressure_offset : float
-        [Pa], of the zero of either pressure sensor.
-    opening : float
-        [%], of the zero of the throttle's position.
-
-    Channels may be off against each other by a sample, whatever the day.
-    """
-
-    balance: float = 0.015
-    fuel: float = 0.02
-    ambient: float = 0.003
-    pressure_gain: float = 0.003
-    pressure_offset: float = 300.0
-    opening: float = 0.2
-
-    def __post_init__(self) -> None:
-        if not min(vars(self).values()) > 0:
-            raise ValueError("what may differ from day to day must be positive")
-
-
-@dataclass(frozen=True)
 class Learned:
     """A throttled engine as a healthy log shows it.
 
@@ -150,6 +116,8 @@ class Learned:
         Of the relative deviations of area, eta_vol, fuel, V_ic and V_im, in this order, curves row by row.
     sources : tuple of str
         Names of the logs.
+    calm_flow : float
+        [kg/s], below which the air before the throttle is at ambient pressure.
     """
 
     area: Array
@@ -159,9 +127,63 @@ class Learned:
     V_im: float
     covariance: Array
     sources: tuple[str, ...]
+    calm_flow: float
+
+    def moved(self, deviation: Array) -> "Learned":
+        """Return other curves, by the relative deviation of each of their nodes, shape (m - 2,); the volumes stay."""
+        where, kept = self.deviations(), np.maximum(1.0 + deviation, 0.05)
+        return replace(
+            self,
+            area=self.area * kept[where["throttle"]],
+            eta_vol=self.eta_vol * kept[where["filling"]].reshape(self.eta_vol.shape),
+            fuel=self.fuel * kept[where["fuel"]].reshape(self.fuel.shape),
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all nodes of the curves, in the order of the covariance."""
+        where = self.deviations()
+        return tuple(
+            f"{name} {i}" for name in where if name != "volumes" for i in range(where[name].stop - where[name].start)
+        )
 
     def deviations(self) -> Mapping[str, slice]:
         """Return where each curve stands in the covariance."""
         sizes = {"throttle": self.area.size, "filling": self.eta_vol.size, "fuel": self.fuel.size, "volumes": 2}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+
+@dataclass(frozen=True)
+class DayToDay:
+    """What may differ from one day to another without being a fault: standard deviations; the configuration's `[trace]`.
+
+    Attributes
+    ----------
+    balance : float
+        Of the level of the balances of throttle and filling, as a fraction.
+    fuel : float
+        Of the fuel balance: fuels and mixtures differ, too.
+    ambient : float
+        Of p_ic against p_amb at low flow, as a fraction.
+    pressure_gain : float
+        Of the gain of either pressure sensor.
+    pressure_offset : float
+        [Pa], of the zero of either pressure sensor.
+    opening : float
+        [%], of the zero of the throttle's position.
+    clock : float
+        [s], by which channels may be off against each other.
+    """
+
+    balance: float = 0.015
+    fuel: float = 0.02
+    ambient: float = 0.003
+    pressure_gain: float = 0.003
+    pressure_offset: float = 300.0
+    opening: float = 0.2
+    clock: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not min(vars(self).values()) > 0:
+            raise ValueError("what may differ from day to day must be positive")

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
 from lpvobs.engines.curves import roughness, slopes, surface_roughness
+from lpvobs.engines.healthy import QUANTILES, TAIL
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.blocks import HURRY, Blocks, blocks_of, haste_of
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
@@ -26,8 +27,10 @@ from lpvobs.records import Array, Log
 LEAST_FLOW = 5e-4
 """[kg/s]; below it a relative error says nothing."""
 LEAST_BLOCKS = 60
-ROBUST = 4.0
-"""Degrees of freedom of the error's distribution: transients leave long tails."""
+CALM = 0.15
+"""Share of the largest flow of the healthy logs below which the air before the throttle is at ambient pressure."""
+MOVING = ("p_im", "n_e", "W_maf")
+"""Channels whose fast changes blur every balance."""
 PASSES = 8
 LOOSE = 0.5
 """Standard deviation of the relative first difference between neighbouring nodes, and of the level."""
@@ -63,15 +66,15 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
     DataError
         If there are too few blocks with flow.
     """
-    parts, hastes = [], []
+    parts, transience = [], []
     for i, log in enumerate(logs):
         blocks = blocks_of(log)
         good = blocks.mean(log["W_maf"]) > LEAST_FLOW
         if use is not None:
             good &= use[i].astype(bool)
         parts.append([(c[good], v[good]) for c, v in _columns(engine, log, blocks)])
-        hastes.append(haste_of(blocks, log)[good])
-    if sum(each.size for each in hastes) < LEAST_BLOCKS:
+        transience.append(transience_of(blocks, log.channels, MOVING)[good])
+    if sum(each.size for each in transience) < LEAST_BLOCKS:
         names = ", ".join(log.name for log in logs)
         raise DataError(
             f"{names}: under {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s with flow; an engine needs minutes of "
@@ -83,9 +86,10 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
         _Balance(columns * guess, volume, guess, prior)
         for columns, volume, (guess, prior) in zip(joined, volumes, _guesses(engine, joined), strict=True)
     ]
-    haste = np.concatenate(hastes)
-    deviation, covariance = _solve(engine, balances, np.searchsorted(np.quantile(haste, HURRY), haste))
-    return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs))
+    fast = np.concatenate(transience)
+    deviation, covariance = _solve(engine, balances, np.searchsorted(np.quantile(fast, QUANTILES), fast))
+    calm = CALM * max(float(np.quantile(log["W_maf"], 0.999)) for log in logs)
+    return _learned(engine, balances, deviation, covariance, tuple(log.name for log in logs), calm)
 
 
 def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Array, Array]]:
@@ -161,7 +165,7 @@ def _by_node(columns: Array) -> Array:
 def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return relative deviations from the guesses and their covariance.
 
-    Least squares with weights for long tails, and a scale of its own for each class of haste, shape (blocks,).
+    Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
     """
     g = engine.geometry
     size = sum(b.guess.size for b in balances) + 2
@@ -191,10 +195,10 @@ def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray
 def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
     """Return weights 1/variance, smaller for what lies far out of its class."""
     medians = np.array(
-        [np.median(np.abs(residual[level == c])) if np.any(level == c) else 0.0 for c in range(len(HURRY) + 1)]
+        [np.median(np.abs(residual[level == c])) if np.any(level == c) else 0.0 for c in range(len(QUANTILES) + 1)]
     )
     scale = np.maximum(1.48 * medians, 1e-4)[level]
-    return np.asarray((ROBUST + 1.0) / (ROBUST + (residual / scale) ** 2) / scale**2)
+    return np.asarray((TAIL + 1.0) / (TAIL + (residual / scale) ** 2) / scale**2)
 
 
 def _learned(
@@ -203,6 +207,7 @@ def _learned(
     deviation: Array,
     covariance: Array,
     sources: tuple[str, ...],
+    calm_flow: float,
 ) -> Learned:
     nodes, g = engine.curves, engine.geometry
     curves, offset = [], 0
@@ -221,4 +226,5 @@ def _learned(
         V_im=V_im,
         covariance=covariance / np.outer(now, now),
         sources=sources,
+        calm_flow=calm_flow,
     )

@@ -7,7 +7,6 @@ sensor is a state that only the observer's injection moves, so the sensor's map 
 Departure from the paper: another engine; the curves are not configured but learned from a healthy log.
 """
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -16,8 +15,10 @@ import numpy as np
 
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.known import knowledge_of, learned_of
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
@@ -37,6 +38,7 @@ class Throttled:
 
     name: ClassVar[str] = "throttled"
     learns: ClassVar[bool] = True
+    dispensable: ClassVar[tuple[str, ...]] = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb")
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = ("rho_th", "rho_cyl", "a_ic", "a_im")
@@ -59,13 +61,18 @@ class Throttled:
         "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
     }
 
-    def fingerprint(self) -> str:
-        """Return the SHA-256 of the learned curves and volumes; empty before any are."""
-        if self.learned is None:
-            return ""
-        known = self.learned
-        curves = (known.area, known.eta_vol, known.fuel, known.covariance, np.array([known.V_ic, known.V_im]))
-        return hashlib.sha256(b"".join(curve.tobytes() for curve in curves)).hexdigest()
+    def knowledge(self) -> Knowledge | None:
+        """Return the learned curves and volumes; None before there are any."""
+        return None if self.learned is None else knowledge_of(self.engine, self.learned)
+
+    def knowing(self, known: Knowledge) -> "Throttled":
+        """Return the air path with curves and volumes that were learned before."""
+        return replace(self, learned=learned_of(known))
+
+    def deviating(self, deviation: Mapping[str, float]) -> "Throttled":
+        """Return the air path with curves that deviate at their nodes."""
+        learned = self._known()
+        return replace(self, learned=learned.moved(np.array([deviation.get(name, 0.0) for name in learned.names])))
 
     def learned_from(self, logs: Sequence[Log]) -> "Throttled":
         """Return the air path with the curves and volumes that healthy logs show."""

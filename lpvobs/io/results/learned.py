@@ -1,93 +1,88 @@
-"""`/engine`: what healthy logs have taught of a throttled engine and its errors, so that `trace` needs none of them."""
+"""`/engine`: what healthy logs have taught of an engine and of its errors, so that `trace` needs none of them."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import h5py
 import numpy as np
 
-from lpvobs.discovery.throttled_noise import HealthyErrors
-from lpvobs.engines.throttled.balances import BALANCES
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.engines.knowledge import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import Item, Layout, fields, read, values
+from lpvobs.io.results.hdf import Field, numbers, write_group
+from lpvobs.io.results.mapping import Item, Layout, fields, read
 
 GROUP = "engine"
-SPEED = Item("rpm", "engine speed")
-DEVIATIONS = "throttle, filling, fuel, V_ic, V_im"
-
-CURVES = {
-    "throttle": Layout(
-        Learned,
-        {"area": Item("m^2", "effective area", ("alpha_th",))},
-        {"alpha_th": Item("%", "throttle opening")},
-    ),
-    "filling": Layout(
-        Learned,
-        {"eta_vol": Item("1", "volumetric efficiency", ("n_e", "p_im"))},
-        {"n_e": SPEED, "p_im": Item("Pa", "intake manifold pressure")},
-    ),
-    "fuel": Layout(
-        Learned,
-        {"air": Item("kg", "air in a cylinder per unit of the fuel reading", ("m_f", "n_e"), "fuel")},
-        {"m_f": Item("1", "fuel reading per stroke"), "n_e": SPEED},
-    ),
-}
-VOLUMES = Layout(
-    Learned,
-    {
-        "V_ic": Item("m^3", "volume before the throttle"),
-        "V_im": Item("m^3", "volume behind the throttle"),
-        "covariance": Item("1", "covariance of all relative deviations", ("deviation", "other_deviation")),
-    },
-    {"deviation": DEVIATIONS, "other_deviation": DEVIATIONS},
-    ("sources",),
-)
 HEALTHY = Layout(
     HealthyErrors,
     {
-        "hurry": Item("1", "haste at the bounds", ("bound",)),
-        "scale": Item("1", "scale of the relative residual, held out", ("level", "balance")),
-        "together": Item("1", "second moments of residual over scale", ("flow_balance", "other_flow_balance")),
+        "bounds": Item("1", "transience at the bounds of its classes", ("bound",)),
+        "scale": Item("1", "scale of the residual, held out", ("transience", "balance")),
+        "together": Item("1", "second moments of residual over scale", ("balance", "other_balance")),
         "slow": Item("1", "standard deviation of what lasts for minutes", ("balance",)),
-        "rms": Item("1", "rms of the relative residual, held out", ("balance",)),
-        "calm_flow": Item("kg/s", "below it p_ic is compared with p_amb"),
+        "rms": Item("1", "rms of the residual, held out", ("balance",)),
     },
     {
         "balance": "balance",
-        "flow_balance": "balance",
-        "other_flow_balance": "balance",
-        "level": "class of haste",
+        "other_balance": "balance",
+        "transience": "class of transience",
         "bound": "between two classes",
     },
 )
 
 
-def write_learned(file: h5py.File, engine: ThrottledEngine, learned: Learned, healthy: HealthyErrors) -> None:
+def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, balances: Sequence[str]) -> None:
     """Write `/engine` into a result that has none."""
-    group, nodes = file.create_group(GROUP), engine.curves
-    spread = np.sqrt(np.diag(learned.covariance))
-    axes = {
-        "throttle": {"alpha_th": nodes.alpha_th},
-        "filling": {"n_e": nodes.n_e, "p_im": nodes.p_im},
-        "fuel": {"m_f": nodes.m_f, "n_e": nodes.fuel_n_e},
-    }
-    for name, layout in CURVES.items():
-        part = spread[learned.deviations()[name]].reshape([len(axis) for axis in axes[name].values()])
-        error = Field(part, "1", "standard error of the curve over the curve", tuple(axes[name]))
-        write_group(group, name, fields(layout, learned, axes[name]) | {"relative_error": error})
-    write_group(group, "volumes", fields(VOLUMES, learned))
-    flows = BALANCES[:3]
-    labels = {"balance": BALANCES, "flow_balance": flows, "other_flow_balance": flows}
+    group = file.create_group(GROUP)
+    group.attrs["logs"] = list(known.sources)
+    for name, curve in known.curves.items():
+        axes = {axis: Field(nodes.values, nodes.unit, nodes.meaning) for axis, nodes in curve.axes.items()}
+        values = Field(curve.values, curve.unit, curve.meaning, tuple(axes))
+        error = Field(curve.relative_error, "1", "standard error over the value", tuple(axes))
+        write_group(group, name, axes | {curve.name: values, "relative_error": error})
+    every = np.arange(known.covariance.shape[0], dtype=np.int32)
+    plain = {name: Field(number.value, number.unit, number.meaning) for name, number in known.numbers.items()}
+    meaning = "relative deviation of every node of the curves, then of the numbers that have one"
+    covariance = Field(known.covariance, "1", "covariance of all relative deviations", ("deviation", "other_deviation"))
+    both = {axis: Field(every, "1", meaning) for axis in ("deviation", "other_deviation")}
+    write_group(group, "numbers", plain | both | {"covariance": covariance})
+    labels = {"balance": tuple(balances), "other_balance": tuple(balances)}
     write_group(group, "healthy_errors", fields(HEALTHY, healthy, labels))
 
 
-def read_learned(file: h5py.File) -> tuple[Learned, HealthyErrors]:
+def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
     """Return what `/engine` of an open result holds; raises DataError where there is none."""
     if GROUP not in file:
         raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs estimate` from a healthy log")
     group = file[GROUP]
-    curves: dict[str, Any] = {}
-    for name, layout in CURVES.items():
-        curves |= values(group[name], layout)
-    return read(group["volumes"], VOLUMES, **curves), read(group["healthy_errors"], HEALTHY)
+    own = group["numbers"]
+    size = own["deviation"].size
+    known = Knowledge(
+        curves={name: _curve(group[name]) for name in group if name not in ("numbers", "healthy_errors")},
+        numbers={
+            name: LearnedNumber(float(item[()]), str(item.attrs["units"]), str(item.attrs["long_name"]))
+            for name, item in own.items()
+            if item.ndim == 0
+        },
+        covariance=numbers(own, "covariance", size, size),
+        sources=tuple(map(str, group.attrs["logs"])),
+    )
+    return known, read(group["healthy_errors"], HEALTHY)
+
+
+def _curve(group: h5py.Group) -> LearnedCurve:
+    (name,) = (key for key, item in group.items() if item.ndim and not item.is_scale and key != "relative_error")
+    axes = {dimension[0].name.rsplit("/", 1)[1]: dimension[0] for dimension in group[name].dims}
+    shape = tuple(axis.size for axis in axes.values())
+
+    def words(item: Any) -> tuple[str, str]:
+        return str(item.attrs["units"]), str(item.attrs["long_name"])
+
+    return LearnedCurve(
+        axes={key: Nodes(axis[()], *words(axis)) for key, axis in axes.items()},
+        name=name,
+        unit=words(group[name])[0],
+        meaning=words(group[name])[1],
+        values=numbers(group, name, *shape),
+        relative_error=numbers(group, "relative_error", *shape),
+    )

@@ -8,7 +8,7 @@ import numpy as np
 from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
-from lpvobs.discovery.whiteness import LAGS
+from lpvobs.discovery.thresholds import LAGS
 from lpvobs.io.results.hdf import write_group
 from lpvobs.io.results.mapping import ENDS, Item, Layout, fields, numbered, read, read_rows, rows
 

@@ -8,9 +8,9 @@ import pytest
 from reference import throttled_drive as truth
 from repository import LIU_ICE
 
+from lpvobs.engines.blocks import blocks_of
 from lpvobs.engines.curves import on_line, on_surface, values_at
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.blocks import blocks_of
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.engines.throttled.lpv import CONSTANTS, Throttled
 from lpvobs.errors import DataError, UsageError

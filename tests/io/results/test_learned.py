@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-
 from lpvobs.discovery.throttled_noise import HealthyErrors
+
 from lpvobs.engines.throttled.constants import Learned
 from lpvobs.errors import DataError
 from lpvobs.io.results.learned import read_learned, write_learned

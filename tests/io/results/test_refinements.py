@@ -10,7 +10,8 @@ from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.standing import Span, Standing
-from lpvobs.discovery.whiteness import LAGS, Whiteness
+from lpvobs.discovery.thresholds import LAGS
+from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.portraits import (
     read_leftover,
     read_portrait,

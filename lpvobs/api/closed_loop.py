@@ -4,24 +4,25 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
+from lpvobs.api.refined_map import estimate_refined, expect_cascade, refined_model, sensor_state
+from lpvobs.api.search_start import Start, start_of
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, nominal_map, refine
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing, from_off
+from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
-from lpvobs.engines.diesel.effects import diesel_plant
-from lpvobs.engines.throttled.lpv import Throttled
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.configuration.config import Config, config_of
-from lpvobs.io.logs.reading import read_log
+from lpvobs.io.configuration.config import Config
 from lpvobs.io.results.hdf import changing, reading
 from lpvobs.io.results.portraits import write_leftover, write_portrait, write_ranking
 from lpvobs.io.results.provenance import Provenance
@@ -36,13 +37,7 @@ from lpvobs.io.results.refinements import (
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Log
-from lpvobs.steps.constants import Start, start_of
-from lpvobs.steps.refined import estimate_refined, expect_cascade, refined_model, sensor_state
-from lpvobs.steps.throttled import refine_throttled, trace_throttled
 
-SLOWEST = 0.055
-"""[s] between samples, up to which a residual without a name says something of the engine. Clean logs at 20 and 50 Hz leave none on
-any cycle; at 10 and 5 Hz the windows that hold enough samples are so wide that fast transients leave one on every cycle."""
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
 
@@ -78,9 +73,6 @@ def trace_result(sources: Sources, progress: Callable[[float], None]) -> Traced:
     UsageError
         If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
-    stored = read_result(sources.result)
-    if stored.air_path == Throttled.name:
-        return trace_throttled(stored, sources.logs, sources.freeze_map, progress)
     closed = _close(sources, progress)
 
     def change(file: h5py.File) -> None:
@@ -99,11 +91,8 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
     those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
     Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
     """
-    stored = read_result(sources.result)
-    if stored.air_path == Throttled.name:
-        return refine_throttled(stored, sources.logs, sources.hold_out, sources.freeze_map, out, progress)
     closed = _close(sources, lambda share: progress(0.95 * share), anew=True)
-    found = closed.refinement
+    stored, found = closed.stored, closed.refinement
     if not found.trace.findings:
         with replacing(out) as temporary:
             shutil.copyfile(sources.result, temporary)
@@ -119,8 +108,7 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
 def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
     """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
     stored, found = closed.stored, closed.refinement
-    config = config_of(stored.provenance.config, stored.path)
-    proven = sensor_state(refined_model(config, stored.gain, found.standing, closed.constants), stored.gain)
+    proven = sensor_state(refined_model(closed.engine, stored.gain, found.standing, closed.constants), stored.gain)
     with changing(result, out) as file:
         for group in ("trace", "refinement"):
             if group in file:
@@ -133,15 +121,14 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
 
 def _write_anew(out: Path, closed: "_Closed") -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
-    stored = closed.stored
-    config = config_of(stored.provenance.config, stored.path)
+    stored, air_path = closed.stored, closed.engine.air_path
     effects = tuple(from_off(effect) for effect in closed.refinement.standing)
-    seen = estimate_refined(config, stored.gain, effects, closed.constants, closed.used)
-    air_path = config.engine_path()
+    seen = estimate_refined(closed.engine, stored.gain, effects, closed.constants, closed.used)
     provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
         closed.write(file, effects)
+        closed.engine.write(file)
         if seen.sensor_state is not None:
             write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
 
@@ -153,6 +140,7 @@ class _Closed:
     """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
 
     stored: StoredResult
+    engine: KnownEngine
     start: Start
     used: tuple[LogAt, ...]
     refused: tuple[str, ...]
@@ -194,7 +182,7 @@ class _Closed:
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
         write_comparison(group, self.comparisons)
-        write_structure(group, self._structure, found.before.problem.plant.balances)
+        write_structure(group, self._structure, found.before.problem.model.balances)
         self._write_pictures(group)
 
     @property
@@ -219,7 +207,7 @@ class _Closed:
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
-        write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.plant.balances)
+        write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.model.balances)
         self._write_pictures(file["refinement"])
 
     def _with_earlier(self, effect: Standing) -> Standing:
@@ -234,23 +222,24 @@ class _Closed:
 def _close(sources: Sources, progress: Callable[[float], None], anew: bool = False) -> _Closed:
     path = sources.result
     stored = read_result(path)
+    engine = known_engine(stored)
     with reading(path, KIND, REMEDY) as file:
         refined = read_refinement(file)
-    config = config_of(stored.provenance.config, path)
-    read = partial(read_log, channels=config.engine_path().channels, policies=config.policies, auxiliary=True)
-    (used, refused), (unseen, refused_unseen) = (usable(items, read) for items in (sources.logs, sources.hold_out))
+    (used, refused), (unseen, refused_unseen) = (
+        usable(paths, engine.read) for paths in (sources.logs, sources.hold_out)
+    )
     logs, hold_out = contents(used), contents(unseen)
     _refuse_copies([*logs, *hold_out])
     frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
-    prior, plant = prior_of(config, stored, frozen), diesel_plant(config.engine)
-    start = start_of(plant, prior, config.estimate.tolerance, refined, logs)
+    model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
+    start = start_of(model, prior_of(engine.config, model, stored, frozen), refined, logs)
     had = () if refined is None else refined.effects
-    found = refine(start.plant, config.grid(), start.tolerance, start.prior, logs, progress, had, hold_out)
+    found = refine(start.model, engine.config.grid(), start.prior, logs, progress, had, hold_out)
     if found.trace.verdict == "unexplained":
         _refuse_slow(logs)
-    return _Closed(stored, start, used, refused + refused_unseen, found, frozen)
+    return _Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
 
 
 def _refuse_slow(logs: Sequence[Log]) -> None:
@@ -294,25 +283,20 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
     return True
 
 
-def prior_of(config: Config, stored: StoredResult, frozen: bool) -> MapPrior:
+def prior_of(config: Config, model: ResidualModel, stored: StoredResult, frozen: bool) -> MapPrior:
     """Return what is known of the map before logs are looked at: the stored one where it stands, nothing otherwise."""
-    tolerance = config.estimate.tolerance
     if not frozen:
-        return free_map(config.grid(), len(tolerance), config.estimate.prior_map)
+        return free_map(config.grid(), len(model.names), config.estimate.prior_map)
     owed = config.estimate.limited_to(config.engine_path().balance_constants).tolerance
     if stored.constants != tuple(owed) or not np.isfinite(stored.covariance).all():
         raise DataError(
             f"{stored.path}: map of method '{stored.method}' has no covariance over the engine's constants, which a nominal map "
             f"needs; estimate it with the default method"
         )
-    sensitivity = np.zeros(
-        (len(tolerance), *stored.grid.shape)
-    )  # the map owes nothing to constants of the exhaust side
-    sensitivity[[name in owed for name in tolerance]] = stored.sensitivity
-    return nominal_map(
-        stored.theta,
-        stored.covariance,
-        sensitivity,
-        np.sqrt(config.estimate.constants_variance),
-        config.estimate.prior_map,
-    )
+    spread = np.array(list(owed.values())) / np.sqrt(3.0)
+    prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, spread, config.estimate.prior_map)
+    # A map owes nothing to constants of the exhaust side; where curves are learned, their nodes stand for their levels.
+    columns = dict(zip(owed, prior.sensitivity.T, strict=True))
+    nothing = np.zeros(prior.mean.size)
+    sensitivity = np.array([columns.get(name, nothing) for name in model.names]).reshape(len(model.names), -1).T
+    return replace(prior, sensitivity=sensitivity)

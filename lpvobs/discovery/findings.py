@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.held_out import Comparison
-from lpvobs.discovery.linear import Term
 from lpvobs.discovery.outcome import Finding, LogPart, Parameter
-from lpvobs.discovery.residual import Problem, place_in_logs
+from lpvobs.discovery.places import place_in_logs
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.select import Accepted
 from lpvobs.discovery.standing import NINETY, Standing, spans_of, stored_curve
-from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Log
 
 
@@ -55,7 +55,7 @@ def standing_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Standi
     )
 
 
-def told(standing: Standing) -> Finding:
+def known_finding(standing: Standing) -> Finding:
     """Return an effect that the model had already."""
     parameter = Parameter(standing.value, standing.unit, standing.ci90)
     return Finding(standing.id, {standing.parameter: parameter}, None, None, None, None, (), "", None)
@@ -64,16 +64,13 @@ def told(standing: Standing) -> Finding:
 def log_part(
     log: Log,
     comparison: Comparison,
-    own: Whiteness | None,
     *,
     verdict: str,
     findings: Sequence[Finding],
     found: Sequence[Standing],
+    **more: Any,
 ) -> LogPart:
-    """Return what is said of one log: the pooled findings that act on it, and its own error.
-
-    `own` is the structure of what is left of its residual, None for a log that took no part.
-    """
+    """Return what is said of one log: the pooled findings that act on it, its own error, and `more` as `LogPart` has it."""
     start, acting = float(log.time[0]), []
     for finding, standing in zip(findings, found, strict=True):
         span = standing.span_on(log)
@@ -81,7 +78,7 @@ def log_part(
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    return LogPart(log.name, verdict, tuple(acting), comparison, own)
+    return LogPart(log.name, verdict, tuple(acting), comparison, **more)
 
 
 def _since(start: float, edge: float) -> float | None:

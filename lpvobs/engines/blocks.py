@@ -1,5 +1,6 @@
 """A log in blocks of a few seconds: flows are compared as means over blocks, where storage is a difference of two pressures."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +13,8 @@ LENGTH = 2.0
 """[s] of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
 EDGE = 0.1
 """[s], half width of the mean that stands for a reading at the edge of a block."""
-HURRY = (0.3, 0.6, 0.85)
-"""Quantiles that part the classes of haste: fast changes blur every balance."""
+MOST = 1000
+"""Blocks of all logs together."""
 LEAST_FILLED = 0.7
 """Share of a block's typical number of samples that it must hold."""
 
@@ -78,31 +79,41 @@ class Blocks:
         return np.asarray(total / np.bincount(self.block, minlength=self.count)[:, None])
 
 
-def blocks_of(log: Log, most: int = 1000) -> Blocks:
-    """Return the blocks of a log; they grow when there would be more than `most`."""
-    length = max(LENGTH, float(log.time[-1] - log.time[0]) / most)
+def blocks_of(log: Log, length: float | None = None) -> Blocks:
+    """Return the blocks of one log, by default as long as `block_length` says."""
+    lasts = float(log.time[-1] - log.time[0])
+    return blocks_along(log.time, log.segments, block_length(lasts) if length is None else length)
+
+
+def block_length(lasts: float) -> float:
+    """Return how long blocks are [s] where driving lasts so many seconds; all pairs of them are correlated, so they are few."""
+    return max(LENGTH, lasts / MOST)
+
+
+def blocks_along(clock: Array, segments: Sequence[tuple[int, int]], length: float) -> Blocks:
+    """Return the blocks of samples on a clock [s], shape (N,), in segments without a gap."""
     begins: list[Array] = []
     samples: list[NDArray[np.int64]] = []
     numbers: list[NDArray[np.int64]] = []
-    for part in log.each_segment():
-        since = log.time[part] - log.time[part.start]
+    for start, stop in segments:
+        since = clock[start:stop] - clock[start]
         own, whole = np.floor(since / length).astype(np.int64), int(since[-1] / length)
         kept = own < whole
-        samples.append(np.flatnonzero(kept) + part.start)
+        samples.append(np.flatnonzero(kept) + start)
         numbers.append(own[kept] + sum(each.size for each in begins))
-        begins.append(log.time[part.start] + length * np.arange(whole))
+        begins.append(clock[start] + length * np.arange(whole))
     begin, sample, number = np.concatenate(begins), np.concatenate(samples), np.concatenate(numbers)
     held = np.bincount(number, minlength=begin.size)
     full = held >= LEAST_FILLED * (np.median(held) if held.size else 0.0)
     place = np.cumsum(full) - 1
     stay = full[number]
     edges = np.stack([begin[full], begin[full] + length])
-    half = 0.5 * float(np.median(np.diff(log.time)))
-    return Blocks(edges.mean(0) - log.time[0], length, sample[stay], place[number[stay]], edges - half, log.time)
+    half = 0.5 * float(np.median(np.diff(clock)))
+    return Blocks(edges.mean(0) - clock[0], length, sample[stay], place[number[stay]], edges - half, clock)
 
 
-def haste_of(blocks: Blocks, log: Log) -> Array:
-    """Return how much pressure, speed and flow change within each block, relative to their means, shape (blocks,)."""
-    shown = [name for name in ("p_im", "n_e", "W_maf") if name in log.channels]
-    spreads = [blocks.spread(log[name]) / np.maximum(np.abs(blocks.mean(log[name])), 1e-12) for name in shown]
+def transience_of(blocks: Blocks, channels: Mapping[str, Array], moving: Sequence[str]) -> Array:
+    """Return how much channels change within each block, relative to their means: the largest of them, shape (blocks,)."""
+    shown = [channels[name] for name in moving if name in channels]
+    spreads = [blocks.spread(values) / np.maximum(np.abs(blocks.mean(values)), 1e-12) for values in shown]
     return np.asarray(np.max(np.stack(spreads), axis=0)) if spreads else np.zeros(blocks.count)

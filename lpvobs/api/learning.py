@@ -5,9 +5,7 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.discovery.throttled_noise import healthy_errors
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.reading import read_log
@@ -38,8 +36,10 @@ def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
 
 def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
     """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
-    if not isinstance(air_path, Throttled) or air_path.learned is None:
+    known, errors = air_path.knowledge(), config.kind.errors
+    if known is None or errors is None:
         return None
-    engine, learned = air_path.engine, air_path.learned
-    healthy = healthy_errors(engine, usable_logs(config, paths))
-    return lambda file: write_learned(file, engine, learned, healthy)
+    logs = usable_logs(config, paths)
+    healthy = errors(config.engine, logs)
+    balances = config.kind.residual_model(config, air_path, healthy, ()).balances
+    return lambda file: write_learned(file, known, healthy, balances)

@@ -1,0 +1,63 @@
+"""The engine of a stored result: its configuration, and what healthy logs have taught of it."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.io.configuration.config import Config, config_of
+from lpvobs.io.logs.parquet import channel_units
+from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.learned import read_learned, write_learned
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult
+from lpvobs.records import Log
+
+
+@dataclass(frozen=True)
+class KnownEngine:
+    """An engine as a result knows it.
+
+    Attributes
+    ----------
+    config : Config
+    air_path : AirPath
+        With what was learned.
+    healthy : HealthyErrors or None
+        How wrong its balances are on an engine in order; None for an engine that learns nothing.
+    """
+
+    config: Config
+    air_path: AirPath
+    healthy: HealthyErrors | None
+
+    def residual_model(self, taught: Collection[str] = ()) -> ResidualModel:
+        """Return the engine as the loop sees it; `taught` are the digests of logs that must not be judged by what they taught."""
+        return self.config.kind.residual_model(self.config, self.air_path, self.healthy, taught)
+
+    def read(self, path: Path) -> Log:
+        """Return a log that may lack channels that the loop can do without; raises DataError as `read_log` does."""
+        there, optional = channel_units(path), self.air_path.dispensable
+        needed = {name: item for name, item in self.air_path.channels.items() if name in there or name not in optional}
+        return read_log(path, needed, self.config.policies, auxiliary=True)
+
+    def write(self, file: h5py.File) -> None:
+        """Write what was learned into another result."""
+        known = self.air_path.knowledge()
+        if known is not None and self.healthy is not None:
+            write_learned(file, known, self.healthy, self.residual_model().balances)
+
+
+def known_engine(stored: StoredResult) -> KnownEngine:
+    """Return the engine of a result; raises DataError where it should have learned and has not."""
+    config = config_of(stored.provenance.config, stored.path)
+    air_path = config.engine_path()
+    if not air_path.learns:
+        return KnownEngine(config, air_path, None)
+    with reading(stored.path, KIND, REMEDY) as file:
+        known, healthy = read_learned(file)
+        return KnownEngine(config, air_path.knowing(known), healthy)

@@ -1,0 +1,170 @@
+"""The balances of a problem drawn up with effects, unknowns and levels of the day: from signals to residuals."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import STEP
+from lpvobs.engines.effects import Signals
+from lpvobs.records import Array
+
+Nodes = tuple[NDArray[np.int64], Array]
+Scene = tuple[NDArray[np.bool_] | None, Signals]
+"""Signals with effects accounted for, and the places that they hold at, shape (K,); None for all."""
+
+
+def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[Scene, ...]:
+    """Return the signals with all effects accounted for, in the order of the catalogue, channels last.
+
+    An instant stands by itself, and one set of signals holds what acts at each. A block takes differences between its edges, and an
+    effect that begins there would be taken for a jump: so there are as many sets as effects act together, each for its own blocks.
+    """
+    order = {effect.id: i for i, effect in enumerate(problem.model.catalogue)}
+    terms = sorted((*problem.held, *terms), key=lambda term: order.get(term.effect.id, len(order)))
+    signals = today(problem, beta)
+    if problem.blocks is None:
+        for term in terms:
+            on = np.tile(term.acts(problem.clock), 2)
+            signals = signals.where(on, term.effect.apply(signals, term.size))
+        return ((None, signals),)
+    acting = np.array([term.acts(problem.clock) for term in terms]).reshape(len(terms), problem.K)
+    found = []
+    patterns, number = np.unique(acting, axis=1, return_inverse=True)
+    for i, pattern in enumerate(patterns.T):
+        here = signals
+        for term, on in zip(terms, pattern, strict=True):
+            here = term.effect.apply(here, term.size) if on else here
+        found.append((number.reshape(-1) == i, here))
+    return tuple(found)
+
+
+def today(problem: Problem, beta: Array) -> Signals:
+    """Return the signals at the engine's unknowns, without what sensors and clocks of each log are off by on its day."""
+    q = len(problem.model.names)
+    signals = replace(problem.signals, constants=problem.model.with_unknowns(beta[:q]))
+    for (log, level), size in zip(problem.levels, beta[q:], strict=True):
+        effect = problem.model.effect(level.name)
+        if effect is not None and size != 0.0 and effect in problem.catalogue:
+            other = effect.apply(signals, effect.null + size)
+            signals = other if problem.of_log[-1] == 0 else signals.where(_columns(problem, log), other)
+    return signals
+
+
+def _columns(problem: Problem, log: int) -> NDArray[np.bool_]:
+    """Return the columns of the signals that belong to a log, shape (C,)."""
+    begin = problem.clock[problem.of_log == log][0] - problem.time[problem.of_log == log][0]
+    return np.asarray(np.isclose(problem.signals.clock - problem.signals.time, begin))
+
+
+def drawn_up(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
+    """Return what is left of every balance, shape (B, 2K) or (B, K), in the model's unit; the map is not in it."""
+    constants, blocks = scenes[0][1].constants, problem.blocks
+    if scenes[0][0] is None:
+        out = problem.model.imbalances(constants, scenes[0][1], blocks)
+    else:
+        out = np.zeros((len(problem.model.balances), problem.K))
+        for on, signals in scenes:
+            out[:, on] = problem.model.imbalances(constants, signals, blocks)[:, on]
+    shift = problem.offset - level_shift(problem, beta)
+    return out + (shift if out.shape[1] == problem.K else np.tile(shift, 2)) if shift.any() else out
+
+
+def level_shift(problem: Problem, beta: Array) -> Array:
+    """Return what the levels of the day are to the balances, shape (B, K)."""
+    out = np.zeros(problem.shown.shape)
+    for (log, level), size in zip(problem.levels, beta[len(problem.model.names) :], strict=True):
+        if level.name in problem.model.balances:
+            out[problem.model.balances.index(level.name), problem.of_log == log] += size
+    return out
+
+
+def views(values: Array, K: int) -> Array:
+    """Return mean and half difference, shape (2, m, K), of values at 2K columns; of K columns there is one view."""
+    if values.shape[1] == K:
+        return np.stack([values, np.zeros_like(values)])
+    return np.stack([0.5 * (values[:, :K] + values[:, K:]), 0.5 * (values[:, :K] - values[:, K:])])
+
+
+def residual_of(problem: Problem, scenes: Sequence[Scene], beta: Array, theta: Array, nodes: Nodes) -> Array:
+    """Return what is left of every balance, shape (2, B, K) [model's unit]."""
+    left = views(drawn_up(problem, scenes, beta), problem.K)
+    left[0] -= problem.by_reading * map_along(theta, nodes)
+    return left
+
+
+def bend_of(problem: Problem, scenes: Sequence[Scene], each: Array) -> Array:
+    """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K).
+
+    A balance that bends moves with the noise of its signals, and the mean of the views has half the noise of either. (Near its
+    stall the compressor bends so much that the noise of p_im was worth ten pascals of offset; so it is worth one.) Twice
+    as much would take out all that a parabola bends, but where a root ends, it overshoots. Residuals have it and no regressor: the
+    product of two would not be one across views any more. Means over a block hold no noise that matters.
+    """
+    if problem.blocks is not None:
+        return np.zeros(problem.shown.shape)
+    K, s = problem.K, scenes[0][1]
+
+    def middle(x: Array) -> Array:
+        return np.asarray(0.5 * (x[..., :K] + x[..., K:]))
+
+    mean = replace(
+        s,
+        value={name: middle(x) for name, x in s.value.items()},
+        rate={name: middle(x) for name, x in s.rate.items()},
+        lacks=middle(s.lacks),
+    )
+    return np.asarray(problem.model.imbalances(s.constants, mean, None) - middle(each))
+
+
+def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:
+    """Return node numbers and weights of the map along the places."""
+    point = []
+    for channel in (problem.model.fuel, problem.model.speed):
+        values = np.zeros(problem.K)
+        for on, s in scenes:
+            here = s.value.get(channel)
+            if here is not None:
+                along = views(here[None], problem.K)[0, 0] if problem.blocks is None else problem.blocks.mean(here)
+                values = along if on is None else np.where(on, along, values)
+        point.append(values)
+    return problem.grid.regressors(*point)
+
+
+def map_along(theta: Array, nodes: Nodes) -> Array:
+    """Return the map's value at every place, shape (K,) [kg/s]."""
+    return np.asarray(np.einsum("km,km->k", nodes[1], theta[nodes[0]]))
+
+
+def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term], beta: Array, at: Array) -> Array:
+    """Return the derivatives of the residual by constants or curves, and by the levels of the day, shape (q, 2, B, K).
+
+    `at` are the balances at `beta`, as `drawn_up` gives them.
+    """
+    model, K = problem.model, problem.K
+    q, spread = len(model.names), problem.spread
+    found = np.zeros((beta.size, 2, len(model.balances), K))
+    if model.by_unknowns is not None:
+        for on, s in scenes:
+            own = model.by_unknowns(s.constants, s, problem.blocks)
+            found[:q, 0] = own if on is None else np.where(on, own, found[:q, 0])
+    for i in range(q if model.by_unknowns is None else 0):
+        moved = beta.copy()
+        moved[i] += STEP
+        constants = model.with_unknowns(moved[:q])
+        shifted = tuple((on, replace(s, constants=constants)) for on, s in scenes)
+        found[i] = views((drawn_up(problem, shifted, beta) - at) / STEP, K)
+    for i, (log, level) in enumerate(problem.levels, q):
+        effect = model.effect(level.name)
+        if effect is None:
+            found[i, 0, model.balances.index(level.name), problem.of_log == log] = -1.0
+        elif effect in problem.catalogue:
+            ends = []
+            for step in (spread[i], -spread[i]):
+                moved = beta.copy()
+                moved[i] += step
+                ends.append(drawn_up(problem, scenes_with(problem, terms, moved), moved))
+            found[i] = views((ends[0] - ends[1]) / (2.0 * spread[i]), K)
+    return found

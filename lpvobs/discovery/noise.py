@@ -1,0 +1,271 @@
+"""How a residual is weighted: by its own scatter, or by what a healthy engine leaves.
+
+Two strategies, because two things are left of a residual. Where an engine's constants are known, noise of the sensors is left: new
+at every instant, of a size that the residual shows by itself, cell by cell of the map (`Scatter`). Where curves are learned, the
+error of the model is left: it lasts for seconds and minutes, and only a healthy log says how large it is on an engine in order
+(`Remembered`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import scipy.linalg
+import scipy.ndimage
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.thresholds import AT_ONCE, FIRST_NOISE, LEAST_IN_CELL, MOST_STRETCHED, SHORT, SLOW, TRANSIENT
+from lpvobs.engines.healthy import TAIL
+from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.records import Array
+
+Nodes = tuple[NDArray[np.int64], Array]
+
+
+class Noise(Protocol):
+    """What the residual of a problem is weighted by."""
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Places that count, shape (K,)."""
+
+    def whiten(self, values: Array) -> Array:
+        """Return values of shape (..., 2, B, K) in units of their noise, zero where they do not count."""
+
+    def only(self, used: NDArray[np.bool_]) -> "Noise":
+        """Return the same noise with other places that count."""
+
+    def pointwise(self) -> "Scatter":
+        """Return it without memory: what one place tells by itself."""
+
+    @property
+    def dual(self) -> Callable[[Array], Array]:
+        """Of whitened values: what a direction, not whitened, is to be multiplied by."""
+
+    def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
+        """Return the power of a direction on every range of stretches, shape (stretches + 1, stretches + 1)."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Noise that is new at every place.
+
+    Attributes
+    ----------
+    root : ndarray, shape (K, B, B)
+        C with C^T C the inverse covariance, at all places.
+    used : ndarray of bool, shape (K,)
+    """
+
+    root: Array
+    used: NDArray[np.bool_]
+
+    def whiten(self, values: Array) -> Array:
+        """Return values of shape (..., B, K) in units of their noise."""
+        flat = np.ascontiguousarray(values).reshape(-1, *values.shape[-2:])
+        return np.asarray(_times(self.root, self.used, flat).reshape(values.shape))
+
+    def only(self, used: NDArray[np.bool_]) -> "Scatter":
+        """Return the same noise with other places that count."""
+        return self if used is self.used else replace(self, used=used)
+
+    def pointwise(self) -> "Scatter":
+        """Return itself."""
+        return self
+
+    def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
+        """Return differences of the power up to each stretch."""
+        power = np.add.reduceat((whitened[0] ** 2 - whitened[1] ** 2).sum(0), first)
+        total = np.concatenate([[0.0], np.cumsum(power)])
+        return np.asarray(total[None] - total[:, None])
+
+    @property
+    def dual(self) -> Callable[[Array], Array]:
+        """Of whitened values: the root's transpose times them."""
+        return lambda whitened: np.einsum("kab,...ak->...bk", self.root, whitened)
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """Noise that is correlated from place to place of a log; m entries (place, balance) in the order of time.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (m,)
+        Entries place * B + balance.
+    log : ndarray of int, shape (m,)
+        Number of the log of each.
+    covariance : ndarray, shape (m, m)
+    shape : tuple of int
+        B and K.
+    used : ndarray of bool, shape (K,)
+    """
+
+    order: NDArray[np.int64]
+    covariance: Array
+    shape: tuple[int, int]
+    used: NDArray[np.bool_]
+
+    @cached_property
+    def _entries(self) -> tuple[NDArray[np.int64], Array]:
+        """Entries that count, and the lower Cholesky factor of their covariance."""
+        on = np.flatnonzero(self.used[self.order // self.shape[0]])
+        covariance = self.covariance if on.size == self.order.size else self.covariance[np.ix_(on, on)]
+        return self.order[on], scipy.linalg.cholesky(covariance, lower=True, check_finite=False)
+
+    @cached_property
+    def precision(self) -> Array:
+        """Inverse covariance of the entries that count."""
+        _, factor = self._entries
+        half, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
+        return np.asarray(np.tril(half) + np.tril(half, -1).T)
+
+    def whiten(self, values: Array) -> Array:
+        """Return innovations: what is new at an entry after all before it, in units of its noise; of the first view alone."""
+        entries, factor = self._entries
+        flat = values.reshape(-1, *values.shape[-3:])[:, 0] if values.ndim > 2 else values[None]
+        along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)
+        new = scipy.linalg.solve_triangular(factor, along[:, entries].T, lower=True, check_finite=False)
+        return self._spread(new, values.shape)
+
+    def _spread(self, new: Array, shape: tuple[int, ...]) -> Array:
+        entries, _ = self._entries
+        B, K = self.shape
+        out = np.zeros((new.shape[1], K * B))
+        out[:, entries] = new.T
+        first = out.reshape(-1, K, B).transpose(0, 2, 1)
+        if len(shape) == 2:
+            return np.asarray(first[0])
+        both = np.zeros((first.shape[0], *shape[-3:]))
+        both[:, 0] = first
+        return both.reshape(shape)
+
+    def only(self, used: NDArray[np.bool_]) -> "Remembered":
+        """Return the same noise with other places that count."""
+        return self if used is self.used else replace(self, used=used)
+
+    def pointwise(self) -> Scatter:
+        """Return the standard deviation of every entry alone; none where a balance does not count."""
+        B, K = self.shape
+        root = np.zeros(K * B)
+        root[self.order] = 1.0 / np.sqrt(np.diag(self.covariance))
+        return Scatter(root.reshape(K, B)[:, :, None] * np.eye(B), self.used)
+
+    def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
+        """Return sums over squares of the precision, with a direction on either side."""
+        entries, _ = self._entries
+        along = direction[0].T.ravel()[entries]
+        begin = np.searchsorted(entries, first * self.shape[0])
+        rows = _sums(self.precision * along, begin, 1) * along[:, None]
+        power = np.zeros((first.size + 1, first.size + 1))
+        power[1:, 1:] = np.cumsum(np.cumsum(_sums(rows, begin, 0), axis=0), axis=1)
+        own = np.diag(power)
+        return np.asarray(own[None] + own[:, None] - 2.0 * power)
+
+    @property
+    def dual(self) -> Callable[[Array], Array]:
+        """Of whitened values: what a direction, not whitened, is to be multiplied by."""
+        entries, factor = self._entries
+
+        def back(whitened: Array) -> Array:
+            flat = whitened.reshape(-1, *whitened.shape[-3:])[:, 0]
+            along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)[:, entries]
+            new = scipy.linalg.solve_triangular(factor, along.T, lower=True, trans=1, check_finite=False)
+            return self._spread(new, whitened.shape)
+
+        return back
+
+
+def _sums(values: Array, begin: NDArray[np.int64], axis: int) -> Array:
+    """Return sums from each begin to the next; an empty range has the sum zero."""
+    size = values.shape[axis]
+    total = np.add.reduceat(values, np.minimum(begin, size - 1), axis=axis)
+    empty = np.diff(np.append(begin, size)) == 0
+    total[(slice(None),) * axis + (empty,)] = 0.0
+    return np.asarray(total)
+
+
+def first_noise(problem: Problem) -> Noise:
+    """Return the noise before any residual is known."""
+    if problem.model.healthy is not None:
+        return _remembered(problem, 1.0)
+    return Scatter(np.tile(np.eye(len(problem.model.balances)) / FIRST_NOISE, (problem.K, 1, 1)), problem.used)
+
+
+def noise_of(problem: Problem, nodes: Nodes, raw: Array) -> Noise:
+    """Return the noise as the residual of a model at its optimum shows it, shape (B, K)."""
+    healthy = problem.model.healthy
+    if healthy is None:
+        return Scatter(_own_scatter(problem, nodes, raw), problem.used)
+    z = raw / healthy.scales(problem.transience)
+    return _remembered(problem, np.clip(np.sqrt((TAIL + z**2) / (TAIL + 1.0)), 1.0, MOST_STRETCHED))
+
+
+def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
+    """Return the noise of a healthy engine, its scale stretched where outliers are (Student's distribution), shape (B, K)."""
+    model, healthy = problem.model, problem.model.healthy
+    if healthy is None:
+        raise ValueError("noise that is remembered needs the errors of a healthy engine")
+    B, K = len(model.balances), problem.K
+    order = np.flatnonzero(problem.shown.T.ravel())
+    place, balance = np.divmod(order, B)
+    t = problem.clock[place]
+    distance = np.abs(t[:, None] - t[None])
+    scale = (healthy.scales(problem.transience) * stretch).T.ravel()[order]
+    same = place[:, None] == place[None]
+    memory = np.where(same, 1.0, (1.0 - AT_ONCE) * np.exp(-distance / SHORT))
+    covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory
+    alike = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
+    covariance += np.where(alike, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
+    if model.blur is not None:
+        more = model.blur(model.constants, problem.signals, problem.blocks).T.ravel()[order]
+        covariance[np.arange(order.size), np.arange(order.size)] += more**2
+    return Remembered(order, covariance, (B, K), problem.used)
+
+
+def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
+    """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience."""
+    shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
+    everywhere = cell_numbers(problem.grid, nodes[0])
+    classes = problem.transience.astype(np.int64)
+    cells, fast, raw = everywhere[problem.used], classes[problem.used], raw[:, problem.used]
+    B = raw.shape[0]
+    spread = np.ones((len(TRANSIENT) + 1, B))
+    time = _pool(np.bincount(cells, minlength=shape[0] * shape[1]).astype(float), shape) + LEAST_IN_CELL
+    for _ in range(3):
+        x = raw / spread[fast].T
+        sums = np.zeros((time.size, B, B))
+        for a in range(B):
+            for b in range(a + 1):
+                sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=time.size)
+        noise = (_pool(sums, shape) + LEAST_IN_CELL * sums.sum(0) / cells.size) / time[:, None, None]
+        y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
+        power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
+        spread = np.sqrt(power / np.maximum(np.bincount(fast, minlength=len(spread)), 1)[:, None])
+        spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
+    roots = np.linalg.inv(np.linalg.cholesky(noise))
+    return np.asarray(roots[everywhere] / spread[classes][:, None, :])
+
+
+def _pool(values: Array, shape: tuple[int, int]) -> Array:
+    spread = values.reshape(*shape, *values.shape[1:])
+    sigma = (1.0, 1.0, *[0.0] * (values.ndim - 1))
+    return np.asarray(scipy.ndimage.gaussian_filter(spread, sigma, mode="constant", truncate=3.0).reshape(values.shape))
+
+
+@njit(cache=True)
+def _times(root, used, values):  # type: ignore[no-untyped-def]
+    """Return root, lower triangular, times values at every place that is used, zero at others, shape (n, B, K)."""
+    out = np.zeros_like(values)
+    for k in np.flatnonzero(used):
+        for i in range(values.shape[0]):
+            for a in range(values.shape[1]):
+                total = 0.0
+                for b in range(a + 1):
+                    total += root[k, a, b] * values[i, b, k]
+                out[i, a, k] = total
+    return out

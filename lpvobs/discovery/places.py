@@ -1,0 +1,226 @@
+"""Where residuals are taken, by one of two strategies: instants that are seen twice, or blocks of samples.
+
+An engine whose constants are known leaves the noise of its sensors, new at every instant: two views of the same signal with
+independent noise keep it out of every product. An engine whose curves are learned leaves errors that last for seconds: means over
+blocks lose nothing, and what is stored in the manifold is a difference of two pressures.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.signals import at, instants, values_at
+from lpvobs.discovery.thresholds import (
+    EVERY,
+    GUARD,
+    HALF_WIDTH,
+    LEAST_DRIVEN,
+    LEAST_SAMPLES,
+    MOST_INSTANTS,
+    PAUSE,
+    SPACING,
+    STRETCH,
+    TRANSIENT,
+    WIDE,
+    WIDER,
+)
+from lpvobs.engines.blocks import Blocks, block_length, blocks_along, transience_of
+from lpvobs.engines.effects import SENSOR, Signals
+from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Log
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where residuals are taken: K places of all logs, and the signals that they are computed from."""
+
+    time: Array
+    of_log: NDArray[np.int64]
+    spacing: float
+    signals: Signals
+    transience: Array
+    blocks: Blocks | None
+
+
+def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Places:
+    """Return instants between which windows share samples, each seen twice, with a class of transience."""
+    spacing = SPACING * max(1.0, sum(lasting(log) for log in logs) / SPACING / MOST_INSTANTS)
+    views = [_view(model, log, spacing, wide * HALF_WIDTH) for log in logs]
+    signals = _joined(model, logs, views)
+    apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
+    time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
+    of_log = np.repeat(np.arange(len(logs)), [view.time.size for view in views])
+    return Places(time, of_log, spacing, signals, _transience(model, signals, apart), None)
+
+
+def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Places:
+    """Return blocks of samples, with the scatter of the inputs within each."""
+    begin = starts(logs)
+    clock = np.concatenate([log.time - log.time[0] + start for log, start in zip(logs, begin, strict=True)])
+    offsets = np.cumsum([0, *(len(log) for log in logs[:-1])])
+    segments = [(a + o, b + o) for log, o in zip(logs, offsets, strict=True) for a, b in log.segments]
+    blocks = blocks_along(clock, segments, wide * block_length(sum(lasting(log) for log in logs)))
+    middle = blocks.time + clock[0]
+    of_log = np.searchsorted(begin, middle, side="right") - 1
+    for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
+        if count * blocks.length < LEAST_DRIVEN:
+            raise DataError(
+                f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more"
+            )
+    there = [name for name in model.channels if all(name in log.channels for log in logs)]
+    value = {name: np.concatenate([log[name] for log in logs]) for name in there}
+    rate = {name: _gradient(values, clock, segments) for name, values in value.items()}
+    reading = value.get(SENSOR, np.zeros(clock.size))
+    number = np.searchsorted(begin, clock, side="right") - 1
+    since = clock - begin[number]
+    signals = Signals(
+        time=since,
+        clock=clock,
+        value=value,
+        rate=rate,
+        lacks=np.tile(np.array(model.lacks)[:, None], (1, clock.size)),
+        later=lambda shift: np.asarray(np.interp(clock + shift, clock, reading)),
+        slow=lambda channel: rate[channel],
+        constants=model.constants,
+    )
+    transience = transience_of(blocks, value, model.moving)
+    return Places(middle - begin[of_log], of_log, blocks.length, signals, transience, blocks)
+
+
+def _gradient(values: Array, clock: Array, segments: Sequence[tuple[int, int]]) -> Array:
+    out = np.zeros(values.size)
+    for a, b in segments:
+        if b - a > 1:
+            out[a:b] = np.gradient(values[a:b], clock[a:b])
+    return out
+
+
+def mean_flow(places: Places) -> float:
+    """Return the mean reading of the sensor [kg/s]."""
+    return float(np.mean(np.maximum(places.signals[SENSOR], 0.0)))
+
+
+def lasting(log: Log) -> float:
+    """Return how long a log lasts [s]."""
+    return float(log.time[-1] - log.time[0])
+
+
+@dataclass(frozen=True)
+class _View:
+    time: Array
+    half_width: float
+    value: Array
+    rate: Array
+
+
+def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> _View:
+    if len(log) < 2 * LEAST_SAMPLES:
+        raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
+    least = max(1.0, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))) / HALF_WIDTH)
+    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same for all widths
+    half_width *= least
+    if time.size * spacing < LEAST_DRIVEN:
+        raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
+    value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
+    return _View(time, half_width, value, rate)
+
+
+def starts(logs: Sequence[Log]) -> Array:
+    """Return where each log begins on the common clock [s]."""
+    lengths = [log.time[-1] - log.time[0] + PAUSE for log in logs]
+    return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+
+
+def place_in_logs(logs: Sequence[Log], clock: float) -> float | None:
+    """Return the time since the start of its log [s] of an instant of the clock, None for none."""
+    if not np.isfinite(clock):
+        return None
+    begins = starts(logs)
+    return float(clock - begins[max(int(np.searchsorted(begins, clock, side="right")) - 1, 0)])
+
+
+def _halves(values: Array) -> Array:
+    """Return (2, m, K) as (m, 2K): the first view, then the second."""
+    return np.concatenate([values[0], values[1]], axis=-1)
+
+
+def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -> Signals:
+    @lru_cache(maxsize=8)  # asked for again and again
+    def later(shift: float) -> Array:
+        seen = []
+        for log, view in zip(logs, views, strict=True):
+            time = np.clip(view.time + shift, log.time[0] + view.half_width, log.time[-1] - view.half_width)
+            seen.append(values_at(log, log[SENSOR][None], time, view.half_width))
+        return np.asarray(_halves(np.concatenate(seen, axis=-1))[0])
+
+    @lru_cache(maxsize=8)
+    def slow(channel: str) -> Array:
+        rates = [
+            at(log, log[channel][None], view.time, max(WIDE, 2.0 * view.half_width))[1]
+            for log, view in zip(logs, views, strict=True)
+        ]
+        return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
+
+    time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
+    clock = np.concatenate(
+        [view.time - log.time[0] + start for log, view, start in zip(logs, views, starts(logs), strict=True)]
+    )
+    value, rate = (
+        _halves(np.concatenate([getattr(view, name) for view in views], axis=-1)) for name in ("value", "rate")
+    )
+    return Signals(
+        time=np.tile(time, 2),
+        clock=np.tile(clock, 2),
+        value=dict(zip(model.channels, value, strict=True)),
+        rate=dict(zip(model.channels, rate, strict=True)),
+        lacks=np.tile(np.array(model.lacks)[:, None], (1, 2 * time.size)),
+        later=later,
+        slow=slow,
+        constants=model.constants,
+    )
+
+
+def stretches(places: Places, length: float) -> NDArray[np.int64]:
+    """Return the number of the stretch of every place."""
+    numbers, offset = [], 0
+    for i in np.unique(places.of_log):
+        time = places.time[places.of_log == i]
+        raw = np.floor((time - time[0]) / length).astype(np.int64)
+        held, own = np.unique(raw, return_inverse=True)
+        numbers.append(own + offset)
+        offset += held.size
+    return np.concatenate(numbers)
+
+
+def kept_back(places: Places) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which places are used, and which are judged: every fifth stretch, without the guards at its ends."""
+    used, judged = [], []
+    for i in np.unique(places.of_log):
+        time = places.time[places.of_log == i]
+        into = (time - time[0]) / STRETCH
+        kept = np.floor(into).astype(np.int64) % EVERY == EVERY // 2
+        inside = np.abs(into - np.floor(into) - 0.5) * STRETCH <= 0.5 * STRETCH - GUARD
+        used.append(~kept)
+        judged.append(kept & inside)
+    return np.concatenate(used), np.concatenate(judged)
+
+
+def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
+    """Return the class of each instant: fast changes blur the balances, whatever the cause.
+
+    The change is that between instants `apart` before and after, whose windows do not touch: a weight that knew the noise of its
+    own rate would trust a rise that noise makes smaller, and bias every lag and volume.
+    """
+    K = signals.time.size // 2
+    number = np.arange(K)
+    after, before = np.minimum(number + apart, K - 1), np.maximum(number - apart, 0)
+    total = np.zeros(K)
+    for name in model.moving:
+        calm = 0.5 * (signals[name][:K] + signals[name][K:])
+        change = (calm[after] - calm[before]) / np.maximum(signals.time[after] - signals.time[before], 1e-9)
+        total += (change / max(float(np.std(calm)), 1e-9)) ** 2
+    return np.searchsorted(np.quantile(total, TRANSIENT), total).astype(float)

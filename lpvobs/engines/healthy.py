@@ -1,0 +1,125 @@
+"""How far the balances of a healthy engine stray, on parts of its logs that taught it nothing: within seconds and within minutes.
+
+What differs from one day to the next no single log shows; that is configured (`residual_model.Level`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
+
+FOLDS = 6
+CHUNK = 60.0
+"""[s] of driving that is held out together: what lasts for seconds must not be in both parts."""
+TAIL = 4.0
+"""Degrees of freedom of the distribution of errors: transients leave long tails."""
+LEAST_SCALE = 0.003
+"""Smallest scale of a balance that holds only in part of the time: few blocks show it."""
+QUANTILES = (0.3, 0.6, 0.85)
+"""That part the classes of transience: fast changes blur every balance."""
+
+
+@dataclass(frozen=True)
+class HealthyErrors:
+    """What held-out blocks of healthy logs show, B balances, C classes of transience.
+
+    Attributes
+    ----------
+    bounds : ndarray, shape (C - 1,)
+        Of the classes, in the unit of `transience_of`.
+    scale : ndarray, shape (C, B)
+        Scale of the errors of each balance.
+    together : ndarray, shape (B, B)
+        Second moments of the errors over their scales.
+    slow : ndarray, shape (B,)
+        Standard deviation of the part that lasts for minutes.
+    rms : ndarray, shape (B,)
+        Of each balance, over all blocks that count.
+    """
+
+    bounds: Array
+    scale: Array
+    together: Array
+    slow: Array
+    rms: Array
+
+    def scales(self, transience: Array) -> Array:
+        """Return the scale of every balance in blocks of some transience, shape (B, K)."""
+        return np.asarray(self.scale[np.searchsorted(self.bounds, transience)].T)
+
+
+def parts_of(time: Array) -> NDArray[np.int64]:
+    """Return which part, of `FOLDS`, each block at a time [s] since the start of its log is held out with."""
+    return np.asarray((time // CHUNK).astype(np.int64) % FOLDS)
+
+
+def healthy_errors(residual: Array, shown: NDArray[np.bool_], transience: Array, chunk: Array) -> HealthyErrors:
+    """Return the errors that held-out residuals of healthy logs show.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (B, K)
+    shown : ndarray of bool, shape (B, K)
+        Where each balance counts.
+    transience : ndarray, shape (K,)
+    chunk : ndarray, shape (K,)
+        Number of the minute and the log that each block belongs to.
+    """
+    partly: NDArray[np.bool_] = ~np.all(shown, axis=1)
+    level = np.array(
+        [np.median(r[on]) if part and on.any() else 0.0 for r, on, part in zip(residual, shown, partly, strict=True)]
+    )
+    residual = residual - level[:, None]
+    bounds = np.quantile(transience, QUANTILES)
+    classes = np.searchsorted(bounds, transience)
+    scale = np.array(
+        [
+            [_scale(r[on & (classes == c)]) for r, on in zip(residual, shown, strict=True)]
+            for c in range(len(QUANTILES) + 1)
+        ]
+    )
+    scale[:, partly] = np.maximum(scale[:, partly], LEAST_SCALE)
+    z = np.clip(residual / scale[classes].T, -TAIL, TAIL)
+    together = np.eye(residual.shape[0])
+    whole = np.flatnonzero(~partly)  # a balance that holds in part of the time has few blocks in common with the others
+    together[np.ix_(whole, whole)] = z[whole] @ z[whole].T / z.shape[1]
+    rows = list(zip(residual, shown, strict=True))
+    rms = np.array([np.sqrt(np.mean(r[on] ** 2)) if on.any() else LEAST_SCALE for r, on in rows])
+    return HealthyErrors(bounds, scale, together, np.array([_slow(r[on], chunk[on]) for r, on in rows]), rms)
+
+
+def _scale(r: Array) -> float:
+    """Return the scale of errors with long tails: maximum likelihood of Student's distribution."""
+    if r.size < 5:
+        return LEAST_SCALE
+    s = max(1.48 * float(np.median(np.abs(r))), 1e-5)
+    for _ in range(20):
+        weight = (TAIL + 1.0) / (TAIL + (r / s) ** 2)
+        s = float(np.sqrt(np.mean(weight * r**2)))
+    return s
+
+
+def _slow(r: Array, chunk: Array) -> float:
+    """Return the standard deviation of the medians of minutes, less what the errors within them explain."""
+    medians, own = [], []
+    for each in np.unique(chunk):
+        part = r[chunk == each]
+        if part.size >= 5:
+            medians.append(float(np.median(part)))
+            own.append(
+                1.57 * 3.0 * float(np.var(part)) / part.size
+            )  # of a median of errors, three of which count as one
+    if len(medians) < 3:
+        return 0.0
+    spread = 1.48 * float(np.median(np.abs(np.array(medians) - np.median(medians))))
+    return float(np.sqrt(max(spread**2 - float(np.median(own)), 1e-6)))
+
+
+def pooled(parts: Sequence[tuple[Array, NDArray[np.bool_], Array, Array]]) -> HealthyErrors:
+    """Return the errors of several logs; each part is what `healthy_errors` takes, with minutes numbered on its own."""
+    residual, shown, transience = (np.concatenate([part[i] for part in parts], axis=-1) for i in range(3))
+    chunk = np.concatenate([part[3] + 1e4 * number for number, part in enumerate(parts)])
+    return healthy_errors(residual, shown.astype(bool), transience, chunk)

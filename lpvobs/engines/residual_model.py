@@ -1,0 +1,138 @@
+"""An engine as the closed loop sees it: residual = what is not known + effects + noise.
+
+What is not known are the map, the engine's constants or learned curves, and levels of the day, each with a prior. The engine
+supplies balances, unknowns and effects; how residuals are laid out and weighted are strategies that it names (`lpvobs.discovery`).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.effects import Effect, Signals
+from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.records import Array, Log
+
+
+@dataclass(frozen=True)
+class Level:
+    """What differs from one day to another without being a fault: an unknown of its own for every log.
+
+    Attributes
+    ----------
+    name : str
+        A balance, whose level it is, or an effect of the catalogue, of which every day has a little.
+    unit : str
+    deviation : float
+        Standard deviation between days, in the unit of the balance's residual or of the effect's parameter.
+    """
+
+    name: str
+    unit: str
+    deviation: float
+
+
+@dataclass(frozen=True)
+class ResidualModel:
+    """The balances of one engine, with everything that may move them.
+
+    K places are instants, whose signals are looked at twice (2K columns), or blocks of samples (`blocks`).
+
+    Attributes
+    ----------
+    balances : tuple of str
+        B balances.
+    unit : str
+        Of the residual: `kg/s`, or `1` for residuals relative to the flow.
+    channels : tuple of str
+        Those that the balances are computed from, the sensor among them.
+    moving : tuple of str
+        Those whose fast changes blur the balances.
+    fuel, speed : str
+        Channels of the map's axes.
+    lacks : tuple of float
+        l sizes of an engine in order.
+    constants : object
+        The engine's, at the prior mean.
+    names : tuple of str
+        q unknowns of the engine: relative deviations of constants, or of nodes of learned curves.
+    covariance : ndarray, shape (q, q)
+        Their prior.
+    with_unknowns : callable
+        The constants from deviations of shape (q,).
+    imbalances : callable
+        What is left of each balance, shape (B, 2K) or (B, K), from constants, signals and blocks.
+    by_reading : callable
+        Derivative of the imbalances by the reading of the sensor, shape (B, K), from constants, signals and blocks.
+    shown : callable
+        Which balances count where, shape (B, K), from signals and blocks: a channel may be missing, a condition not met.
+    further : callable
+        What sizes of the engine's lacks add to the flow of each of `LPV` balances, shape (b, N) [kg/s], and to the state
+        equation, shape (n, N), from constants and signals of N samples.
+    catalogue : tuple of Effect
+        In the order in which effects are undone: what came last on its way into the log comes first.
+    carriers : tuple of str
+        Effects of the catalogue that a logged channel may drive; their `apply` takes a size per column, too.
+    blocks : bool
+        Whether places are blocks of seconds. Where curves are learned, what is left is model error that lasts for seconds, and a
+        sample says little that its neighbour does not; where constants are known, noise is left, and an instant counts.
+    levels : tuple of Level
+    by_unknowns : callable or None
+        Derivatives of the imbalances by the unknowns, shape (q, B, K), from constants, signals and blocks; None for difference
+        quotients.
+    blur : callable or None
+        Further standard deviation of the residual, shape (B, K), from constants, signals and blocks.
+    beyond : callable or None
+        What an engine that was learned without each place in turn says beyond this one, shape (B, K), from logs, signals and
+        blocks: what a log has taught fits it better than any other log.
+    healthy : HealthyErrors or None
+        How wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter.
+    """
+
+    balances: tuple[str, ...]
+    unit: str
+    channels: tuple[str, ...]
+    moving: tuple[str, ...]
+    fuel: str
+    speed: str
+    lacks: tuple[float, ...]
+    constants: Any
+    names: tuple[str, ...]
+    covariance: Array
+    with_unknowns: Callable[[Array], Any]
+    imbalances: Callable[[Any, Signals, Blocks | None], Array]
+    by_reading: Callable[[Any, Signals, Blocks | None], Array]
+    shown: Callable[[Signals, Blocks | None], NDArray[np.bool_]]
+    further: Callable[[Any, Signals], tuple[Array, Array]]
+    catalogue: tuple[Effect, ...]
+    carriers: tuple[str, ...]
+    blocks: bool = False
+    levels: tuple[Level, ...] = ()
+    by_unknowns: Callable[[Any, Signals, Blocks | None], Array] | None = None
+    blur: Callable[[Any, Signals, Blocks | None], Array] | None = None
+    beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
+    healthy: HealthyErrors | None = None
+
+    @property
+    def spread(self) -> Array:
+        """Standard deviation of every unknown of the engine, shape (q,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def effect(self, name: str) -> Effect | None:
+        """Return an effect of the catalogue by its identifier, None where there is none."""
+        return next((effect for effect in self.catalogue if effect.id == name), None)
+
+    def restarted(self, deviation: Mapping[str, float], spread: Mapping[str, float]) -> "ResidualModel":
+        """Return the model around other values of its unknowns: relative deviations, and what is left of their spread."""
+        moved = np.array([deviation.get(name, 0.0) for name in self.names])
+        share = np.array([spread.get(name, own) / own for name, own in zip(self.names, self.spread, strict=True)])
+        at, old = self.with_unknowns, moved
+        return replace(
+            self,
+            constants=at(moved),
+            covariance=self.covariance * np.outer(share, share),
+            with_unknowns=lambda beta: at((1.0 + old) * (1.0 + beta) - 1.0),
+        )

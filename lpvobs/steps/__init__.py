@@ -1,1 +1,0 @@
-"""The steps of the chain as one call each: files in, numerics, files out."""

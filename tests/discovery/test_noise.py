@@ -1,0 +1,68 @@
+"""Noise that is remembered: innovations, parts that count, and the power of a direction on every range, by the definition."""
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery.noise import Remembered
+
+ROUNDING = 1e-9
+B, K = 2, 30
+
+
+@pytest.fixture(scope="module")
+def noise():
+    rng = np.random.default_rng(5)
+    shown = rng.random(B * K) < 0.9  # some entries are missing
+    order = np.flatnonzero(shown)
+    root = rng.standard_normal((order.size, order.size))
+    return Remembered(order, root @ root.T / order.size + np.eye(order.size), (B, K), np.ones(K, dtype=bool))
+
+
+def flat(values, noise):
+    return values[0].T.ravel()[noise.order]
+
+
+def drawn(seed):
+    values = np.zeros((2, B, K))
+    values[0] = np.random.default_rng(seed).standard_normal((B, K))
+    return values
+
+
+def test_innovations_have_the_square_of_the_whole(noise):
+    r = drawn(1)
+    direct = flat(r, noise) @ np.linalg.solve(noise.covariance, flat(r, noise))
+    assert np.sum(noise.whiten(r) ** 2) == pytest.approx(direct, rel=ROUNDING)
+    np.testing.assert_allclose(noise.precision @ noise.covariance, np.eye(noise.order.size), atol=1e-9)
+
+
+def test_many_at_once_are_each_alone(noise):
+    both = np.stack([drawn(1), drawn(2)])
+    np.testing.assert_allclose(noise.whiten(both)[1], noise.whiten(drawn(2)), rtol=ROUNDING, atol=ROUNDING)
+
+
+def test_places_that_do_not_count_are_as_if_never_seen(noise):
+    used = np.arange(K) % 5 != 2
+    on = used[noise.order // B]
+    r = drawn(3)
+    part = flat(r, noise)[on]
+    direct = part @ np.linalg.solve(noise.covariance[np.ix_(on, on)], part)
+    white = noise.only(used).whiten(r)
+    assert np.sum(white**2) == pytest.approx(direct, rel=ROUNDING)
+    assert not white[..., ~used].any()
+
+
+def test_the_power_of_every_range_is_that_of_the_part(noise):
+    direction, first = drawn(4), np.array([0, 4, 9, 17, 25])
+    powers = noise.ranges(direction, noise.whiten(direction), first)
+    edges = np.append(first, K)
+    for i in range(edges.size - 1):
+        for j in range(i + 1, edges.size):
+            part = direction * ((np.arange(K) >= edges[i]) & (np.arange(K) < edges[j]))
+            assert powers[i, j] == pytest.approx(np.sum(noise.whiten(part) ** 2), rel=ROUNDING)
+
+
+def test_a_part_times_the_dual_is_the_product_of_the_whitened(noise):
+    direction, other = drawn(5), noise.whiten(drawn(6))
+    part = direction * (np.arange(K) > 11)
+    back = noise.dual(other[None])[0]
+    assert np.sum(part[0] * back[0]) == pytest.approx(np.sum(noise.whiten(part) * other), rel=ROUNDING)
