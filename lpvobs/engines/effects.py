@@ -187,8 +187,8 @@ def contamination(s: Signals, x: Any) -> Signals:
     return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
 
 
-def on_the_reading(fuel: str) -> Mapping[str, Effect]:
-    """Return the effects that every engine may have on the reading of the sensor, and the gain of its fuel channel, by name."""
+def on_the_reading() -> Mapping[str, Effect]:
+    """Return the effects that every engine may have on the reading of the sensor, by name."""
     own = (SENSOR,)
     found = (
         Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS, needs=own),
@@ -204,6 +204,10 @@ def on_the_reading(fuel: str) -> Mapping[str, Effect]:
             needs=(SENSOR, "T_amb"),
         ),
         Effect("maf.contamination", "coefficient", "1", 0.0, 0.05, -0.5, 0.5, "sensor", contamination, STEADY, needs=own),
-        Effect("u_delta.gain", "factor", "1", 1.0, 0.05, 0.6, 1.5, "fuel", gain(fuel), STEADY, True, True, needs=(fuel,)),
     )  # fmt: skip
     return {effect.id: effect for effect in found}
+
+
+def fuel_gain(name: str, channel: str) -> Effect:
+    """Return the gain of the channel that is the map's own fuel axis."""
+    return Effect(name, "factor", "1", 1.0, 0.05, 0.6, 1.5, "fuel", gain(channel), STEADY, True, True, needs=(channel,))

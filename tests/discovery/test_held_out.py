@@ -13,7 +13,7 @@ from lpvobs.discovery.thresholds import EVERY, GUARD, KNOWN
 
 def test_used_and_judged_instants_are_apart(linear):
     problem = linear.problem
-    clock = problem.scene.clock[: problem.K]
+    clock = problem.clock
     gap = np.abs(clock[problem.judged][:, None] - clock[problem.used][None]).min()
     assert gap >= GUARD
     assert problem.used.mean() > 1.0 - 1.5 / EVERY
@@ -24,7 +24,7 @@ def test_used_and_judged_instants_are_apart(linear):
 def test_nothing_that_is_judged_is_seen(laid_out, clean, misread, linear):
     """A sensor that errs in the judged stretches alone changes neither model nor ranking, only the error that is reported."""
     problem = linear.problem
-    instants, judged = problem.scene.time[: problem.K], problem.judged
+    instants, judged = problem.time, problem.judged
     nearest = np.abs(clean.time[:, None] - instants[None, judged][:, ::7]).min(1)  # every seventh is close enough
     bad = misread(clean, clean["W_maf"] * np.where(nearest < 0.4, 1.2, 1.0))
     other = fit(laid_out(bad))

@@ -18,6 +18,7 @@ from lpvobs.engines.effects import (
     Change,
     Effect,
     Signals,
+    fuel_gain,
     gain,
     lacking,
     offset,
@@ -62,13 +63,13 @@ def pulsating(s: Signals, x: float) -> Array:
     return np.asarray(1.0 + x * slow * np.maximum(s["u_delta"], 0.0) / PULSATION_FUEL)
 
 
-_READING = on_the_reading("u_delta")
+_READING = on_the_reading()
 CATALOGUE = (
     *(_READING[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
     Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.2, 1.0, "sensor", reading(pulsating), STEADY, True),
     _READING["maf.contamination"],
     Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
-    _READING["u_delta.gain"],
+    fuel_gain("u_delta.gain", "u_delta"),
     Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
     Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),

@@ -10,7 +10,6 @@ with W the sensor's flow and s = dp/dt / (R T). Relative, because the errors of 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +38,10 @@ LEAST_FLOW = 2e-4
 """[kg/s]; smaller flows count as this, a logarithm knows no zero."""
 UNEQUAL = 0.01
 """Scatter of the pressure ratio within a block; where it is near one the throttle's flow hangs on it."""
+LACKS = {"leak_intake": 0.0, "eta_vol": 1.0}
+"""Sizes of what the engine's model may lack, a leak in m^2, where it is in order."""
 REMEMBERED = 4
 """Versions of a part that are kept: an effect changes few channels, and the other parts stay as they are."""
-
-
-class Lacks(NamedTuple):
-    """Sizes of what the engine's model lacks; the defaults are an engine in order."""
-
-    leak_intake: float = 0.0  # m^2
-    eta_vol: float = 1.0
-
-
-IN_ORDER = Lacks()
 
 
 @dataclass(frozen=True)

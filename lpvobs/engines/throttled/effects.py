@@ -15,6 +15,7 @@ from lpvobs.engines.effects import (
     Change,
     Effect,
     Signals,
+    fuel_gain,
     gain,
     lacking,
     offset,
@@ -25,7 +26,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.engines.throttled.balances import (
     BALANCES,
-    IN_ORDER,
+    LACKS,
     Imbalances,
     blur,
     by_curves,
@@ -54,7 +55,7 @@ def pressure_offset(channel: str) -> Change:
 
 def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
     """Return the effects in the order in which they are undone."""
-    r = on_the_reading("m_f")
+    r = on_the_reading()
     surroundings = ("p_amb", "T_amb")
 
     def past_the_sensor(s: Signals, area: float) -> Array:
@@ -68,7 +69,7 @@ def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
             "leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 1e-3, "sensor", reading(past_the_sensor), ALTITUDE, True,
             needs=(SENSOR, *surroundings),
         ),
-        r["u_delta.gain"],
+        fuel_gain("u_delta.gain", "m_f"),
         Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -3e4, 3e4, "p_im", pressure_offset("p_im"), BOOST, needs=("p_im",)),
         Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.5, 1.8, "p_im", gain("p_im"), BOOST, needs=("p_im",)),
         Effect("p_ic.offset", "offset", "Pa", 0.0, 1e3, -3e4, 3e4, "p_ic", pressure_offset("p_ic"), BOOST, needs=("p_ic",)),
@@ -77,11 +78,11 @@ def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
             "alpha_th.offset", "offset", "%", 0.0, 0.2, -4.0, 4.0, "throttle", offset("alpha_th"), STEADY, needs=("alpha_th",)
         ),
         Effect(
-            "leak.intake", "area", "m^2", 0.0, 1e-6, -1e-6, 6e-5, "intake", lacking(0, IN_ORDER.leak_intake), BOOST,
+            "leak.intake", "area", "m^2", 0.0, 1e-6, -1e-6, 6e-5, "intake", lacking(0, LACKS["leak_intake"]), BOOST,
             needs=("p_im", "T_ic", *surroundings),
         ),
         Effect(
-            "eta_vol.factor", "factor", "1", 1.0, 0.03, 0.5, 1.8, "cylinders", lacking(1, IN_ORDER.eta_vol), BOOST,
+            "eta_vol.factor", "factor", "1", 1.0, 0.03, 0.5, 1.8, "cylinders", lacking(1, LACKS["eta_vol"]), BOOST,
             needs=("p_im", "n_e"),
         ),
     )  # fmt: skip
@@ -121,7 +122,7 @@ def throttled_model(
         moving=MOVING,
         fuel="m_f",
         speed="n_e",
-        lacks=tuple(IN_ORDER),
+        lacks=tuple(LACKS.values()),
         constants=learned,
         names=learned.names,
         covariance=learned.covariance[:nodes, :nodes],

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.healthy import CHUNK, FOLDS, HealthyErrors, parts_of, pooled
-from lpvobs.engines.throttled.balances import BALANCES, IN_ORDER, Imbalances, shown
+from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, shown
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import MOVING, learn
 from lpvobs.records import Array, Log
@@ -72,7 +72,7 @@ def recorded(log: Log, learned: Learned) -> Signals:
         clock=since,
         value=log.channels,
         rate=dict.fromkeys(log.channels, still),
-        lacks=np.tile(np.array(IN_ORDER)[:, None], (1, len(log))),
+        lacks=np.tile(np.array(list(LACKS.values()))[:, None], (1, len(log))),
         later=lambda _: still,
         slow=lambda _: still,
         constants=learned,
