@@ -9,8 +9,9 @@ import numpy as np
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, numbers, write_group
+from lpvobs.io.results.hdf import Field, write_group
 from lpvobs.io.results.mapping import Item, Layout, fields, read
+from lpvobs.records import Array
 
 GROUP = "engine"
 HEALTHY = Layout(
@@ -64,7 +65,7 @@ def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
             for name, item in own.items()
             if item.ndim == 0
         },
-        covariance=numbers(own, "covariance", size, size),
+        covariance=_numbers(own, "covariance", size, size),
         sources=tuple(map(str, group.attrs["logs"])),
     )
     return known, read(group["healthy_errors"], HEALTHY)
@@ -83,6 +84,16 @@ def _curve(group: h5py.Group) -> LearnedCurve:
         name=name,
         unit=words(group[name])[0],
         meaning=words(group[name])[1],
-        values=numbers(group, name, *shape),
-        relative_error=numbers(group, "relative_error", *shape),
+        values=_numbers(group, name, *shape),
+        relative_error=_numbers(group, "relative_error", *shape),
     )
+
+
+def _numbers(group: h5py.Group, name: str, *shape: int) -> Array:
+    """Return a dataset of finite numbers; raises ValueError for another shape or content, of which `hdf.reading` tells."""
+    found = np.asarray(group[name][()])
+    if found.dtype.kind not in "fiu" or found.shape != shape or not np.isfinite(found).all():
+        raise ValueError(
+            f"'{name}' holds {found.dtype} of shape {found.shape}, expected finite numbers of shape {shape}"
+        )
+    return found.astype(float, copy=False)

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from lpvobs.discovery.throttled_noise import HealthyErrors
 
+from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.throttled.constants import Learned
+from lpvobs.engines.throttled.known import knowledge_of, learned_of
 from lpvobs.errors import DataError
 from lpvobs.io.results.learned import read_learned, write_learned
 
@@ -18,13 +19,15 @@ def test_a_learned_engine_comes_back(tmp_path):
         alpha_th=(1.0, 2.0, 3.0), n_e=(1e3, 2e3), p_im=(4e4, 9e4), m_f=(1.0, 2.0, 3.0), fuel_n_e=(1e3, 3e3)
     )
     root = rng.random((15, 15))  # 3 + 2 x 2 + 3 x 2 nodes and two volumes
-    learned = Learned(rng.random(3), rng.random((2, 2)), rng.random((3, 2)), 0.01, 0.004, root @ root.T, ("day one",))
-    healthy = HealthyErrors(rng.random(2), rng.random((3, 4)), rng.random((3, 3)), rng.random(4), rng.random(4), 0.02)
+    covariance = root @ root.T
+    learned = Learned(rng.random(3), rng.random((2, 2)), rng.random((3, 2)), 0.01, 0.004, covariance, ("day one",), 0.02)
+    healthy = HealthyErrors(rng.random(2), rng.random((3, 4)), rng.random((4, 4)), rng.random(4), rng.random(4))
     with h5py.File(tmp_path / "some.h5", "w") as file:
         with pytest.raises(DataError, match="estimate"):
             read_learned(file)
-        write_learned(file, SimpleNamespace(curves=nodes), learned, healthy)
-        for again, first in zip(read_learned(file), (learned, healthy), strict=True):
+        write_learned(file, knowledge_of(SimpleNamespace(curves=nodes), learned), healthy, ("a", "b", "c", "d"))
+        known, errors = read_learned(file)
+        for again, first in ((learned_of(known), learned), (errors, healthy)):
             for name, value in vars(first).items():
                 np.testing.assert_array_equal(getattr(again, name), value)
         error = file["engine/fuel/relative_error"]
