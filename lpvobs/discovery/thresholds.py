@@ -83,7 +83,7 @@ STRONG = 5.0
 """[1] Standard deviations of its own noise by which the information about a size must exceed zero. Set by choice."""
 LEVEL_PASSES = 2
 """[1] Times that the levels of a day are sought about the last ones. Set by choice: a gain moves a balance in a curve."""
-LEVEL_SHARE = 1.0 / 3.0
+LEVEL_SHARE = 0.333
 """[1] Share of the places that are independent for a level. Set by choice: errors last for seconds."""
 
 # --- What counts as evidence -----------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ START = 0.1
 run is recorded."""
 LEAST_LENGTH = 10
 """[1] Stretches that an interval must have, and must leave. Set by choice: to be told from an outlier."""
-KNOTS = (0.0, 1 / 3, 2 / 3, 1.0)
+KNOTS = (0.0, 0.3333333333333333, 0.6666666666666666, 1.0)
 """[1] Quantiles of a channel between which its curve is straight. Set by choice: three coefficients bend once."""
 COST = 8.0
 """[1] What each coefficient of a curve must gain. Set by trial, no run is recorded."""
