@@ -17,7 +17,7 @@ from lpvobs.discovery.evidence import (
 )
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import LEAST_LENGTH, LEAST_SHARE, LOOKED_AT, SHORTLIST, SIGNIFICANT
+from lpvobs.discovery.thresholds import LEAST_LENGTH, LEAST_SHARE, LOOKED_AT, SHORTLIST, SIGNIFICANT, TIE
 from lpvobs.engines.effects import Effect
 
 
@@ -41,7 +41,20 @@ def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> l
             found.append(with_best_interval(linear, whole, not absorbed))
         elif not absorbed:
             found.append(whole)
-    return sorted(found, key=score, reverse=True)
+    return _plainest_first(sorted(found, key=score, reverse=True), linear.problem)
+
+
+def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate]:
+    """Return the ranking with the plainest of those that tie with the first, in the same interval, at its head."""
+    order = [effect.id for effect in problem.catalogue]
+    first = ranked[0]
+    tied = [
+        c
+        for c in ranked
+        if score(c) > score(first) - TIE and (c.term.begin, c.term.end) == (first.term.begin, first.term.end)
+    ]
+    head = min(tied, key=lambda c: order.index(c.id))
+    return [head, *(c for c in ranked if c is not head)]
 
 
 def foremost(promise: Mapping[Effect, float]) -> list[Effect]:

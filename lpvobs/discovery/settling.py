@@ -12,7 +12,7 @@ from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import rank
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import CLOSE, SHORTLIST, TIE
+from lpvobs.discovery.thresholds import CLOSE, SHORTLIST
 
 Named = tuple[Candidate, Curve | None]
 """An effect and, for a channel, its curve."""
@@ -72,17 +72,7 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
         return newest
     bare = objective(refit(linear, others))
     joint_score = {key: _joint_score(linear, others, candidate, bare) for key, candidate in close.items()}
-    best = max(joint_score.values())
-    order = [effect.id for effect in linear.problem.model.catalogue]
-    tied = [key for key, score_ in joint_score.items() if score_ > best - TIE]
-    of_best = next(key for key in tied if joint_score[key] == best)
-    plainest = min((key for key in tied if key[1:] == of_best[1:]), key=lambda key: _place(key[0], order))
-    return close[plainest]
-
-
-def _place(name: str, order: Sequence[str]) -> int:
-    """Return where an effect stands in the catalogue, the plainest first; channels come last."""
-    return order.index(name) if name in order else len(order)
+    return close[max(joint_score, key=lambda key: joint_score[key])]
 
 
 def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:
