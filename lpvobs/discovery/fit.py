@@ -127,7 +127,7 @@ def converged(linear: Linear) -> Linear:
 
 def _stepped(linear: Linear, near: Linear | None) -> Linear:
     problem, p, q = linear.problem, linear.p, linear.beta.size
-    bound = FARTHEST * problem.spread if problem.model.bounded else np.full(q, np.inf)
+    bound = FARTHEST * problem.spread
     wanted = linear.beta - linear.pull[p : p + q]
     beta = np.clip(wanted, -bound, bound)
     terms = tuple(

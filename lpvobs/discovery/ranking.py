@@ -17,7 +17,16 @@ from lpvobs.discovery.evidence import (
 )
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import LEAST_LENGTH, LEAST_SHARE, LOOKED_AT, SHORTLIST, SIGNIFICANT, TIE
+from lpvobs.discovery.thresholds import (
+    ALWAYS,
+    LEAST_LENGTH,
+    LEAST_SHARE,
+    LOOKED_AT,
+    PROVEN,
+    SHORTLIST,
+    SIGNIFICANT,
+    TIE,
+)
 from lpvobs.engines.effects import Effect
 
 
@@ -79,13 +88,17 @@ def tried(problem: Problem) -> int:
 
 
 def matters(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate explains more than smoothing and a bilinear map leave."""
-    return candidate.gain >= least(linear.problem)
+    """Return whether a candidate explains more than smoothing, a bilinear map and another day leave.
+
+    Where days differ, what acts from the first sample to the last needs more: how much they differ is known from experience alone.
+    """
+    always = bool(linear.problem.levels) and candidate.changes == 0
+    return candidate.gain >= least(linear.problem) * (ALWAYS if always else 1.0)
 
 
 def least(problem: Problem) -> float:
     """Return the gain that is the least to matter."""
-    return LEAST_SHARE * 0.5 * problem.data
+    return max(LEAST_SHARE * 0.5 * problem.data, PROVEN)
 
 
 def worth(candidate: Candidate, linear: Linear) -> bool:

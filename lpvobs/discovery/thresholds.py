@@ -107,6 +107,11 @@ SIGNIFICANT = 1e-3
 LEAST_SHARE = 0.008
 """[1] Share of the noise's sum of squares that an effect must explain. Set by clean logs of all cycles, seeds 1000 to 1009: what
 smoothing and a bilinear map leave gained 0.0015 at most with constants anywhere in their tolerance; this is five times that."""
+PROVEN = 15.0
+"""[1] Gain from which on anything is named, e^-15 by chance, with a margin for errors that are not quite as they are assumed.
+Set by choice; on long logs LEAST_SHARE asks for more."""
+ALWAYS = 2.0
+"""[1] Times that gain for what acts all the time, where days differ. Set by choice: how much is known from experience alone."""
 SWITCH = 3.0
 """[1] Times the logarithm of the number of instants: what a switch must gain. Set by choice: as much as an end of an interval
 costs the search."""

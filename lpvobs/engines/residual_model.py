@@ -76,8 +76,6 @@ class ResidualModel:
         In the order in which effects are undone: what came last on its way into the log comes first.
     carriers : tuple of str
         Effects of the catalogue that a logged channel may drive; their `apply` takes a size per column, too.
-    bounded : bool
-        Whether the unknowns have a tolerance, which ends somewhere; what was learned and what differs from day to day has no end.
     blocks : bool
         Whether places are blocks of seconds. Where curves are learned, what is left is model error that lasts for seconds, and a
         sample says little that its neighbour does not; where constants are known, noise is left, and an instant counts.
@@ -111,7 +109,6 @@ class ResidualModel:
     further: Callable[[Any, Signals], tuple[Array, Array]]
     catalogue: tuple[Effect, ...]
     carriers: tuple[str, ...]
-    bounded: bool = True
     blocks: bool = False
     levels: tuple[Level, ...] = ()
     by_unknowns: Callable[[Any, Signals, Blocks | None], Array] | None = None

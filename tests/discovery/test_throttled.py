@@ -187,7 +187,7 @@ def test_json_holds_the_contract_and_the_balances(judge, another_day):
 
 
 def test_a_refined_model_knows_its_effects_and_finds_no_more(judge, another_day):
-    wrong = since(another_day, "p_ic", lambda x: 0.9 * x)
+    wrong = since(another_day, "p_ic", lambda x: 0.92 * x)
     found = judge(wrong)
     names = {item.id for item in found.standing}
     assert names == {"p_ic.gain"}
@@ -196,7 +196,7 @@ def test_a_refined_model_knows_its_effects_and_finds_no_more(judge, another_day)
     assert {item.id for item in again.standing} == names
     # A log that came later has it from its first sample on.
     later = truth.noisy(truth.drive(300.0, seed=8), 9)
-    assert judge({**later, "p_ic": 0.9 * later["p_ic"]}, "later", had=found.standing).trace.verdict == "none"
+    assert judge({**later, "p_ic": 0.92 * later["p_ic"]}, "later", had=found.standing).trace.verdict == "none"
 
 
 def test_a_log_too_short_to_judge_is_refused(judge, another_day):

@@ -133,7 +133,6 @@ def throttled_model(
         further=partial(further, engine),
         catalogue=catalogue(engine),
         carriers=("maf.gain", "maf.offset", "eta_vol.factor"),
-        bounded=False,
         blocks=True,
         levels=levels(day),
         by_unknowns=partial(by_curves, engine),

@@ -20,7 +20,9 @@ def test_a_learned_engine_comes_back(tmp_path):
     )
     root = rng.random((15, 15))  # 3 + 2 x 2 + 3 x 2 nodes and two volumes
     covariance = root @ root.T
-    learned = Learned(rng.random(3), rng.random((2, 2)), rng.random((3, 2)), 0.01, 0.004, covariance, ("day one",), 0.02)
+    learned = Learned(
+        rng.random(3), rng.random((2, 2)), rng.random((3, 2)), 0.01, 0.004, covariance, ("day one",), 0.02
+    )
     healthy = HealthyErrors(rng.random(2), rng.random((3, 4)), rng.random((4, 4)), rng.random(4), rng.random(4))
     with h5py.File(tmp_path / "some.h5", "w") as file:
         with pytest.raises(DataError, match="estimate"):
