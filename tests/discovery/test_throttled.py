@@ -132,7 +132,8 @@ def test_an_effect_that_ends_has_an_end(judge, another_day):
     between = (another_day["time"] >= 100.0) & (another_day["time"] < 250.0)
     wrong = {**another_day, "W_maf": np.where(between, 0.85, 1.0) * another_day["W_maf"]}
     first = judge(wrong).trace.findings[0]
-    assert first.id == "maf.gain"
+    # In air of one density a sensor that reads too little is a hole that takes its share: no drive here tells them apart.
+    assert {"maf.gain", "leak.inlet"} == {first.id, *first.indistinguishable}
     assert abs(first.onset - 100.0) < 10.0
     assert abs(first.end - 250.0) < 10.0
 

@@ -19,7 +19,8 @@ from lpvobs.io.configuration.config import load_config
 PACKAGE = ROOT / "lpvobs"
 PLANTS = {
     "nine states": (
-        "bench", "condition", "control", "derivative", "effects", "integrate", "parameters", "plant", "readings", "road", "scene", "sensing",
+        "bench", "condition", "control", "derivative", "effects", "integrate", "parameters", "plant",
+        "readings", "road", "scene", "sensing",
         "sensors", "simulate", "surface", "torque", "vehicle",
     ),
 }  # fmt: skip
