@@ -191,8 +191,8 @@ def on_the_reading() -> Mapping[str, Effect]:
     """Return the effects that every engine may have on the reading of the sensor, by name."""
     own = (SENSOR,)
     found = (
-        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 0.5, "sensor", delay, TRANSIENTS, needs=own),
-        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 0.5, "sensor", lag, TRANSIENTS, needs=own),
+        Effect("maf.delay", "delay", "s", 0.0, 0.03, -0.1, 1.0, "sensor", delay, TRANSIENTS, needs=own),
+        Effect("maf.lag", "tau", "s", 0.0, 0.03, -0.02, 1.0, "sensor", lag, TRANSIENTS, needs=own),
         Effect("maf.offset", "offset", "kg/s", 0.0, 1e-3, -0.02, 0.02, "sensor", offset(SENSOR), STEADY, True, needs=own),
         Effect(
             "maf.gain", "factor", "1", 1.0, 0.05, 0.4, 2.0, "sensor",
