@@ -24,7 +24,7 @@ def folder(measured, tmp_path_factory):
     """Return a folder with every recording as a log, and the map, the curves and the errors of the healthy one in `healthy.h5`."""
     folder = tmp_path_factory.mktemp("liu-ice")
     for name in ("wltp_NF", *FAULTS):
-        lpvobs.ingest(measured / "liu-ice" / f"{name}.csv", "liu-ice", folder / f"{name}.parquet")
+        lpvobs.ingest_log(measured / "liu-ice" / f"{name}.csv", "liu-ice", folder / f"{name}.parquet")
     lpvobs.estimate(LIU_ICE, folder / "wltp_NF.parquet", folder / "healthy.h5")
     return folder
 
