@@ -7,7 +7,6 @@ A change to this file that is not an addition breaks somebody's work.
 import json
 import re
 import shutil
-from importlib import import_module
 
 import h5py
 import numpy as np
@@ -19,8 +18,10 @@ from hdf5 import datasets
 from reference import throttled_drive
 from repository import LIU_ICE, short_cycle
 
+from lpvobs.engines.diesel.effects import CATALOGUE
+from lpvobs.engines.throttled.effects import catalogue as throttled_effects
 from lpvobs.errors import UsageError
-from lpvobs.io.configuration.config import load_effects
+from lpvobs.io.configuration.config import load_config, load_effects
 
 # --- logs ------------------------------------------------------------------------------------------------------------------
 DIESEL_CHANNELS = {
@@ -355,7 +356,8 @@ def test_an_effect_can_be_simulated_by_its_name_and_parameter(tmp_path, identifi
 
 @pytest.mark.parametrize(("engine", "expected"), [("diesel", EFFECTS), ("throttled", OF_THE_THROTTLE)])
 def test_an_effect_is_sought_by_its_name_and_parameter(engine, expected):
-    catalogue = {item.id: item for item in import_module(f"lpvobs.engines.{engine}.effects").CATALOGUE}
+    effects = {"diesel": CATALOGUE, "throttled": throttled_effects(load_config(LIU_ICE)[0].engine)}[engine]
+    catalogue = {item.id: item for item in effects}
     assert set(expected) <= set(catalogue) <= set(EFFECTS | OF_THE_THROTTLE)
     known = EFFECTS | OF_THE_THROTTLE
     assert {name: {item.parameter: item.unit} for name, item in catalogue.items()} == {

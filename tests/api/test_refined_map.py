@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.refined_map import expect_cascade, scaled
+from lpvobs.api.refined_map import expect_cascade
+from lpvobs.engines.diesel.constants import scaled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 

@@ -7,7 +7,7 @@ from repository import DIESEL
 from lpvobs.api.search_start import LEAST_LEFT, start_of
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.standing import Span, Standing
-from lpvobs.engines.diesel.effects import diesel_plant
+from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
@@ -21,8 +21,8 @@ REFINED = StoredRefinement(
 
 
 @pytest.fixture(scope="module")
-def plant():
-    return diesel_plant(load_config(DIESEL)[0].engine)
+def model():
+    return diesel_model(load_config(DIESEL)[0].engine, TOLERANCE)
 
 
 @pytest.fixture(scope="module")
@@ -36,28 +36,30 @@ def log(sha256):
     return Log("a", sha256, time, {}, {}, ((0, 3),), np.arange(3), Defects(3))
 
 
-def test_a_result_that_was_not_refined_starts_as_configured(plant, prior):
-    start = start_of(plant, prior, TOLERANCE, None, [log("2")])
-    assert (start.plant, start.prior, start.tolerance) == (plant, prior, TOLERANCE)
+def test_a_result_that_was_not_refined_starts_as_configured(model, prior):
+    start = start_of(model, prior, None, [log("2")])
+    assert (start.model, start.prior) == (model, prior)
     assert start.total({"V_d": 0.003}) == pytest.approx({"V_d": 0.003})
 
 
-def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(plant, prior):
-    start = start_of(plant, prior, TOLERANCE, REFINED, [log("2")])
-    assert start.plant.constants.V_d == pytest.approx(1.004 * plant.constants.V_d)
-    assert start.tolerance["V_d"] == pytest.approx(LEAST_LEFT * 0.01)  # no refinement narrows it further
-    assert start.tolerance["V_im"] == pytest.approx(np.sqrt(3.0) * 0.009)
+def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, prior):
+    start = start_of(model, prior, REFINED, [log("2")])
+    assert start.model.constants.V_d == pytest.approx(1.004 * model.constants.V_d)
+    again = start.model.with_unknowns(np.array([0.01, 0.0]))
+    assert again.V_d == pytest.approx(1.004 * 1.01 * model.constants.V_d)
+    # No refinement narrows a tolerance below a third; a deviation above it narrows to itself.
+    assert start.model.spread == pytest.approx([LEAST_LEFT * 0.01 / np.sqrt(3.0), 0.009])
     assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [0.004 - 0.001, -0.01])
     assert start.total({"V_d": 0.01})["V_d"] == pytest.approx(1.004 * 1.01 - 1.0)
 
 
-def test_logs_that_told_already_start_as_configured_with_the_map_brought_back(plant, prior):
-    start = start_of(plant, prior, TOLERANCE, REFINED, [log("1")])
-    assert start.plant.constants == plant.constants
-    assert start.tolerance == TOLERANCE
+def test_logs_that_told_already_start_as_configured_with_the_map_brought_back(model, prior):
+    start = start_of(model, prior, REFINED, [log("1")])
+    assert start.model.constants == model.constants
+    np.testing.assert_allclose(start.model.covariance, model.covariance)
     assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [-0.001, 0.0])
 
 
-def test_a_free_map_is_not_moved(plant):
+def test_a_free_map_is_not_moved(model):
     free = free_map(Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0])), 2, 0.1)
-    assert start_of(plant, free, TOLERANCE, REFINED, [log("2")]).prior is free
+    assert start_of(model, free, REFINED, [log("2")]).prior is free
