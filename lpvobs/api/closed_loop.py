@@ -14,10 +14,10 @@ from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import estimate_refined, expect_cascade, refined_model, sensor_state
 from lpvobs.api.search_start import Start, start_of
 from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.known_effects import KnownEffect, Span, from_off
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, nominal_map, refine
 from lpvobs.discovery.residual import MapPrior, free_map
-from lpvobs.discovery.standing import Span, Standing, from_off
 from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.engines.residual_model import ResidualModel
@@ -108,12 +108,12 @@ def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]
 def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
     """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
     stored, found = closed.stored, closed.refinement
-    proven = sensor_state(refined_model(closed.engine, stored.gain, found.standing, closed.constants), stored.gain)
+    proven = sensor_state(refined_model(closed.engine, stored.gain, found.known_effects, closed.constants), stored.gain)
     with changing(result, out) as file:
         for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
-        closed.write(file, found.standing)
+        closed.write(file, found.known_effects)
         if proven is not None:
             write_sensor_state(file["refinement"], proven, stored.gain)
         refuse_replaced(stored)
@@ -122,7 +122,7 @@ def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
 def _write_anew(out: Path, closed: "_Closed") -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
     stored, air_path = closed.stored, closed.engine.air_path
-    effects = tuple(from_off(effect) for effect in closed.refinement.standing)
+    effects = tuple(from_off(effect) for effect in closed.refinement.known_effects)
     seen = estimate_refined(closed.engine, stored.gain, effects, closed.constants, closed.used)
     provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
 
@@ -196,7 +196,7 @@ class _Closed:
         if found.trace.left is not None:
             write_leftover(group, found.trace.left)
 
-    def write(self, file: h5py.File, effects: Sequence[Standing]) -> None:
+    def write(self, file: h5py.File, effects: Sequence[KnownEffect]) -> None:
         """Write `/refinement` with the effects as the map is estimated beside them."""
         found = self.refinement
         stored = StoredRefinement(
@@ -210,10 +210,10 @@ class _Closed:
         write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.model.balances)
         self._write_pictures(file["refinement"])
 
-    def _with_earlier(self, effect: Standing) -> Standing:
+    def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
         """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
         earlier = {log.sha256: log.name for log in self.stored.logs} if self.frozen else {}
-        earlier |= {span.sha256: span.log for other in self.refinement.standing for span in other.spans}
+        earlier |= {span.sha256: span.log for other in self.refinement.known_effects for span in other.spans}
         told = {span.sha256 for span in effect.spans}
         without = [Span(name, digest, np.inf, np.inf) for digest, name in earlier.items() if digest not in told]
         return replace(effect, spans=effect.spans + tuple(without))
@@ -235,8 +235,8 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
         expect_cascade(path, stored.gain)
     model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
     start = start_of(model, prior_of(engine.config, model, stored, frozen), refined, logs)
-    had = () if refined is None else refined.effects
-    found = refine(start.model, engine.config.grid(), start.prior, logs, progress, had, hold_out)
+    known = () if refined is None else refined.effects
+    found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out)
     if found.trace.verdict == "unexplained":
         _refuse_slow(logs)
     return _Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)

@@ -8,8 +8,8 @@ from pathlib import Path
 from lpvobs.api.estimate import metrics_of
 from lpvobs.api.fleet import refuse_empty
 from lpvobs.api.known_engine import KnownEngine
+from lpvobs.discovery.known_effects import KnownEffect
 from lpvobs.discovery.observed import Refined, observed
-from lpvobs.discovery.standing import Standing
 from lpvobs.errors import DataError
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.log_summaries import LogSummary, summary_of
@@ -40,7 +40,7 @@ class RefinedEstimate:
 def estimate_refined(
     engine: KnownEngine,
     gain: StoredGain,
-    effects: tuple[Standing, ...],
+    effects: tuple[KnownEffect, ...],
     constants: Mapping[str, float],
     logs: Sequence[tuple[Path, Log]],
 ) -> RefinedEstimate:
@@ -51,7 +51,7 @@ def estimate_refined(
     engine : KnownEngine
     gain : StoredGain
         Of the result that is refined.
-    effects : tuple of Standing
+    effects : tuple of KnownEffect
     constants : mapping of str to float
         Relative deviation of constants of the engine from the configured ones.
     logs : sequence of (Path, Log)
@@ -90,7 +90,7 @@ def expect_cascade(path: Path, gain: StoredGain) -> None:
 
 
 def refined_model(
-    engine: KnownEngine, gain: StoredGain, effects: tuple[Standing, ...], constants: Mapping[str, float]
+    engine: KnownEngine, gain: StoredGain, effects: tuple[KnownEffect, ...], constants: Mapping[str, float]
 ) -> Refined:
     """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
 

@@ -72,7 +72,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
         from lpvobs.report.discovered import where
 
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
-    for title, effects in (("found", found.findings), ("in the model already", found.standing)):
+    for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
             _show_likes(effects)

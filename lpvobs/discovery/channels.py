@@ -103,7 +103,7 @@ def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
     products = np.stack([linear.products(column) for column in columns])
     answers = np.stack([linear.project(row) for row in products])
     normal = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
-    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.pull
+    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
     normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
     coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
     return float(-0.5 * gradient @ coefficients), coefficients

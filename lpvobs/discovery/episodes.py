@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from lpvobs.discovery.linear import Linear, dot, residual_with
-from lpvobs.discovery.ranking import least
+from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import BLURRED, OPPOSITE, SWITCH
 from lpvobs.records import Array
@@ -55,15 +55,17 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
 
     An effect that ends and undoes this one is put aside: together they are a pause.
     """
-    undoing = [i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _undoes(linear, i, index)]
-    gain = advantage(linear, index, undoing)
+    cancelling = [
+        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _cancels(linear, i, index)
+    ]
+    gain = advantage(linear, index, cancelling)
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
-    return float(gain[acting].sum()) > (1.0 + BLURRED) * one + least(linear.problem)
+    return float(gain[acting].sum()) > (1.0 + BLURRED) * one + least_gain(linear.problem)
 
 
-def _undoes(linear: Linear, one: int, other: int) -> bool:
+def _cancels(linear: Linear, one: int, other: int) -> bool:
     """Return whether what one term does to the residual is, while it acts, the opposite of what the other does."""
     whole = residual_with(linear, linear.terms)
     a, b = (

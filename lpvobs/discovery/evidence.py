@@ -1,4 +1,4 @@
-"""One candidate effect at a time against the residual: its best size, its best interval, and whether one size fits all of it."""
+"""The evidence for one candidate effect: its best size, its gain, its best interval, and whether one size fits every block."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.stats
 from numpy.typing import NDArray
 
-from lpvobs.discovery.drawn_up import operating_nodes, residual_of, views
+from lpvobs.discovery.imbalances import operating_nodes, residual_of, views
 from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
@@ -27,12 +27,12 @@ class Candidate:
     information : float
         What the data say about its size when map and constants are unknown, 1/unit^2.
     unevenness : float
-        Mean square of the block sums of its score over what noise gives: near one when one size fits every block. One, too, where
-        the data say nothing of it beside the effects that are there.
+        Mean square of the block sums of its score over that of noise. It is near one when one size fits every block, and one where
+        the data cannot tell the effect from those that are there.
     loss : ndarray, shape (blocks,)
         Half the sum of squares that is left, by block.
     elsewhere : float
-        Unevenness without the block that has the largest share in it: one alone, such as a cold start, is no structure in time.
+        Unevenness without its largest block: a single event, such as a cold start, is no structure in time.
     from_start : bool
         Whether it acts from the first tenth of the logs on, and ends.
     """
@@ -57,13 +57,13 @@ class Candidate:
 
 
 def loss_of(linear: Linear) -> Array:
-    """Return half the sum of squares by block, after the step that is left to the optimum, shape (blocks,)."""
-    left = linear.moved(linear.residual, linear.pull)
+    """Return half the sum of squares by block at the optimum of the linear model, shape (blocks,)."""
+    left = linear.moved(linear.residual, linear.newton_step)
     return 0.5 * linear.by_block(left, left)
 
 
 def change_of(linear: Linear, effect: Effect, size: float) -> Array:
-    """Return how a further effect changes the residual when it acts all the time, shape (2, B, K), not whitened."""
+    """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
     problem = linear.problem
     scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
     if (
@@ -81,11 +81,11 @@ def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = N
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 
-def promise_of(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
-    """Return the gain of an effect in an interval as a straight line through none promises it."""
+def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
+    """Return the gain of an effect in an interval, with the residual taken as linear in its size."""
     slope = linear.whiten(slope_of(linear, effect, effect.null) * within(linear, begin, end))
     products = linear.products(slope)
-    gradient = dot(slope, linear.residual) - float(products @ linear.pull)
+    gradient = dot(slope, linear.residual) - float(products @ linear.newton_step)
     information = dot(slope, slope) - float(products @ linear.project(products))
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
 
@@ -105,7 +105,7 @@ def ends_of(linear: Linear, first: int, last: int) -> tuple[float, float]:
 def fit_candidate(
     linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf, size: float | None = None
 ) -> Candidate:
-    """Return the effect at its best size in an interval: Gauss-Newton in the size, map and constants projected out."""
+    """Return the effect at its best size in an interval, by Gauss-Newton steps with map and constants projected out."""
     on = within(linear, begin, end)
     size = effect.null if size is None else size
     best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
@@ -115,7 +115,10 @@ def fit_candidate(
         products = linear.products(change)
         answer = linear.project(products)
         gain = -(
-            0.5 * dot(change, change) + dot(change, linear.residual) - 0.5 * products @ answer - products @ linear.pull
+            0.5 * dot(change, change)
+            + dot(change, linear.residual)
+            - 0.5 * products @ answer
+            - products @ linear.newton_step
         )
         if gain <= best[0]:
             size = 0.5 * (size + best[1])
@@ -125,7 +128,7 @@ def fit_candidate(
         own = linear.project(against)
         best = (float(gain), float(size), change, slope, answer)
         information = dot(slope, slope) - against @ own
-        gradient = dot(slope, linear.residual + change) - against @ (answer + linear.pull)
+        gradient = dot(slope, linear.residual + change) - against @ (answer + linear.newton_step)
         if not information > STRONG * np.sqrt(_blur(linear, slope).sum()):
             break
         new = float(np.clip(size - gradient / information, effect.low, effect.high))
@@ -137,7 +140,7 @@ def fit_candidate(
 
 def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
     problem = linear.problem
-    left = linear.moved(linear.residual + change, answer + linear.pull)
+    left = linear.moved(linear.residual + change, answer + linear.newton_step)
     against = linear.products(slope)
     own = linear.project(against)
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
@@ -152,19 +155,19 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
 
 
 def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
-    """Return the mean square of block sums over what noise gives, and the same without the largest of them."""
+    """Return the mean square of block sums over that of noise, and the same without the largest of them."""
     squares = sums**2 / information
     return float(squares.sum()), float(squares.sum() - squares.max())
 
 
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
-    """Return an effect of the model as a candidate again: information and unevenness where the joint model stands."""
+    """Return an effect of the model as a candidate, with information and unevenness taken from the joint model."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.pull.size)
+    unit = np.zeros(linear.newton_step.size)
     unit[at] = 1.0
     row = linear.project(unit)
     information = 1.0 / row[at]
-    left = linear.moved(linear.residual, linear.pull)
+    left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ row * information
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
@@ -185,7 +188,7 @@ def gains_of_intervals(linear: Linear, direction: Array) -> Array:
     """
     first, whitened = linear.problem.first, linear.whiten(direction)
     products, score = linear.along_stretches(direction, whitened)
-    score = score - products @ linear.pull
+    score = score - products @ linear.newton_step
     white = scipy.linalg.solve_triangular(linear.factor, np.cumsum(products, 0).T, lower=True, check_finite=False).T
     white = np.vstack([np.zeros(white.shape[1]), white])
     S = np.concatenate([[0.0], np.cumsum(score)])
@@ -224,8 +227,8 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
 def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
     """Return what an interval must gain over the whole log.
 
-    That is the search over its ends, a hundredth for each, and a tenth where it ends and has no onset, or one just after
-    the start: effects begin, and what ends at some time can often be written as its opposite that begins then.
+    Each end costs the search over its place and a hundredth of the gain. An interval that ends, but begins at or just after the
+    start, costs a further tenth: an effect that ends can often be written as its opposite that begins.
     """
     return changes * (3.0 * float(np.log(blocks)) + 0.01 * gain) + (0.1 * gain if from_start else 0.0)
 
@@ -243,7 +246,7 @@ def p_value(candidate: Candidate, tried: int) -> float:
 
 
 def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:
-    """Return the effect on the range of blocks that pays best, sought again at the size found there."""
+    """Return the effect on the range of blocks with the best score, sought again with the size found there."""
     if linear.problem.first.size < 3 * LEAST_LENGTH:
         return whole
     effect = whole.term.effect
@@ -257,9 +260,9 @@ def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> C
 
 
 def dated_again(bare: Linear, term: Term) -> Term:
-    """Return a term with each of its ends where it gains most within a stretch of before, all unknowns following.
+    """Return a term whose ends are moved, by a stretch at most, to where it gains most with all unknowns fitted.
 
-    `bare` is the model without it, made from all data: an onset that lies in a stretch that was kept back was only guessed.
+    `bare` is the model without it, fitted to all data. Until then an onset in a stretch that was kept back is only a guess.
     """
     problem, n = bare.problem, bare.problem.first.size
     reach = STRETCH + 2.0 * float(np.median(np.diff(problem.begins)))
@@ -277,7 +280,7 @@ def dated_again(bare: Linear, term: Term) -> Term:
 
 
 def _direction(linear: Linear, effect: Effect, size: float) -> Array:
-    """Return the change per size that an effect makes when it has a size."""
+    """Return the change of the residual per size: the secant from none to a large size, the slope at a small one."""
     far = abs(size - effect.null) > 0.2 * effect.size
     return change_of(linear, effect, size) / (size - effect.null) if far else slope_of(linear, effect, size)
 

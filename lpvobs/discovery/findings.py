@@ -8,11 +8,11 @@ import numpy as np
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.outcome import Finding, LogPart, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.select import Accepted
-from lpvobs.discovery.standing import NINETY, Standing, spans_of, stored_curve
 from lpvobs.records import Log
 
 
@@ -32,17 +32,17 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         end=place_in_logs(logs, term.end),
         explained=item.share,
         p_value=item.p_value,
-        indistinguishable=item.alike,
+        indistinguishable=item.indistinguishable,
         drive=term.effect.drive,
         curve=_curve(item.curve),
     )
 
 
-def standing_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Standing:
+def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> KnownEffect:
     """Return an accepted effect as the model keeps it."""
     term = item.candidate.term
     parameter = parameter_of(term, item.standard_error)
-    return Standing(
+    return KnownEffect(
         id=term.effect.id,
         place=term.effect.place,
         parameter=term.effect.parameter,
@@ -55,10 +55,10 @@ def standing_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Standi
     )
 
 
-def known_finding(standing: Standing) -> Finding:
+def known_finding(known_effect: KnownEffect) -> Finding:
     """Return an effect that the model had already."""
-    parameter = Parameter(standing.value, standing.unit, standing.ci90)
-    return Finding(standing.id, {standing.parameter: parameter}, None, None, None, None, (), "", None)
+    parameter = Parameter(known_effect.value, known_effect.unit, known_effect.ci90)
+    return Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, (), "", None)
 
 
 def log_part(
@@ -67,13 +67,13 @@ def log_part(
     *,
     verdict: str,
     findings: Sequence[Finding],
-    found: Sequence[Standing],
+    found: Sequence[KnownEffect],
     **more: Any,
 ) -> LogPart:
     """Return what is said of one log: the pooled findings that act on it, its own error, and `more` as `LogPart` has it."""
     start, acting = float(log.time[0]), []
-    for finding, standing in zip(findings, found, strict=True):
-        span = standing.span_on(log)
+    for finding, known_effect in zip(findings, found, strict=True):
+        span = known_effect.span_on(log)
         if span.acts:
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:

@@ -1,4 +1,4 @@
-"""Gauss-Newton on map, constants and effects together."""
+"""The joint fit of map, constants and effects by Gauss-Newton steps, with weights made from the residual."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,11 +7,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lpvobs.discovery.drawn_up import (
+from lpvobs.discovery.imbalances import (
     Nodes,
-    bend_of,
     by_unknowns,
-    drawn_up,
+    curvature_bias,
+    imbalances_at,
     map_along,
     operating_nodes,
     residual_of,
@@ -35,7 +35,8 @@ def fit(problem: Problem, terms: Sequence[Term] = (), passes: int = 4, start: Li
         linear = converged(linear)
         noise = noise_of(problem, linear.nodes, linear.raw[0])
         linear = linearised(problem, linear.terms, linear.theta, linear.beta, noise, linear.pinned, linear)
-    return _stepped(linear, None)  # near the stall of the compressor derivatives change fast, and tests follow
+    # Tests rely on the derivatives, which change fast near the stall of the compressor: the last step takes them anew.
+    return _stepped(linear, None)
 
 
 def linearised(
@@ -47,10 +48,10 @@ def linearised(
     pinned: NDArray[np.bool_] | None = None,
     near: Linear | None = None,
 ) -> Linear:
-    """Return the linear model at a point; with a model `near` by, its derivatives by the unknowns are used."""
+    """Return the linear model at a point; the derivatives by the unknowns are those of the model `near`, where one is given."""
     scenes = scenes_with(problem, terms, beta)
     nodes = operating_nodes(problem, scenes)
-    each = drawn_up(problem, scenes, beta)
+    each = imbalances_at(problem, scenes, beta)
     raw = views(each, problem.K)
     raw[0] -= problem.by_reading * map_along(theta, nodes)
     derivatives = by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
@@ -59,7 +60,7 @@ def linearised(
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
-    straight[0] += bend_of(problem, scenes, each)
+    straight[0] += curvature_bias(problem, scenes, each)
     residual = noise.whiten(straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
@@ -82,13 +83,13 @@ def linearised(
         normal=prior,
         factor=prior,
         gradient=deviation,
-        pull=deviation,
+        newton_step=deviation,
     )
     normal = normal_of(bare) + prior + pins(problem, pinned, prior.shape[0])
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation
-    pull = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
-    return replace(bare, normal=normal, factor=factor, gradient=gradient, pull=pull)
+    newton_step = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
+    return replace(bare, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
 
 
 def _map_columns(problem: Problem, noise: Noise, nodes: Nodes) -> Array:
@@ -108,7 +109,7 @@ def refit(linear: Linear, terms: Sequence[Term]) -> Linear:
 
 
 def objective(linear: Linear) -> float:
-    """Return half the sum of squares where a model stands, what is known beforehand included."""
+    """Return half the sum of squares of a model at its point, priors included."""
     problem = linear.problem
     sizes = [term.size - term.effect.null for term in linear.terms]
     deviation = np.concatenate([linear.theta - problem.prior.mean, linear.beta, sizes])
@@ -117,9 +118,9 @@ def objective(linear: Linear) -> float:
 
 
 def converged(linear: Linear) -> Linear:
-    """Return the model after as many steps as it takes to stand still, with the weights that it has."""
+    """Return the model at its optimum with the weights that it has."""
     for step in range(1, MOST_STEPS + 1):
-        if float(linear.pull @ linear.normal @ linear.pull) < STILL and not linear.pinned_wrongly().any():
+        if float(linear.newton_step @ linear.normal @ linear.newton_step) < STILL and not linear.pinned_wrongly().any():
             break
         linear = _stepped(linear, linear if step % ANEW else None)
     return linear
@@ -128,13 +129,13 @@ def converged(linear: Linear) -> Linear:
 def _stepped(linear: Linear, near: Linear | None) -> Linear:
     problem, p, q = linear.problem, linear.p, linear.beta.size
     bound = FARTHEST * problem.spread
-    wanted = linear.beta - linear.pull[p : p + q]
+    wanted = linear.beta - linear.newton_step[p : p + q]
     beta = np.clip(wanted, -bound, bound)
     terms = tuple(
         replace(t, size=float(np.clip(t.size - d, t.effect.low, t.effect.high)))
-        for t, d in zip(linear.terms, linear.pull[p + q :], strict=True)
+        for t, d in zip(linear.terms, linear.newton_step[p + q :], strict=True)
     )
-    theta = linear.theta - linear.pull[:p]
+    theta = linear.theta - linear.newton_step[:p]
     pinned = (np.abs(wanted) > bound) | (linear.pinned & ~linear.pinned_wrongly())
     return linearised(problem, terms, theta, beta, linear.noise, pinned, near)
 
@@ -154,18 +155,18 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Arr
 
 
 def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
-    """Return the precision of what is known beforehand, shape (n, n)."""
+    """Return the prior precision of all unknowns, shape (n, n)."""
     P, S = problem.prior.precision, problem.prior.sensitivity
     S = np.hstack(
         [S, np.zeros((S.shape[0], problem.spread.size - S.shape[1]))]
-    )  # a map owes nothing to another day's levels
+    )  # the map does not depend on the levels of another day
     known = np.block([[P, -P @ S], [-S.T @ P, S.T @ P @ S + problem.precision]])
     own = np.array([(WIDEST * t.effect.size) ** -2.0 for t in terms])
     return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
 
 
 def pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
-    """Return what holds pinned constants where they are, shape (n, n)."""
+    """Return the precision that holds pinned constants at their values, shape (n, n)."""
     held = np.zeros(n)
     p = problem.grid.size
     held[p : p + pinned.size] = np.where(pinned, PIN * problem.spread**-2.0, 0.0)
@@ -191,7 +192,7 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
 
 
 def cholesky(matrix: Array) -> Array:
-    """Return the lower Cholesky factor; a matrix that noise made indefinite gets the smallest ridge that mends it."""
+    """Return the lower Cholesky factor; noise may make the matrix indefinite, and the smallest ridge mends it."""
     scale = np.diag(np.abs(np.diag(matrix)))
     for ridge in (0.0, 1e-8, 1e-4, 1e-2, 1e-1):
         try:

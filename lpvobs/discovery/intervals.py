@@ -29,7 +29,7 @@ def standard_errors(linear: Linear) -> Array:
     prior = prior_precision(linear.problem, linear.terms)
     factor = cholesky(linear.normal - pins(linear.problem, linear.pinned, prior.shape[0]))
     first = linear.p + linear.beta.size
-    units = np.eye(linear.pull.size)[:, first:]
+    units = np.eye(linear.newton_step.size)[:, first:]
     rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
     within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
     return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
@@ -63,7 +63,7 @@ def between_windows(linear: Linear) -> Array:
 def _variance(linear: Linear, row: Array, plain: float, prior: Array) -> float:
     """Return the variance of one size for a given window; `plain` is that without model error."""
     problem = linear.problem
-    left = linear.moved(linear.residual, linear.pull)
+    left = linear.moved(linear.residual, linear.newton_step)
     along = -linear.moved(np.zeros_like(left), row)
     scores = (along[0] * left[0] - along[1] * left[1]).sum(0)
     known = float(row @ prior @ row)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.standing import own_time
 from lpvobs.discovery.thresholds import LARGE, LEAST_VISIT, MOST_NAMED
 from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array, Log

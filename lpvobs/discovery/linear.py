@@ -1,8 +1,8 @@
-"""The joint model of map, unknowns and effects, linear around where it stands, in units of its noise.
+"""The joint model of map, unknowns and effects, linearised at one point, in units of its noise.
 
 Every quantity is kept as the mean and half the difference of two views with independent noise. Products are taken across the
-views, which in these terms is mean times mean minus difference times difference: noise that a regressor shares with the residual
-drops out of every sum, so that a regressor built from noisy signals is not attenuated and a clean log shows no lag.
+views: mean times mean minus difference times difference. The noise that a regressor shares with the residual drops out of such a
+sum. A regressor built from noisy signals is therefore not attenuated, and a clean log shows no lag.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ import scipy.linalg
 from numba import njit
 from numpy.typing import NDArray
 
-from lpvobs.discovery.drawn_up import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
@@ -21,7 +21,7 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Linear:
-    """A model at one point, and the directions in which it can move.
+    """A model at one point, and its derivatives there.
 
     n = p + q + terms unknowns; B balances; two views as mean and half difference.
 
@@ -35,26 +35,26 @@ class Linear:
     pinned : ndarray of bool, shape (q,)
         Constants at the end of their tolerance that would leave it if they could.
     noise : Noise
-        What is whitened with it is zero where a place is not used.
+        Whitened values are zero at places that are not used.
     raw, residual : ndarray, shape (2, B, K)
-        In the model's unit, and whitened, there with what `bend_of` adds.
+        In the model's unit, and whitened, there with what `curvature_bias` adds.
     by_unknowns : ndarray, shape (q, 2, B, K)
-        Derivatives of the residual by the unknowns; from a nearby point where the model has moved little since.
+        Derivatives of the residual by the unknowns, perhaps taken at a nearby point.
     columns : ndarray, shape (q + terms, 2, B, K)
         Whitened derivatives of the residual by constants and effects.
     mapped : ndarray, shape (B, K)
         Whitened derivative of the residual by a shift of the map, with opposite sign.
     dense : ndarray, shape (p, B, K), or None
-        The same by every node, where noise that is correlated in time spreads a node's trace over all places; None where a place
-        sees the nodes of its cell alone.
+        The same for every node. It is needed where noise that is correlated in time spreads a node over all places; None where a
+        place sees the nodes of its cell alone.
     normal : ndarray, shape (n, n)
         Products of all columns with each other, and priors.
     factor : ndarray, shape (n, n)
         Its lower Cholesky factor.
     gradient : ndarray, shape (n,)
         Of half the sum of squares with priors.
-    pull : ndarray, shape (n,)
-        Negative of the step to the optimum of this linear model.
+    newton_step : ndarray, shape (n,)
+        What the unknowns exceed the optimum of this linear model by: it is subtracted from them.
     """
 
     problem: Problem
@@ -74,7 +74,7 @@ class Linear:
     normal: Array
     factor: Array
     gradient: Array
-    pull: Array
+    newton_step: Array
 
     @property
     def p(self) -> int:
@@ -82,7 +82,7 @@ class Linear:
         return self.theta.size
 
     def pinned_wrongly(self) -> NDArray[np.bool_]:
-        """Return which pinned constants would now rather go back into their tolerance, shape (q,)."""
+        """Return which pinned constants the gradient now pushes back into their tolerance, shape (q,)."""
         along = self.gradient[self.p : self.p + self.beta.size] * np.sign(self.beta)
         return np.asarray(self.pinned & (along > 0.0), dtype=bool)
 
@@ -106,7 +106,8 @@ class Linear:
     def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
         """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.
 
-        Where noise is correlated in time a part of a direction is not a part of what is whitened: the other factor is brought back.
+        Where noise is correlated in time, whitening mixes the stretches. The direction then stays as it is, and the other factor is
+        multiplied by the inverse covariance.
         """
         if self.dense is None:
             return self.products_by_block(whitened), self.by_block(whitened, self.residual)

@@ -219,8 +219,8 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     same = place[:, None] == place[None]
     memory = np.where(same, 1.0, (1.0 - AT_ONCE) * np.exp(-distance / SHORT))
     covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory
-    alike = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
-    covariance += np.where(alike, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
+    same_series = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
+    covariance += np.where(same_series, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
     if model.blur is not None:
         more = model.blur(model.constants, problem.signals, problem.blocks).T.ravel()[order]
         covariance[np.arange(order.size), np.arange(order.size)] += more**2

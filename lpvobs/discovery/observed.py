@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from lpvobs.discovery.standing import Standing, effect_along
+from lpvobs.discovery.known_effects import KnownEffect, effect_along
 from lpvobs.discovery.thresholds import WIDE
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.effects import SENSOR, Signals
@@ -52,7 +52,7 @@ class Refined:
         The last column zero.
     smoothing : float
         [s], as in the configuration.
-    effects : tuple of Standing
+    effects : tuple of KnownEffect
     """
 
     model: ResidualModel
@@ -60,10 +60,10 @@ class Refined:
     outputs: tuple[str, ...]
     L: Array
     smoothing: float
-    effects: tuple[Standing, ...]
+    effects: tuple[KnownEffect, ...]
 
     @property
-    def lags(self) -> tuple[Standing, ...]:
+    def lags(self) -> tuple[KnownEffect, ...]:
         """The effects that add a state."""
         return tuple(effect for effect in self.effects if effect.id in LAGS)
 
@@ -140,12 +140,12 @@ def _signals(model: ResidualModel, log: Log, rates: Mapping[str, Array]) -> Sign
     )
 
 
-def _put(signals: Signals, refined: Refined, effects: Sequence[Standing], log: Log) -> Signals:
+def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log: Log) -> Signals:
     """Return the signals with effects accounted for where they act, in the order of the catalogue; channels come last."""
     order = {effect.id: i for i, effect in enumerate(refined.model.catalogue)}
-    for standing in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
-        effect, on = effect_along(standing, refined.model, log)
-        signals = signals.where(on, effect.apply(signals, standing.value))
+    for known_effect in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
+        effect, on = effect_along(known_effect, refined.model, log)
+        signals = signals.where(on, effect.apply(signals, known_effect.value))
     return signals
 
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lpvobs.discovery.carried import HOW_WHOLE
 from lpvobs.discovery.held_out import HOW, MEASURE, Comparison
 from lpvobs.discovery.leftover import Leftover
+from lpvobs.discovery.unseen import HOW_WHOLE
 from lpvobs.discovery.whiteness import Whiteness
 
 
@@ -239,7 +239,7 @@ class Trace:
         Of the residual that is left.
     correlated_with : mapping of str to float
         Signals that it follows, with the correlation.
-    standing : tuple of Finding
+    known_effects : tuple of Finding
         Effects that the model had already, estimated again.
     logs : tuple of LogPart
         One for each log, then one for each log held out.
@@ -255,7 +255,7 @@ class Trace:
     comparison: Comparison
     white: bool
     correlated_with: Mapping[str, float]
-    standing: tuple[Finding, ...]
+    known_effects: tuple[Finding, ...]
     logs: tuple[LogPart, ...]
     held_out: Comparison | None
     left: Leftover | None
@@ -270,8 +270,8 @@ class Trace:
         }
         if self.left is not None:
             shown["residual"] |= self.left.as_json()
-        if self.standing:
-            shown["standing"] = [finding.as_json() for finding in self.standing]
+        if self.known_effects:
+            shown["known_effects"] = [finding.as_json() for finding in self.known_effects]
         if self.held_out is not None:
             shown["error_on_held_out_logs"] = error_content(self.held_out, refined, HOW_WHOLE)
         return shown | {"logs": [part.as_json(refined) for part in self.logs]}

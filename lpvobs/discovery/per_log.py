@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.discovery.drawn_up import residual_of, scenes_with
+from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import BalanceError, DayLevel, Missing
 from lpvobs.discovery.residual import Problem, Term

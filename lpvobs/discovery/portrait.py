@@ -8,11 +8,11 @@ import scipy.signal
 import scipy.stats
 from numpy.typing import NDArray
 
+from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.leftover import block_sums
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.standing import own_time
 from lpvobs.discovery.thresholds import COLOURED, LAGS
 from lpvobs.records import Array, Log
 
@@ -195,7 +195,7 @@ def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
 def _partial(linear: Linear, index: int) -> Partial:
     """Return the added-variable plot of one effect (Frisch and Waugh), in the linear model around the optimum."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.pull.size)
+    unit = np.zeros(linear.newton_step.size)
     unit[at] = 1.0
     row = linear.project(unit)
     term = linear.terms[index]

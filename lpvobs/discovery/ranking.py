@@ -1,4 +1,4 @@
-"""All candidates against one model: how promising each is, the logged channels among them, and which is worth a name."""
+"""The ranking of all candidates against one model, logged channels included, and the test whether one of them is proven."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,11 +6,11 @@ from lpvobs.discovery.channels import Curve, channel_candidates
 from lpvobs.discovery.evidence import (
     Candidate,
     best_intervals,
+    first_order_gain,
     fit_candidate,
     gains_of_intervals,
     p_value,
     penalty,
-    promise_of,
     score,
     slope_of,
     with_best_interval,
@@ -31,19 +31,19 @@ from lpvobs.engines.effects import Effect
 
 
 def uneven_share(candidate: Candidate, problem: Problem) -> float:
-    """Return what a size of its own for every block would gain, over what the one size gains."""
+    """Return the further gain of a size of its own for every block, over the gain of one size for all."""
     return 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks / max(candidate.gain, 1e-9)
 
 
 def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
-    """Return the most promising effects, each on its best interval where it is at the front, best first."""
+    """Return the most promising effects, best first; the leading ones on their best intervals."""
     free = linear.problem.prior.free
     if not intervals or linear.problem.first.size < 3 * LEAST_LENGTH:
-        promise = {e: promise_of(linear, e) for e in effects if not (free and e.in_map)}
-        return sorted((fit_candidate(linear, e) for e in foremost(promise)), key=score, reverse=True)
-    promise = {e: _promise_of_intervals(linear, e, free and e.in_map) for e in effects}
+        expected = {e: first_order_gain(linear, e) for e in effects if not (free and e.in_map)}
+        return sorted((fit_candidate(linear, e) for e in most_promising(expected)), key=score, reverse=True)
+    expected = {e: _first_order_gain_of_intervals(linear, e, free and e.in_map) for e in effects}
     found: list[Candidate] = []
-    for effect in foremost(promise):
+    for effect in most_promising(expected):
         absorbed = free and effect.in_map
         whole = fit_candidate(linear, effect)
         if len(found) < SHORTLIST:
@@ -54,7 +54,7 @@ def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> l
 
 
 def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate]:
-    """Return the ranking with the plainest of those that tie with the first, in the same interval, at its head."""
+    """Return the ranking headed by the effect that the catalogue lists first, of those that tie with the best in its interval."""
     order = [effect.id for effect in problem.catalogue]
     first = ranked[0]
     tied = [
@@ -66,13 +66,13 @@ def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate
     return [head, *(c for c in ranked if c is not head)]
 
 
-def foremost(promise: Mapping[Effect, float]) -> list[Effect]:
-    """Return the effects that promise most, best first."""
-    return sorted(promise, key=lambda effect: promise[effect], reverse=True)[:LOOKED_AT]
+def most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
+    """Return the effects with the largest gain to first order, best first."""
+    return sorted(expected, key=lambda effect: expected[effect], reverse=True)[:LOOKED_AT]
 
 
-def _promise_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> float:
-    """Return what an effect promises on the range of blocks, or over the whole logs, that suits it best."""
+def _first_order_gain_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> float:
+    """Return the first-order gain of an effect on its best range of blocks, or over the whole logs."""
     blocks = linear.problem.first.size
     gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
     tops = [
@@ -87,23 +87,23 @@ def tried(problem: Problem) -> int:
     return len(problem.catalogue) + 2 * len(problem.carriers) * len(problem.auxiliary)
 
 
-def matters(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate explains more than smoothing, a bilinear map and another day leave.
+def is_relevant(candidate: Candidate, linear: Linear) -> bool:
+    """Return whether a candidate explains more than smoothing, a bilinear map and differences between days may leave.
 
-    Where days differ, what acts from the first sample to the last needs more: how much they differ is known from experience alone.
+    Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience alone.
     """
     always = bool(linear.problem.levels) and candidate.changes == 0
-    return candidate.gain >= least(linear.problem) * (ALWAYS if always else 1.0)
+    return candidate.gain >= least_gain(linear.problem) * (ALWAYS if always else 1.0)
 
 
-def least(problem: Problem) -> float:
-    """Return the gain that is the least to matter."""
+def least_gain(problem: Problem) -> float:
+    """Return the smallest gain that is relevant."""
     return max(LEAST_SHARE * 0.5 * problem.data, PROVEN)
 
 
-def worth(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate is neither chance nor too small to matter."""
-    return matters(candidate, linear) and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
+def is_proven(candidate: Candidate, linear: Linear) -> bool:
+    """Return whether a candidate is both relevant and significant."""
+    return is_relevant(candidate, linear) and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
 
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:

@@ -7,22 +7,22 @@ from functools import partial
 import numpy as np
 import scipy.linalg
 
-from lpvobs.discovery.carried import carried, together
 from lpvobs.discovery.evidence import in_place
-from lpvobs.discovery.findings import finding_of, known_finding, log_part, parameter_of, standing_of
+from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.held_out import Losses
 from lpvobs.discovery.intervals import standard_errors
+from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.per_log import shown_by
-from lpvobs.discovery.ranking import worth
+from lpvobs.discovery.ranking import is_proven
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Accepted, Selection, select
 from lpvobs.discovery.select import structure as time_structure
-from lpvobs.discovery.standing import Standing, term_on
 from lpvobs.discovery.thresholds import LIKENESS, STRUCTURE_LEFT
+from lpvobs.discovery.unseen import losses_on_unseen, pooled_losses
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -42,7 +42,7 @@ class Refinement:
         [kg^2/s^2]
     beta, beta_deviation : mapping of str to float
         Relative deviation of each uncertain constant from the configured one, and its standard deviation.
-    standing : tuple of Standing
+    known_effects : tuple of KnownEffect
         Every effect of the model: those that it had, re-estimated, then those that were found.
     before, after : Linear
         Residual, regressors and weights of either model, for reports.
@@ -54,7 +54,7 @@ class Refinement:
     covariance: Array
     beta: Mapping[str, float]
     beta_deviation: Mapping[str, float]
-    standing: tuple[Standing, ...]
+    known_effects: tuple[KnownEffect, ...]
     before: Linear
     after: Linear
     whiteness_before: Whiteness
@@ -97,7 +97,7 @@ def refine(
     prior: MapPrior,
     logs: Sequence[Log],
     progress: Callable[[float], None] = lambda _: None,
-    had: Sequence[Standing] = (),
+    known: Sequence[KnownEffect] = (),
     hold_out: Sequence[Log] = (),
 ) -> Refinement:
     """Return the model with the effects that the logs prove.
@@ -112,7 +112,7 @@ def refine(
         Pooled.
     progress : callable
         Told the share that is done.
-    had : sequence of Standing
+    known : sequence of KnownEffect
         Effects that the model has already; they are estimated again.
     hold_out : sequence of Log
         Nothing is fitted to these, no decision sees them; the error before and after is judged on them, too.
@@ -124,19 +124,21 @@ def refine(
     """
     lay = partial(lay_out, model, grid, prior)
     problem = lay(logs)
-    terms = tuple(term_on(standing, problem, logs) for standing in had)
+    terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
     own = [structure(linear) for linear in (before, after)]
     accepted = selection.accepted
-    kept: tuple[Standing, ...] = ()
-    if had:
+    kept: tuple[KnownEffect, ...] = ()
+    if known:
         errors = standard_errors(after)
-        accepted = _again(after, len(had), accepted, errors)
-        kept = tuple(_kept(after.terms[i], float(errors[i]), standing, logs) for i, standing in enumerate(had))
-    found = tuple(standing_of(problem, logs, item) for item in accepted)
+        accepted = _again(after, len(known), accepted, errors)
+        kept = tuple(
+            _kept(after.terms[i], float(errors[i]), known_effect, logs) for i, known_effect in enumerate(known)
+        )
+    found = tuple(known_effect_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(problem, logs, item) for item in accepted)
-    judged = [_unseen(lay, (before, after), (kept, kept + found), log) for log in hold_out]
-    tell = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
+    judged = [_losses_on(lay, (before, after), (kept, kept + found), log) for log in hold_out]
+    part_of = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
     result = Trace(
         verdict=selection.verdict,
         findings=findings,
@@ -144,21 +146,21 @@ def refine(
         comparison=selection.losses.comparison(),
         white=own[1].white,
         correlated_with=own[1].correlated_with,
-        standing=tuple(known_finding(standing) for standing in kept),
+        known_effects=tuple(known_finding(known_effect) for known_effect in kept),
         logs=(
             *(
-                tell(log, selection.losses.part(problem.of_log == i).comparison(), **shown_by(after, i))
+                part_of(log, selection.losses.part(problem.of_log == i).comparison(), **shown_by(after, i))
                 for i, log in enumerate(logs)
             ),
-            *(tell(log, losses.comparison(), own=None) for log, losses in zip(hold_out, judged, strict=True)),
+            *(part_of(log, losses.comparison(), own=None) for log, losses in zip(hold_out, judged, strict=True)),
         ),
-        held_out=together(judged).comparison() if judged else None,
+        held_out=pooled_losses(judged).comparison() if judged else None,
         left=None
         if own[1].white and selection.verdict != "unexplained"
         else leftover(after, logs, own[1].correlated_with),
     )
     progress(1.0)
-    inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.pull.size), check_finite=False)
+    inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.newton_step.size), check_finite=False)
     p, q = after.p, after.beta.size
     deviation = np.sqrt(np.maximum(np.diag(inverse)[p : p + q], 0.0))
     return Refinement(
@@ -167,7 +169,7 @@ def refine(
         covariance=inverse[:p, :p],
         beta=dict(zip(model.names, after.beta.tolist(), strict=False)),
         beta_deviation=dict(zip(model.names, deviation.tolist(), strict=False)),
-        standing=kept + found,
+        known_effects=kept + found,
         before=before,
         after=after,
         whiteness_before=own[0],
@@ -176,20 +178,20 @@ def refine(
 
 
 def _selected(
-    problem: Problem, had: tuple[Term, ...], progress: Callable[[float], None]
+    problem: Problem, known: tuple[Term, ...], progress: Callable[[float], None]
 ) -> tuple[Selection, Linear, Linear]:
     """Return what was found, and the model before and after, both with the effects that were there already.
 
     Those are estimated first, then held while others are sought: at their optimum the search loses nothing by it but power
     against what resembles them. In the end all are estimated together, from all data.
     """
-    if not had:
+    if not known:
         selection = select(problem, progress)
         return selection, selection.before, selection.after
-    base = fit(problem, had)
+    base = fit(problem, known)
     selection = select(_holding(problem, base.terms), lambda share: progress(0.1 + 0.8 * share))
     after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
-    before = refit(after, after.terms[: len(had)]) if selection.accepted else after
+    before = refit(after, after.terms[: len(known)]) if selection.accepted else after
     if _explained_already(selection, after):
         selection = replace(selection, verdict="none")
     return selection, before, after
@@ -200,7 +202,7 @@ def _explained_already(selection: Selection, after: Linear) -> bool:
 
     The search asks that of the effects that it finds; here they were in the model before it began.
     """
-    if selection.verdict != "unexplained" or worth(selection.ranking[0], selection.before):
+    if selection.verdict != "unexplained" or is_proven(selection.ranking[0], selection.before):
         return False
     return time_structure(after) <= STRUCTURE_LEFT * time_structure(refit(after, ()))
 
@@ -218,21 +220,21 @@ def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Arra
     )
 
 
-def _kept(term: Term, error: float, standing: Standing, logs: Sequence[Log]) -> Standing:
+def _kept(term: Term, error: float, known_effect: KnownEffect, logs: Sequence[Log]) -> KnownEffect:
     """Return an effect that the model had, estimated again, with the logs that have told of it now."""
     parameter = parameter_of(term, error)
-    known = {(span.log, span.sha256) for span in standing.spans}
-    new = tuple(standing.span_on(log) for log in logs if (log.name, log.sha256) not in known)
-    return replace(standing, value=parameter.value, ci90=parameter.ci90, spans=standing.spans + new)
+    known = {(span.log, span.sha256) for span in known_effect.spans}
+    new = tuple(known_effect.span_on(log) for log in logs if (log.name, log.sha256) not in known)
+    return replace(known_effect, value=parameter.value, ci90=parameter.ci90, spans=known_effect.spans + new)
 
 
-def _unseen(
+def _losses_on(
     lay: Callable[[Sequence[Log]], Problem],
     models: tuple[Linear, Linear],
-    effects: tuple[tuple[Standing, ...], tuple[Standing, ...]],
+    effects: tuple[tuple[KnownEffect, ...], tuple[KnownEffect, ...]],
     log: Log,
 ) -> Losses:
     """Return the losses of the model before and after on a log that took no part."""
     problem = lay([log])
     before, after = ([term_on(item, problem, [log]) for item in each] for each in effects)
-    return carried(models, (before, after), problem)
+    return losses_on_unseen(models, (before, after), problem)

@@ -1,4 +1,4 @@
-"""Forward selection: the effect that explains most, then map, constants and effects anew, until nothing is left worth a name."""
+"""Forward selection of effects: add the one that explains most, fit everything again, and stop when no effect is proven."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,23 +12,23 @@ from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
     dated_again,
+    first_order_gain,
     fit_candidate,
     in_place,
     loss_of,
     p_value,
-    promise_of,
     score,
 )
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.held_out import Losses, compare, cross_validated
 from lpvobs.discovery.intervals import standard_errors
+from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again, without
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import best_of, foremost, matters, tried, uneven_share, worth
+from lpvobs.discovery.ranking import best_of, is_proven, is_relevant, most_promising, tried, uneven_share
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.settling import Named, exchanged, settled, without
 from lpvobs.discovery.thresholds import (
     AGAIN,
-    ALIKE,
+    INDISTINGUISHABLE,
     MOST_EFFECTS,
     MOST_STRUCTURE,
     MOST_UNEVEN,
@@ -46,12 +46,12 @@ class Accepted:
     Attributes
     ----------
     candidate : Candidate
-        As fitted beside all the others, with the final weights.
+        Fitted beside all the others, with the final weights.
     p_value : float
     share : float
-        Of the half sum of squares above noise that was there before any effect.
-    alike : tuple of str
-        Effects that explain it as well.
+        Of half the sum of squares before any effect.
+    indistinguishable : tuple of str
+        Effects that explain the logs as well.
     curve : Curve or None
         For a channel.
     standard_error : float
@@ -61,7 +61,7 @@ class Accepted:
     candidate: Candidate
     p_value: float
     share: float
-    alike: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     curve: Curve | None
     standard_error: float
 
@@ -76,9 +76,9 @@ class Selection:
         `effect`, `none` or `unexplained`.
     accepted : tuple of Accepted
     before, after : Linear
-        Made with all data once everything is decided.
+        Fitted to all data once everything is decided.
     losses : Losses
-        Of the models that were made and chosen without the stretches they are computed on.
+        Computed on stretches that no fit and no choice has seen.
     ranking : tuple of Candidate
         Of the first round.
     """
@@ -92,7 +92,7 @@ class Selection:
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
-    """Return what the logs hold that the model lacks."""
+    """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     verdict, accepted, linear, ranking = _search(problem, progress)
     losses = compare(_bare(linear), linear)
     final = _with_all(linear)
@@ -108,7 +108,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
 
 
 def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, list[Named], Linear, list[Candidate]]:
-    """Return verdict, effects, the model with them, and the ranking of the first round; no kept stretch is looked at."""
+    """Return verdict, effects, the model with them, and the ranking of the first round; kept stretches take no part."""
     before = linear = fit(problem)
     ranking: list[Candidate] = []
     accepted: list[Named] = []
@@ -116,23 +116,23 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         progress(0.05 + 0.85 * step / MOST_EFFECTS)
         found, curve = best_of(linear)
         ranking = ranking or found
-        best = next((c for c in found if worth(c, linear)), found[0])
-        if any(_twice_to_blame(c, accepted) for c in (found[0], best) if matters(c, linear)):
+        best = next((c for c in found if is_proven(c, linear)), found[0])
+        if any(_same_place_again(c, accepted) for c in (found[0], best) if is_relevant(c, linear)):
             return "unexplained", [], before, ranking
-        if not worth(best, linear):
+        if not is_proven(best, linear):
             break
         if any(c.id == best.id for c, _ in accepted):
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
-        named, trial = settled(trial, best, curve if best.id.startswith("channel:") else None)
-        if not _holds_out(linear, trial) or _only_a_rest(named[0], accepted, problem):
+        named, trial = choose_again(trial, best, curve if best.id.startswith("channel:") else None)
+        if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem):
             break
-        linear, accepted = exchanged(trial, [*accepted, named])
+        linear, accepted = choose_all_again(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
     goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
-    apart = any(_apart(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
-    if uneven or goes or apart or _left_over(before, linear):
+    apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
+    if uneven or goes or apart or _structure_remains(before, linear):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
@@ -143,7 +143,7 @@ def _bare(linear: Linear) -> Linear:
 
 
 def _with_all(linear: Linear) -> Linear:
-    """Return the chosen model made from all data: what was kept back sharpens sizes and onsets, and chooses nothing."""
+    """Return the chosen model fitted to all data, which sharpens sizes and onsets; the choice of effects stays."""
     problem = linear.problem.with_all()
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
@@ -159,14 +159,14 @@ def _with_term(linear: Linear, i: int, term: Term) -> Linear:
 
 
 def structure(linear: Linear) -> float:
-    """Return what sizes of their own for every block would gain, for the effect of general kind that gains most so."""
+    """Return the largest gain of any general effect that may have a size of its own in every block."""
     blocks = linear.problem.coarse_blocks
     named = {term.effect.id for term in linear.terms}
     carriers = [effect for effect in linear.problem.carriers if effect.id not in named]
     return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
 
 
-def _left_over(before: Linear, after: Linear) -> bool:
+def _structure_remains(before: Linear, after: Linear) -> bool:
     """Return whether the residual has a structure in time that the named effects do not explain."""
     left = structure(after)
     if left < MOST_STRUCTURE * 0.5 * after.problem.data:
@@ -174,15 +174,15 @@ def _left_over(before: Linear, after: Linear) -> bool:
     return after is before or left > STRUCTURE_LEFT * structure(refit(after, ()))
 
 
-def _holds_out(before: Linear, after: Linear) -> bool:
-    """Return whether blocks that an effect was not fitted to are predicted better with it."""
+def _predicts_better(before: Linear, after: Linear) -> bool:
+    """Return whether the new effect improves the prediction of blocks that it was not fitted to."""
     return cross_validated(refit(after, before.terms), after).comparison().ratio < 1.0
 
 
-def _only_a_rest(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
-    """Return whether an effect is what others leave in fast transients or at their edges.
+def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
+    """Return whether an effect is only what the others leave in fast transients or at their edges.
 
-    It is little beside them, and has no one size or both begins and ends.
+    Its gain is then small beside theirs, and it has no single size, or it both begins and ends.
     """
     most = max((c.gain for c, _ in accepted), default=0.0)
     little = candidate.gain < min(AGAIN * most, REST * 0.5 * problem.data)
@@ -190,7 +190,7 @@ def _only_a_rest(candidate: Candidate, accepted: Sequence[Named], problem: Probl
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
-    """Return the effects that the others have not made superfluous, and the model without the rest."""
+    """Return the effects that are still needed beside the others, and the model with these alone."""
     while accepted:
         accepted = [(in_place(linear, i, c), curve) for i, (c, curve) in enumerate(accepted)]
         weakest = int(np.argmin([wald(c) for c, _ in accepted]))
@@ -208,11 +208,11 @@ def wald(candidate: Candidate) -> float:
     return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
 
 
-def _twice_to_blame(candidate: Candidate, accepted: Sequence[Named]) -> bool:
-    """Return whether the same place is to blame twice, at different times: no cause of the catalogue does that.
+def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
+    """Return whether a candidate acts at the place of an accepted effect, but at another time.
 
-    The second time it is the same effect, or one that starts and stops beside one with an onset. It need not be worth a name: two
-    episodes and the pause between them have no one size.
+    No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
+    an end. It need not be proven: two episodes and the pause between them have no single size.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     return any(
@@ -221,14 +221,14 @@ def _twice_to_blame(candidate: Candidate, accepted: Sequence[Named]) -> bool:
             c.term.effect.place == candidate.term.effect.place
             and c.changes > 0
             and stops
-            and (candidate.gain > AGAIN * c.gain or _apart(c.term, candidate.term))
+            and (candidate.gain > AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
         )
         for c, _ in accepted
     )
 
 
-def _apart(one: Term, other: Term) -> bool:
-    """Return whether terms of one place act one well before the other: farther apart than an edge that is badly placed reaches."""
+def _separate_in_time(one: Term, other: Term) -> bool:
+    """Return whether two terms of one place act at different times, farther apart than the error of an onset."""
     apart = one.end + STRETCH < other.begin or other.end + STRETCH < one.begin
     return bool(apart and one.effect.place == other.effect.place)
 
@@ -241,21 +241,23 @@ def _finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
-    promise = {e: promise_of(bare, e, term.begin, term.end) for e in others}
-    rivals = sorted((fit_candidate(bare, e, term.begin, term.end) for e in foremost(promise)), key=score, reverse=True)
-    like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # judged as the rivals are
-    alike = tuple(c.id for c in rivals if _cannot_be_told(like, c, problem.per_coarse))
+    expected = {e: first_order_gain(bare, e, term.begin, term.end) for e in others}
+    rivals = sorted(
+        (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
+    )
+    like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # fitted in the same way as the rivals
+    indistinguishable = tuple(c.id for c in rivals if _fits_as_well(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
-    return Accepted(own, p_value(own, tried(problem)), share, alike, curve, standard_error)
+    return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error)
 
 
-def _cannot_be_told(best: Candidate, other: Candidate, per_coarse: int) -> bool:
-    """Return whether the differences of the losses by block are as often, and as much, the one way as the other.
+def _fits_as_well(best: Candidate, other: Candidate, per_coarse: int) -> bool:
+    """Return whether another effect explains the log as well as the best one does.
 
-    Both by their sum (after Vuong) and by their signed ranks: one block with a large difference spoils the one, many with small
-    ones the other.
+    Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
+    a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
     """
     difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
     ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
-    told = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
-    return max(told) <= ALIKE and other.gain > 0.5 * best.gain
+    statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
+    return max(statistics) <= INDISTINGUISHABLE and other.gain > 0.5 * best.gain

@@ -142,7 +142,7 @@ def effect_rows(found: Discovered) -> Table | None:
     header = ["effect", "", "parameter", "value", "90 % from", "to", "unit", "onset s", "end s", "explained", "p"]
     header.append("cannot be told from")
     rows = []
-    for label, key in (("found", "effects"), ("in the model", "standing")):
+    for label, key in (("found", "effects"), ("in the model", "known_effects")):
         for effect in found.content.get(key, []):
             for name, p in effect["parameters"].items():
                 sizes = [*with_interval(p["value"], *p["ci90"]), p["unit"]]

@@ -5,8 +5,8 @@ import pytest
 from repository import DIESEL
 
 from lpvobs.api.search_start import LEAST_LEFT, start_of
+from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior, free_map
-from lpvobs.discovery.standing import Span, Standing
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.refinements import StoredRefinement
@@ -14,7 +14,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log
 
 TOLERANCE = {"V_d": 0.01, "V_im": 0.02}
-LAG = Standing("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)
+LAG = KnownEffect("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)
 REFINED = StoredRefinement(
     (LAG,), {"V_d": 0.004, "V_im": -0.01}, {"V_d": 0.0001, "V_im": 0.009}, {"V_d": 0.001, "V_im": 0.0}, True, "{}"
 )

@@ -164,6 +164,6 @@ def test_what_the_chain_does_not_show(validator, verb, refined):
     content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
     validator(verb).validate(content)
     assert ("after" in content["error"]) is refined
-    assert {"standing", "error_on_held_out_logs"} <= set(content)
+    assert {"known_effects", "error_on_held_out_logs"} <= set(content)
     assert "when" in content["residual"]
     assert content["logs"][0].keys() >= {"balances", "day_to_day", "missing"}

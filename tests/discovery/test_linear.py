@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.drawn_up import views
 from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
 from lpvobs.discovery.fit import fit, normal_of, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
+from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import dot
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import FOLDS
@@ -37,7 +37,7 @@ def test_whitened_residual_has_unit_variance(linear):
 
 
 def test_the_optimum_needs_no_further_step(linear):
-    shift = np.abs(linear.pull) / np.sqrt(np.diag(np.linalg.inv(linear.normal)))
+    shift = np.abs(linear.newton_step) / np.sqrt(np.diag(np.linalg.inv(linear.normal)))
     assert (
         shift.max() < 0.5
     )  # of each unknown's own standard deviation: the weights still change a little from pass to pass

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.observed import Refined, _innovations, added, corrected, observed
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
-from lpvobs.discovery.standing import Span, Standing
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.observer.estimate import estimate_default, of_parts
 from lpvobs.observer.parts import StateGain, inform_observed
@@ -19,7 +19,7 @@ OUTPUTS = ("p_im", "p_em", "omega_t")
 
 
 def effect(name, parameter, value, width=0.0, begin=-np.inf, end=np.inf):
-    return Standing(
+    return KnownEffect(
         name, "", parameter, "1", value, (value - width, value + width), (Span("drive", "", begin, end),), True, None
     )
 
@@ -128,8 +128,8 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
 ):
     slow = misread(clean, slowed(clean["W_maf"], clean.time, 0.08))
     found = refine(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [slow])
-    assert [item.id for item in found.standing] == ["maf.lag"]
-    refined = estimated(model(*found.standing), slow, config, settings)
+    assert [item.id for item in found.known_effects] == ["maf.lag"]
+    refined = estimated(model(*found.known_effects), slow, config, settings)
     unrefined = estimated(model(), slow, config, settings)
     known = refined.supported & (healthy.standard_error < 1e-3)
 
@@ -147,7 +147,7 @@ def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, re
     """The plant has a hole, put there by formulas of its own; nobody is told."""
     log = record(effects=[CatalogueEffect("leak.intake", 2e-5)])
     found = refine(plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [log])
-    (leak,) = found.standing
+    (leak,) = found.known_effects
     assert leak.id == "leak.intake"
     assert leak.value == pytest.approx(2e-5, rel=0.05)
     known = (healthy.standard_error < 1e-3) & np.isfinite(healthy.theta)
@@ -155,6 +155,6 @@ def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, re
     def away(estimate):
         return float(np.sqrt(np.nanmean((estimate.theta - healthy.theta)[known] ** 2)))
 
-    assert away(estimated(model(*found.standing), log, config, settings)) < 0.1 * away(
+    assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.1 * away(
         estimated(model(), log, config, settings)
     )

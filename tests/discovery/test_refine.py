@@ -115,7 +115,7 @@ def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, cl
     on = (np.sin(0.11 * clean.time) + np.sin(0.043 * clean.time) > 0.3).astype(float)
     log = misread(clean, clean["W_maf"] + 0.002 * on, {"compressor": on})
     found = refine(plant, config.grid(), nominal, [log])
-    (effect,) = found.standing
+    (effect,) = found.known_effects
     assert effect.id == "channel:compressor"
     assert effect.curve.values[0] == 0.0
     if effect.curve.carrier == "maf.offset":

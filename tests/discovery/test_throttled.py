@@ -48,7 +48,9 @@ def judge(model, config):
     none = np.zeros(grid.shape)
     prior = nominal_map(none, np.zeros((grid.size, grid.size)), np.zeros((0, *grid.shape)), np.zeros(0), 0.1)
     prior = replace(prior, sensitivity=np.zeros((grid.size, len(model.names))))
-    return lambda channels, name="today", had=(): refine(model, grid, prior, [truth.log_of(channels, name)], had=had)
+    return lambda channels, name="today", known=(): refine(
+        model, grid, prior, [truth.log_of(channels, name)], known=known
+    )
 
 
 def since(channels, name, change, onset=ONSET):
@@ -190,14 +192,14 @@ def test_json_holds_the_contract_and_the_balances(judge, another_day):
 def test_a_refined_model_knows_its_effects_and_finds_no_more(judge, another_day):
     wrong = since(another_day, "p_ic", lambda x: 0.92 * x)
     found = judge(wrong)
-    names = {item.id for item in found.standing}
+    names = {item.id for item in found.known_effects}
     assert names == {"p_ic.gain"}
-    again = judge(wrong, had=found.standing).trace
+    again = judge(wrong, known=found.known_effects).trace
     assert again.verdict == "none"
-    assert {item.id for item in again.standing} == names
+    assert {item.id for item in again.known_effects} == names
     # A log that came later has it from its first sample on.
     later = truth.noisy(truth.drive(300.0, seed=8), 9)
-    assert judge({**later, "p_ic": 0.92 * later["p_ic"]}, "later", had=found.standing).trace.verdict == "none"
+    assert judge({**later, "p_ic": 0.92 * later["p_ic"]}, "later", known=found.known_effects).trace.verdict == "none"
 
 
 def test_a_log_too_short_to_judge_is_refused(judge, another_day):
@@ -221,7 +223,7 @@ def test_a_leak_that_is_named_is_taken_out_of_the_flows(model, config, judge):
     leaking = truth.noisy(truth.drive(400.0, seed=3, leak=8e-6, onset=ONSET), 4)
     found = judge(leaking)
     log = truth.log_of(leaking)
-    there = model.further(model.constants, _with_leak(model, log, found.standing[0].value))
+    there = model.further(model.constants, _with_leak(model, log, found.known_effects[0].value))
     flows, inputs = there
     assert np.all(flows[0] == 0.0)  # the throttle does not know of it
     np.testing.assert_allclose(flows[1], flows[2])

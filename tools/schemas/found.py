@@ -103,7 +103,7 @@ def found(error: str, extra: Mapping[str, Schema] | None = None) -> Schema:
             "logs": array(part),
         },
         {
-            "standing": described(array(ref("effect")), "Effects that the model had already."),
+            "known_effects": described(array(ref("effect")), "Effects that the model had already."),
             "error_on_held_out_logs": ref(error),
         },
     )

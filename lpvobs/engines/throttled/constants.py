@@ -65,9 +65,9 @@ class CurveNodes:
         [rpm], [Pa], of the volumetric efficiency.
     m_f, fuel_n_e : tuple of float
         [1], [rpm], of the air per unit of the fuel reading.
-    bend : float
+    curvature : float
         Standard deviation of the relative second difference of throttle and filling from node to node.
-    fuel_bend : float
+    fuel_curvature : float
         The same of the fuel, about the straight line of an injector with a dead time. Mixtures that are not stoichiometric
         depend on more than fuel and speed: a loose surface would take them for the engine.
     """
@@ -77,16 +77,16 @@ class CurveNodes:
     p_im: tuple[float, ...]
     m_f: tuple[float, ...]
     fuel_n_e: tuple[float, ...]
-    bend: float
-    fuel_bend: float
+    curvature: float
+    fuel_curvature: float
 
     def __post_init__(self) -> None:
         for name in ("alpha_th", "n_e", "p_im", "m_f", "fuel_n_e"):
             nodes = np.array(getattr(self, name))
             if nodes.size < 3 or not np.all(np.diff(nodes) > 0):
                 raise ValueError(f"{name} needs at least three nodes, rising")
-        if not min(self.bend, self.fuel_bend) > 0:
-            raise ValueError("bend and fuel_bend must be positive")
+        if not min(self.curvature, self.fuel_curvature) > 0:
+            raise ValueError("curvature and fuel_curvature must be positive")
 
 
 @dataclass(frozen=True)

@@ -116,15 +116,15 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
     area = _by_node(joined[0])
     eta_vol = np.full(joined[1].shape[1], _by_level(joined[1]))
     fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
-    bends = (nodes.bend, nodes.bend, nodes.fuel_bend)
+    curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
     shapes = (
         (roughness(area.size), slopes(1, area.size)),
         (surface_roughness(len(nodes.n_e), len(nodes.p_im)), slopes(len(nodes.n_e), len(nodes.p_im))),
         (surface_roughness(len(nodes.m_f), len(nodes.fuel_n_e)), slopes(len(nodes.m_f), len(nodes.fuel_n_e))),
     )
     return [
-        (guess, np.vstack([rough / bend, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
-        for guess, bend, (rough, slope) in zip((area, eta_vol, fuel), bends, shapes, strict=True)
+        (guess, np.vstack([rough / curvature, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
+        for guess, curvature, (rough, slope) in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
     ]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.held_out import Comparison
-from lpvobs.discovery.standing import Span, Standing
+from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.hdf import NO_YES, Field, flags, write_group
@@ -27,7 +27,7 @@ class StoredRefinement:
 
     Attributes
     ----------
-    effects : tuple of Standing
+    effects : tuple of KnownEffect
     constants : mapping of str to float
         Relative deviation of each uncertain constant from the configured one.
     deviations : mapping of str to float
@@ -40,7 +40,7 @@ class StoredRefinement:
         The contract's object.
     """
 
-    effects: tuple[Standing, ...]
+    effects: tuple[KnownEffect, ...]
     constants: Mapping[str, float]
     deviations: Mapping[str, float]
     of_map: Mapping[str, float]
@@ -125,10 +125,10 @@ WHITENESS = Layout(
 )
 
 
-def _effect(unit: str = "", name: str = "") -> Layout[Standing]:
+def _effect(unit: str = "", name: str = "") -> Layout[KnownEffect]:
     """Return how an effect stands in its group, with the unit and the name of its parameter."""
     return Layout(
-        Standing,
+        KnownEffect,
         {
             "value": Item(unit, name),
             "ci90": Item(unit, "90 % interval of the value", ("quantile",), gaps=True),
@@ -229,7 +229,7 @@ def read_structure(parent: h5py.Group) -> dict[str, Whiteness]:
     return {name: read(group, WHITENESS, correlated_with={}) for name, group in parent.get("whiteness", {}).items()}
 
 
-def _effect_contents(effect: Standing) -> Contents:
+def _effect_contents(effect: KnownEffect) -> Contents:
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
     contents = fields(_effect(effect.unit, f"{effect.parameter} of {effect.id}"), effect, BOUNDS)
     contents |= rows(SPANS, effect.spans)
@@ -239,6 +239,6 @@ def _effect_contents(effect: Standing) -> Contents:
     return contents
 
 
-def _read_effect(group: h5py.Group) -> Standing:
+def _read_effect(group: h5py.Group) -> KnownEffect:
     curve = read(group, _curve()) if "knot" in group else None
     return read(group, _effect(), spans=read_rows(group, SPANS), curve=curve)

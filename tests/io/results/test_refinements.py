@@ -6,10 +6,10 @@ import pytest
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
-from lpvobs.discovery.standing import Span, Standing
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.portraits import (
@@ -23,10 +23,10 @@ from lpvobs.io.results.portraits import (
 from lpvobs.io.results.refinements import StoredRefinement, read_refinement, read_structure, write_refinement
 
 BALANCES = ("one", "other")
-LAG = Standing(
+LAG = KnownEffect(
     "maf.lag", "sensor", "tau", "s", 0.08, (0.079, 0.081), (Span("a", "1" * 64, -np.inf, np.inf),), True, None
 )
-HEAT = Standing(
+HEAT = KnownEffect(
     "channel:heat",
     "sensor",
     "amplitude",

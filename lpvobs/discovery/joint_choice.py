@@ -1,4 +1,4 @@
-"""An effect settled in the joint model: its size, its interval and its name, once all unknowns have followed it."""
+"""The second choice of an effect: size, interval and name once map, constants and the other effects are fitted beside it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,8 +24,8 @@ def without(linear: Linear, index: int) -> Linear:
     return refit(linear, terms)
 
 
-def settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[Named, Linear]:
-    """Return the newest effect judged again with weights that it no longer inflates, exchanged if another one fits better."""
+def choose_again(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[Named, Linear]:
+    """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
     problem, newest = linear.problem, len(linear.terms) - 1
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
@@ -44,22 +44,22 @@ def settled(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[
     return (in_place(linear, newest, again), curve), linear
 
 
-def exchanged(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:
-    """Return the model with all but the newest effect judged again beside it: it may be part of what they stood for."""
+def choose_all_again(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:
+    """Return the model with every earlier effect chosen again beside the newest one, which may explain part of what they did."""
     for number in range(len(accepted) if len(accepted) > 1 else 0):
         linear = refit(linear, [*linear.terms[1:], linear.terms[0]])
         first = accepted[0]
         if number < len(accepted) - 1:
-            first, linear = settled(linear, *first)
+            first, linear = choose_again(linear, *first)
         accepted = [*accepted[1:], first]
     return linear, accepted
 
 
 def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) -> Candidate:
-    """Return the newest effect or a close rival, the one that gains most after all unknowns have followed.
+    """Return the newest effect or a close rival: the one that gains most when all unknowns are fitted with it.
 
-    A large effect bends more than a step shows, so the newest is tried whatever its own score. Of each effect the best interval
-    and the whole logs are tried.
+    The residual is not linear in a large effect, so the newest is tried whatever its own score. Each effect is tried on its best
+    interval and on the whole logs.
     """
     others = linear.terms[:-1]
     newest = replace(newest, term=linear.terms[-1])
@@ -76,7 +76,7 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
 
 
 def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:
-    """Return the gain of a candidate less what its interval costs, in the joint model; nothing at the end of its size's range."""
+    """Return the gain of a candidate in the joint model less the cost of its interval; -inf at the end of its size's range."""
     joint = refit(linear, [*others, candidate.term])
     last = joint.terms[-1]
     if not last.effect.low < last.size < last.effect.high:

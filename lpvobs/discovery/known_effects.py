@@ -1,7 +1,8 @@
-"""Effects that are part of a model: what they are, where they act on each log, and how they enter the search on other logs.
+"""Effects that a model has already: what they are, where they act on each log, and how they enter the search on other logs.
 
 An effect that was still there at the end of the last log it was found on belongs to the engine from then on: on a log that took no
-part it acts from the first sample to the last. One that ended stays with its log. Logs that made the nominal map are without it.
+part it acts from the first sample to the last. An effect that ended acts on its own log only. Logs that made the nominal map do not
+have it.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +47,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Standing:
+class KnownEffect:
     """One effect of a model.
 
     Attributes
@@ -55,11 +56,11 @@ class Standing:
     value : float
     ci90 : tuple of float
     spans : tuple of Span
-        One per log that it was estimated on, or is known to be absent from.
+        One for every log that it was estimated on or is known to be absent from.
     lasting : bool
         Whether it was there at the end of the last log, and therefore acts on logs that came later.
     curve : Curve or None
-        For a channel: what the size of the carrier follows, at amplitude one, rates per second.
+        For a channel: how the size of the carrier depends on it, at amplitude one, with rates per second.
     """
 
     id: str
@@ -85,7 +86,7 @@ class Standing:
         return Span(log.name, log.sha256, -np.inf if self.lasting else np.inf, np.inf)
 
     def took_part(self, logs: Sequence[Log]) -> bool:
-        """Whether any of the logs has already told of it."""
+        """Whether it was estimated on any of the logs."""
         return any(span.acts and any(span.sha256 == log.sha256 for log in logs) for span in self.spans)
 
 
@@ -102,28 +103,27 @@ def _span(term: Term, log: Log, start: float) -> Span:
     return Span(log.name, log.sha256, begin if begin > first else -np.inf, end if end <= last else np.inf)
 
 
-def term_on(standing: Standing, problem: Problem, logs: Sequence[Log]) -> Term:
+def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> Term:
     """Return the effect as a term of the logs' problem.
 
-    On logs that have not told of it yet, the stored value and its interval are what is known beforehand; on logs that have, it is
-    estimated from them anew.
+    On new logs its prior is the stored value with its interval. On logs that it was estimated on, it is estimated anew without.
 
     Raises
     ------
     DataError
         If the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
-    effect = _effect(standing, problem.model, _on_places(problem, logs))
-    if not standing.took_part(logs):
-        spread = max(standing.standard_deviation, 1e-9 * effect.size)
-        effect = replace(effect, null=standing.value, size=spread / WIDEST)
-    on = active(standing, problem, logs)
-    return Term(effect, standing.value, only=None if on.all() else on)
+    effect = _effect(known_effect, problem.model, _on_places(problem, logs))
+    if not known_effect.took_part(logs):
+        spread = max(known_effect.standard_deviation, 1e-9 * effect.size)
+        effect = replace(effect, null=known_effect.value, size=spread / WIDEST)
+    on = active(known_effect, problem, logs)
+    return Term(effect, known_effect.value, only=None if on.all() else on)
 
 
-def active(standing: Standing, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
+def active(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
     """Return at which places an effect acts, shape (K,); a log that cannot show it is without it."""
-    time, spans = own_time(problem, logs), [standing.span_on(log) for log in logs]
+    time, spans = own_time(problem, logs), [known_effect.span_on(log) for log in logs]
     begin, end = (np.array([getattr(span, name) for span in spans])[problem.of_log] for name in ("begin", "end"))
     return np.asarray((time >= begin) & (time < end), dtype=bool)
 
@@ -138,16 +138,16 @@ def stored_curve(curve: Curve, problem: Problem) -> Curve:
     return replace(curve, knots=curve.knots / _spacing(problem)) if curve.of == "rate" else curve
 
 
-def from_off(standing: Standing) -> Standing:
+def from_off(known_effect: KnownEffect) -> KnownEffect:
     """Return an effect that follows a switch as nothing where the switch is off; others as they are.
 
-    What a curve says on the average of its logs belongs to the map that is estimated beside it, so where it is zero is a matter of
-    choice, and the map has to be estimated with the same choice. For a switch that is off, no effect is what everybody expects.
+    The average of a curve over its logs belongs to the map that is estimated beside it. The curve's zero is therefore a choice, and
+    the map has to be estimated with the same choice. Nobody expects an effect from a switch that is off.
     """
-    curve = standing.curve
+    curve = known_effect.curve
     if curve is None or curve.of != "value" or curve.knots.size > MOST_LEVELS:
-        return standing
-    return replace(standing, curve=replace(curve, values=curve.values - curve.values[0]))
+        return known_effect
+    return replace(known_effect, curve=replace(curve, values=curve.values - curve.values[0]))
 
 
 def catalogued(name: str, model: ResidualModel) -> Effect:
@@ -159,11 +159,11 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
     return found
 
 
-def effect_along(standing: Standing, model: ResidualModel, log: Log) -> tuple[Effect, NDArray[np.bool_]]:
+def effect_along(known_effect: KnownEffect, model: ResidualModel, log: Log) -> tuple[Effect, NDArray[np.bool_]]:
     """Return the effect as it acts on every sample of one log, seen once, and where it acts, shape (N,)."""
-    span = standing.span_on(log)
+    span = known_effect.span_on(log)
     on = (log.time >= span.begin) & (log.time < span.end)
-    return _effect(standing, model, lambda curve: channel_at(log, curve, log.time)), on
+    return _effect(known_effect, model, lambda curve: channel_at(log, curve, log.time)), on
 
 
 def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:
@@ -177,10 +177,10 @@ def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array
     return followed
 
 
-def _effect(standing: Standing, model: ResidualModel, followed: Callable[[Curve], Array]) -> Effect:
-    curve = standing.curve
+def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[[Curve], Array]) -> Effect:
+    curve = known_effect.curve
     if curve is None:
-        return catalogued(standing.id, model)
+        return catalogued(known_effect.id, model)
     carrier = catalogued(curve.carrier, model)
     return following(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
 

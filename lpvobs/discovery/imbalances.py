@@ -1,4 +1,4 @@
-"""The balances of a problem drawn up with effects, unknowns and levels of the day: from signals to residuals."""
+"""From signals to residuals: what each balance leaves with given effects, unknowns and levels of the day."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,8 +19,9 @@ Scene = tuple[NDArray[np.bool_] | None, Signals]
 def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[Scene, ...]:
     """Return the signals with all effects accounted for, in the order of the catalogue, channels last.
 
-    An instant stands by itself, and one set of signals holds what acts at each. A block takes differences between its edges, and an
-    effect that begins there would be taken for a jump: so there are as many sets as effects act together, each for its own blocks.
+    Instants do not depend on each other, so one set of signals holds the effects that act at each. A block takes
+    differences between its edges and would take an effect that begins at an edge for a jump. Blocks therefore have one set of
+    signals for every combination of effects that acts somewhere.
     """
     order = {effect.id: i for i, effect in enumerate(problem.model.catalogue)}
     terms = sorted((*problem.held, *terms), key=lambda term: order.get(term.effect.id, len(order)))
@@ -42,7 +43,7 @@ def scenes_with(problem: Problem, terms: Sequence[Term], beta: Array) -> tuple[S
 
 
 def today(problem: Problem, beta: Array) -> Signals:
-    """Return the signals at the engine's unknowns, without what sensors and clocks of each log are off by on its day."""
+    """Return the signals at the engine's unknowns, corrected for what sensors and clocks are off by on the day of each log."""
     q = len(problem.model.names)
     signals = replace(problem.signals, constants=problem.model.with_unknowns(beta[:q]))
     for (log, level), size in zip(problem.levels, beta[q:], strict=True):
@@ -59,8 +60,8 @@ def _columns(problem: Problem, log: int) -> NDArray[np.bool_]:
     return np.asarray(np.isclose(problem.signals.clock - problem.signals.time, begin))
 
 
-def drawn_up(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
-    """Return what is left of every balance, shape (B, 2K) or (B, K), in the model's unit; the map is not in it."""
+def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
+    """Return what is left of every balance without the map, shape (B, 2K) or (B, K) [model's unit]."""
     constants, blocks = scenes[0][1].constants, problem.blocks
     if scenes[0][0] is None:
         out = problem.model.imbalances(constants, scenes[0][1], blocks)
@@ -73,7 +74,7 @@ def drawn_up(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:
 
 
 def level_shift(problem: Problem, beta: Array) -> Array:
-    """Return what the levels of the day are to the balances, shape (B, K)."""
+    """Return by how much the levels of the day shift the balances, shape (B, K)."""
     out = np.zeros(problem.shown.shape)
     for (log, level), size in zip(problem.levels, beta[len(problem.model.names) :], strict=True):
         if level.name in problem.model.balances:
@@ -82,7 +83,7 @@ def level_shift(problem: Problem, beta: Array) -> Array:
 
 
 def views(values: Array, K: int) -> Array:
-    """Return mean and half difference, shape (2, m, K), of values at 2K columns; of K columns there is one view."""
+    """Return mean and half difference of the two views, shape (2, m, K), of values at 2K columns; K columns are a single view."""
     if values.shape[1] == K:
         return np.stack([values, np.zeros_like(values)])
     return np.stack([0.5 * (values[:, :K] + values[:, K:]), 0.5 * (values[:, :K] - values[:, K:])])
@@ -90,18 +91,19 @@ def views(values: Array, K: int) -> Array:
 
 def residual_of(problem: Problem, scenes: Sequence[Scene], beta: Array, theta: Array, nodes: Nodes) -> Array:
     """Return what is left of every balance, shape (2, B, K) [model's unit]."""
-    left = views(drawn_up(problem, scenes, beta), problem.K)
+    left = views(imbalances_at(problem, scenes, beta), problem.K)
     left[0] -= problem.by_reading * map_along(theta, nodes)
     return left
 
 
-def bend_of(problem: Problem, scenes: Sequence[Scene], each: Array) -> Array:
+def curvature_bias(problem: Problem, scenes: Sequence[Scene], each: Array) -> Array:
     """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K).
 
-    A balance that bends moves with the noise of its signals, and the mean of the views has half the noise of either. (Near its
-    stall the compressor bends so much that the noise of p_im was worth ten pascals of offset; so it is worth one.) Twice
-    as much would take out all that a parabola bends, but where a root ends, it overshoots. Residuals have it and no regressor: the
-    product of two would not be one across views any more. Means over a block hold no noise that matters.
+    Noise of the signals biases a balance that is curved in them, and the mean of the views has half the noise of either. (Near its
+    stall the compressor is so curved that the noise of p_im looked like an offset of ten pascals; this term makes it one.)
+    Twice the term would remove the whole bias of a parabola, but it overshoots near the end of a square root. Only residuals have
+    the term. In regressors it would mix the views, whose noise must stay independent. The noise of means over a block is too small
+    to matter.
     """
     if problem.blocks is not None:
         return np.zeros(problem.shown.shape)
@@ -141,7 +143,7 @@ def map_along(theta: Array, nodes: Nodes) -> Array:
 def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term], beta: Array, at: Array) -> Array:
     """Return the derivatives of the residual by constants or curves, and by the levels of the day, shape (q, 2, B, K).
 
-    `at` are the balances at `beta`, as `drawn_up` gives them.
+    `at` are the balances at `beta`, as `imbalances_at` gives them.
     """
     model, K = problem.model, problem.K
     q, spread = len(model.names), problem.spread
@@ -155,7 +157,7 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
         moved[i] += STEP
         constants = model.with_unknowns(moved[:q])
         shifted = tuple((on, replace(s, constants=constants)) for on, s in scenes)
-        found[i] = views((drawn_up(problem, shifted, beta) - at) / STEP, K)
+        found[i] = views((imbalances_at(problem, shifted, beta) - at) / STEP, K)
     for i, (log, level) in enumerate(problem.levels, q):
         effect = model.effect(level.name)
         if effect is None:
@@ -165,6 +167,6 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
             for step in (spread[i], -spread[i]):
                 moved = beta.copy()
                 moved[i] += step
-                ends.append(drawn_up(problem, scenes_with(problem, terms, moved), moved))
+                ends.append(imbalances_at(problem, scenes_with(problem, terms, moved), moved))
             found[i] = views((ends[0] - ends[1]) / (2.0 * spread[i]), K)
     return found

@@ -1,12 +1,12 @@
-"""The error of two models on logs that neither has seen: map, constants and effects as they are, nothing fitted, nothing chosen."""
+"""The error of two models on logs that neither has seen. Map, constants and effects stay as they are."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.drawn_up import Nodes, by_unknowns, drawn_up, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.imbalances import Nodes, by_unknowns, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import LEVEL_PASSES, LEVEL_SHARE, NOTHING, SUPPORT, UNKNOWN
@@ -17,10 +17,12 @@ HOW_WHOLE = (
 )
 
 
-def carried(models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem) -> Losses:
+def losses_on_unseen(
+    models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem
+) -> Losses:
     """Return the losses of the model before and after on an unseen log.
 
-    `terms` are the effects of either model as they act on this log. Nothing is fitted but the levels of its day, where days differ.
+    `terms` are the effects of either model as they act on this log. Only the levels of its day are fitted, where days differ.
     """
     after = models[1]
     root = after.noise.pointwise().root
@@ -37,17 +39,17 @@ def carried(models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence
 
 
 def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, weight: Array) -> tuple[Array, Nodes]:
-    """Return the residual of a model on another log, shape (B, K), the levels of its day at their best, and the map's nodes."""
+    """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
     for _ in range(LEVEL_PASSES if unseen.levels else 0):
         scenes = scenes_with(unseen, terms, beta)
         nodes = operating_nodes(unseen, scenes)
-        each = drawn_up(unseen, scenes, beta)
+        each = imbalances_at(unseen, scenes, beta)
         columns = (weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]).reshape(beta.size - q, -1)
         raw = (weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]).ravel()
         prior = np.diag(unseen.spread[q:] ** -2.0)
-        shared = LEVEL_SHARE  # neighbouring places do not count anew
+        shared = LEVEL_SHARE  # neighbouring places share their errors
         step = np.linalg.solve(shared * columns @ columns.T + prior, shared * columns @ raw + prior @ beta[q:])
         beta[q:] -= step
     scenes = scenes_with(unseen, terms, beta)
@@ -55,7 +57,7 @@ def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, wei
     return residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
 
 
-def together(parts: Sequence[Losses]) -> Losses:
+def pooled_losses(parts: Sequence[Losses]) -> Losses:
     """Return the losses along several logs as one."""
     offsets = np.cumsum([0, *(int(part.coarse.max()) + 1 for part in parts[:-1])])
     return Losses(
@@ -68,7 +70,7 @@ def together(parts: Sequence[Losses]) -> Losses:
 
 
 def _informed(time: Array, nodes: tuple[NDArray[np.int64], Array], after: Linear) -> NDArray[np.bool_]:
-    """Return where the map along a log stands on nodes that the model knows."""
+    """Return where the map along a log is interpolated between nodes that the model knows, shape (K,)."""
     prior = after.problem.prior
     stands = np.zeros(after.p, dtype=bool) if prior.free else np.diag(prior.precision) > UNKNOWN * prior.precision.max()
     informed = (time >= SUPPORT) | stands

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.drawn_up import scenes_with
+from lpvobs.discovery.imbalances import scenes_with
+from lpvobs.discovery.known_effects import KnownEffect, Span, active, from_off, spans_of, term_on
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, free_map
-from lpvobs.discovery.standing import Span, Standing, active, from_off, spans_of, term_on
 from lpvobs.errors import DataError
 
-STEP = Standing(
+STEP = KnownEffect(
     "maf.gain", "sensor", "factor", "1", 1.08, (1.07, 1.09), (Span("first", "1", 141.0, np.inf),), True, None
 )
 
@@ -104,7 +104,7 @@ def learned(first, other_cycle, misread, plant, config):
 
 def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
     found, *_ = learned
-    assert found.standing[0].id == "maf.lag"
+    assert found.known_effects[0].id == "maf.lag"
     unseen = found.trace.held_out
     assert unseen.ratio_ci90[1] < 0.9
     assert unseen.ratio == pytest.approx(unseen.after / unseen.before)
@@ -117,23 +117,27 @@ def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
 def test_a_refined_model_has_nothing_to_add_and_estimates_what_it_has_again(learned, plant, config):
     found, slow, _ = learned
     again = refine(
-        plant, config.grid(), free_map(config.grid(), len(config.estimate.tolerance), 0.1), [slow], had=found.standing
+        plant,
+        config.grid(),
+        free_map(config.grid(), len(config.estimate.tolerance), 0.1),
+        [slow],
+        known=found.known_effects,
     )
     assert again.trace.verdict == "none"
     assert again.trace.findings == ()
-    (kept,) = again.standing
-    assert kept.value == pytest.approx(found.standing[0].value, rel=1e-3)  # the same data, the same optimum
-    assert again.trace.as_json(refined=True)["standing"][0]["id"] == "maf.lag"
+    (kept,) = again.known_effects
+    assert kept.value == pytest.approx(found.known_effects[0].value, rel=1e-3)  # the same data, the same optimum
+    assert again.trace.as_json(refined=True)["known_effects"][0]["id"] == "maf.lag"
 
 
 def test_a_further_effect_is_added_to_those_that_stand(learned, other_cycle, misread, plant, config):
     found, *_ = learned
     prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
     changed = misread(other_cycle, slowed(other_cycle) * np.where(other_cycle.time < 150.0, 1.0, 1.06))
-    again = refine(plant, config.grid(), prior, [replace(changed, sha256="4")], had=found.standing)
-    assert [effect.id for effect in again.standing] == ["maf.lag", "maf.gain"]
-    assert again.standing[1].spans[0].begin == pytest.approx(150.0, abs=1.0)  # s; well under a block
-    lag = again.standing[0]
+    again = refine(plant, config.grid(), prior, [replace(changed, sha256="4")], known=found.known_effects)
+    assert [effect.id for effect in again.known_effects] == ["maf.lag", "maf.gain"]
+    assert again.known_effects[1].spans[0].begin == pytest.approx(150.0, abs=1.0)  # s; well under a block
+    lag = again.known_effects[0]
     assert [span.log for span in lag.spans] == ["first", "other"]
-    assert lag.standard_deviation < found.standing[0].standard_deviation  # two logs know more than one
+    assert lag.standard_deviation < found.known_effects[0].standard_deviation  # two logs know more than one
     assert again.trace.comparison.ratio < 0.9
