@@ -5,7 +5,7 @@ supplies balances, unknowns and effects; how residuals are laid out and weighted
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
 
 
@@ -33,6 +34,33 @@ class Level:
     name: str
     unit: str
     deviation: float
+
+
+@dataclass(frozen=True)
+class DayToDay:
+    """The configuration's `[trace]`.
+
+    Attributes
+    ----------
+    levels : mapping of str to float
+        What may differ from one day to another without being a fault, by the name of a balance or of an effect: standard
+        deviations, in the unit of the balance's residual or of the effect's parameter.
+    """
+
+    levels: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not all(value > 0 for value in self.levels.values()):
+            raise ValueError("what may differ from day to day must be positive")
+
+
+def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequence[Effect]) -> tuple[Level, ...]:
+    """Return the levels of a configuration; raises UsageError for a name that is neither a balance nor an effect."""
+    units = {effect.id: effect.unit for effect in catalogue} | dict.fromkeys(balances, unit)
+    unknown = [name for name in day.levels if name not in units]
+    if unknown:
+        raise UsageError(f"[trace.levels]: '{unknown[0]}' is unknown; expected some of {', '.join(units)}")
+    return tuple(Level(name, units[name], value) for name, value in day.levels.items())
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,9 @@ import pytest
 
 from lpvobs.discovery.refine import nominal_map, refine
 from lpvobs.discovery.residual import free_map, lay_out
-from lpvobs.errors import DataError
+from lpvobs.engines.diesel.effects import diesel_model
+from lpvobs.engines.residual_model import DayToDay
+from lpvobs.errors import DataError, UsageError
 
 KEYS = {"id", "parameters", "onset", "end", "explained", "p_value", "indistinguishable"}
 
@@ -109,6 +111,18 @@ def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misr
     (finding,) = found.trace.findings
     assert "maf.gain" in (finding.id, *finding.indistinguishable)
     assert found.terms[0].size == pytest.approx(1.08, abs=0.02)
+
+
+def test_what_may_differ_from_day_to_day_is_no_fault(nominal, clean, misread, config):
+    day = DayToDay({"maf.gain": 0.03})
+    model = diesel_model(config.engine, config.estimate.tolerance, day)
+    found = refine(model, config.grid(), nominal, [misread(clean, 1.03 * clean["W_maf"])])
+    assert found.trace.verdict == "none"
+    (level,) = found.trace.logs[0].day
+    assert (level.name, level.unit, level.usual) == ("maf.gain", "1", 0.03)
+    assert level.value == pytest.approx(0.03, abs=0.02)  # the constants' tolerance holds as for an effect of this kind
+    with pytest.raises(UsageError, match=r"'maf.gian' is unknown; expected some of .*maf.gain"):
+        diesel_model(config.engine, config.estimate.tolerance, DayToDay({"maf.gian": 0.03}))
 
 
 def test_against_a_nominal_map_a_switch_does_nothing_where_it_is_off(nominal, clean, misread, plant, config):

@@ -14,6 +14,7 @@ from repository import ROOT
 
 from lpvobs.engines.channels import COMMON
 from lpvobs.engines.registry import ENGINES
+from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.io.configuration.config import load_config
 
 PACKAGE = ROOT / "lpvobs"
@@ -48,7 +49,8 @@ def words_of(name):
         *path.channels, *kind.recorded, *path.state_names, *path.parameter_names, *path.temperature_names, *path.rate_names,
         *path.smoothed, *path.balance_constants, *path.engine_constants(), *(axis.channel for axis in path.axes), path.sensor,
     }  # fmt: skip
-    return frozenset(own | {record.__name__ for record in (kind.air_path, *kind.tables.values())})
+    own_records = (kind.air_path, *kind.tables.values())
+    return frozenset(own | {r.__name__ for r in own_records if r.__module__ != ResidualModel.__module__})
 
 
 TRUTH = {"W_c"}

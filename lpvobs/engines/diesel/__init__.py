@@ -7,10 +7,11 @@ from lpvobs.engines.diesel.known_drive import drive
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.engines.diesel.recorded import RECORDED
+from lpvobs.engines.residual_model import DayToDay
 
 ENGINE = EngineKind(
     air_path=Diesel,
-    tables={"engine": DieselEngine},
+    tables={"engine": DieselEngine, "trace": DayToDay},
     recorded=RECORDED,
     example="diesel.toml",
     residual_model=residual_model,

@@ -26,13 +26,15 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
 from lpvobs.records import Array
 
 PULSATION_SPEED = 2000.0
 """[rpm] above which the flow at the sensor no longer pulsates backward."""
 PULSATION_FUEL = 40.0
 """[mg/cycle], full load at low speed."""
+ANY_DAY = DayToDay()
+"""On which nothing differs from another."""
 EGR = "the same operating points with the EGR valve open and shut"
 
 
@@ -86,7 +88,7 @@ CATALOGUE = (
 """In the order in which effects are undone: what came last on its way into the log comes first."""
 
 
-def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float]) -> ResidualModel:
+def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY) -> ResidualModel:
     """Return the diesel as the loop sees it: its constants are known within a tolerance, as if uniformly distributed."""
     constants, names = constants_of(engine), tuple(tolerance)
 
@@ -111,6 +113,7 @@ def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float]) -> Residu
         further=further,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
+        levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
     )
 
 
@@ -126,4 +129,4 @@ def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
 
 def residual_model(config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str]) -> ResidualModel:
     """Return the model of a configuration; nothing of it is learned."""
-    return diesel_model(path.engine, config.estimate.tolerance)
+    return diesel_model(path.engine, config.estimate.tolerance, config.trace)

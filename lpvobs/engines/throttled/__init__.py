@@ -1,7 +1,8 @@
 """A throttled spark-ignition engine with intercooler."""
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.throttled.constants import DayToDay, ThrottledEngine
+from lpvobs.engines.residual_model import DayToDay
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.engines.throttled.recorded import RECORDED

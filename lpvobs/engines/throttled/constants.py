@@ -152,38 +152,3 @@ class Learned:
         sizes = {"throttle": self.area.size, "filling": self.eta_vol.size, "fuel": self.fuel.size, "volumes": 2}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
-
-
-@dataclass(frozen=True)
-class DayToDay:
-    """What may differ from one day to another without being a fault: standard deviations; the configuration's `[trace]`.
-
-    Attributes
-    ----------
-    balance : float
-        Of the level of the balances of throttle and filling, as a fraction.
-    fuel : float
-        Of the fuel balance: fuels and mixtures differ, too.
-    ambient : float
-        Of p_ic against p_amb at low flow, as a fraction.
-    pressure_gain : float
-        Of the gain of either pressure sensor.
-    pressure_offset : float
-        [Pa], of the zero of either pressure sensor.
-    opening : float
-        [%], of the zero of the throttle's position.
-    clock : float
-        [s], by which channels may be off against each other.
-    """
-
-    balance: float = 0.015
-    fuel: float = 0.02
-    ambient: float = 0.003
-    pressure_gain: float = 0.003
-    pressure_offset: float = 300.0
-    opening: float = 0.2
-    clock: float = 0.05
-
-    def __post_init__(self) -> None:
-        if not min(vars(self).values()) > 0:
-            raise ValueError("what may differ from day to day must be positive")

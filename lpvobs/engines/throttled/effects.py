@@ -23,7 +23,7 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.residual_model import Level, ResidualModel
+from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
 from lpvobs.engines.throttled.balances import (
     BALANCES,
     LACKS,
@@ -34,7 +34,7 @@ from lpvobs.engines.throttled.balances import (
     further,
     shown,
 )
-from lpvobs.engines.throttled.constants import DayToDay, Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import MOVING
 from lpvobs.engines.throttled.taught import beyond
 from lpvobs.records import Array
@@ -88,20 +88,6 @@ def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def levels(day: DayToDay) -> tuple[Level, ...]:
-    """Return what differs from day to day: levels of the balances, then zeros of sensors and clocks."""
-    return (
-        Level("throttle", "1", day.balance),
-        Level("filling", "1", day.balance),
-        Level("fuel", "1", day.fuel),
-        Level("ambient", "1", day.ambient),
-        *(Level(f"{p}.gain", "1", day.pressure_gain) for p in ("p_im", "p_ic")),
-        *(Level(f"{p}.offset", "Pa", day.pressure_offset) for p in ("p_im", "p_ic")),
-        Level("alpha_th.offset", "%", day.opening),
-        Level("maf.delay", "s", day.clock),
-    )
-
-
 def throttled_model(
     engine: ThrottledEngine,
     learned: Learned,
@@ -113,7 +99,7 @@ def throttled_model(
 
     Its curves are learned, with their covariance; residuals are relative, over blocks, and weighted by what a healthy log leaves.
     """
-    balances = Imbalances(engine)
+    balances, effects = Imbalances(engine), catalogue(engine)
     nodes = len(learned.names)
     return ResidualModel(
         balances=BALANCES,
@@ -131,10 +117,10 @@ def throttled_model(
         by_reading=partial(by_reading, balances),
         shown=partial(shown, learned),
         further=partial(further, engine),
-        catalogue=catalogue(engine),
+        catalogue=effects,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor"),
         blocks=True,
-        levels=levels(day),
+        levels=levels_of(day, BALANCES, "1", effects),
         by_unknowns=partial(by_curves, engine),
         blur=partial(blur, balances),
         beyond=partial(beyond, engine, learned, taught),
