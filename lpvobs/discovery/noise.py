@@ -9,7 +9,6 @@ error of the model is left: it lasts for seconds and minutes, and only a healthy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -24,30 +23,6 @@ from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array
 
 Nodes = tuple[NDArray[np.int64], Array]
-
-
-class Noise(Protocol):
-    """What the residual of a problem is weighted by."""
-
-    @property
-    def used(self) -> NDArray[np.bool_]:
-        """Places that count, shape (K,)."""
-
-    def whiten(self, values: Array) -> Array:
-        """Return values of shape (..., 2, B, K) in units of their noise, zero where they do not count."""
-
-    def only(self, used: NDArray[np.bool_]) -> "Noise":
-        """Return the same noise with other places that count."""
-
-    def pointwise(self) -> "Scatter":
-        """Return it without memory: what one place tells by itself."""
-
-    @property
-    def dual(self) -> Callable[[Array], Array]:
-        """Of whitened values: what a direction, not whitened, is to be multiplied by."""
-
-    def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
-        """Return the power of a direction on every range of stretches, shape (stretches + 1, stretches + 1)."""
 
 
 @dataclass(frozen=True)
@@ -178,6 +153,10 @@ class Remembered:
             return self._spread(new, whitened.shape)
 
         return back
+
+
+Noise = Scatter | Remembered
+"""What the residual of a problem is weighted by."""
 
 
 def _sums(values: Array, begin: NDArray[np.int64], axis: int) -> Array:
