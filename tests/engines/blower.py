@@ -1,16 +1,19 @@
-"""A third engine for tests: a box that a blower fills and a nozzle empties. One state, other channels, everything else as usual.
+"""A third engine for tests: a box that a blower fills and a nozzle empties. One state, other channels, two
+balances, everything else as usual.
 
 dp_box/dt = a_box (k_b n_b - rho_n p_box),    W_maf = rho_n p_box
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from lpvobs.engines.base import Balances, EngineKind, MapAxis, Trajectory
 from lpvobs.engines.channels import PRESSURE, Channel, Recorded
+from lpvobs.engines.effects import BOOST, SENSOR, Effect, lacking, on_the_reading
+from lpvobs.engines.residual_model import ResidualModel
 
 TEXT = """\
 schema = 1
@@ -64,6 +67,7 @@ class Blower:
 
     name: ClassVar[str] = "blower"
     learns: ClassVar[bool] = False
+    dispensable: ClassVar[tuple[str, ...]] = ()
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = ("p_box",)
     parameter_names: ClassVar[tuple[str, ...]] = ("rho_n", "a_box")
@@ -114,17 +118,69 @@ class Blower:
     def learned_from(self, logs):
         return self
 
+    def deviating(self, deviation):
+        constants = {name: getattr(self.engine, name) * (1.0 + share) for name, share in deviation.items()}
+        return replace(self, engine=replace(self.engine, **constants))
+
     def balances(self, log, rates, uncertain):
         flow = self._rho(log) * log["p_box"]
         return Balances(("nozzle",), flow[None], np.tile(flow, (1, len(uncertain), 1)))
 
 
-def no_loop(*_):
-    """Say that nobody asks this engine for what its model lacks."""
-    raise NotImplementedError("the third engine is estimated, not searched")
+_READING = on_the_reading()
+CATALOGUE = (
+    *(_READING[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift")),
+    Effect("nozzle.area", "factor", "1", 1.0, 0.03, 0.5, 1.5, "nozzle", lacking(0, 1.0), BOOST),
+)
+
+
+def nozzle_flow(box, s, factor):
+    """Return the flow through the nozzle, its area multiplied [kg/s]."""
+    return factor * box.A_n / np.sqrt(287.0 * s["T_box"]) * s["p_box"]
+
+
+def imbalances(box, s, _=None):
+    """Return sensor less nozzle, and what the blower delivers less what leaves the box or stays in it, shape (2, C) [kg/s]."""
+    flow = nozzle_flow(box, s, s.lacks[0])
+    stored = box.V_box / (287.0 * s["T_box"]) * s.rate["p_box"]
+    return np.stack([s[SENSOR] - flow, box.k_b * s["n_b"] - flow - stored])
+
+
+def further(box, s):
+    """Return what another nozzle adds to the flow, (1, N) [kg/s], and to dp_box/dt, (1, N) [Pa/s]."""
+    more = nozzle_flow(box, s, s.lacks[0] - 1.0)
+    return more[None], (-287.0 * s["T_box"] / box.V_box * more)[None]
+
+
+def residual_model(config: Any, path: Blower, *_: Any) -> ResidualModel:
+    """Return the engine as the closed loop sees it."""
+    tolerance = config.estimate.tolerance
+
+    def with_unknowns(beta):
+        return path.deviating(dict(zip(tolerance, beta, strict=True))).engine
+
+    return ResidualModel(
+        balances=("nozzle", "box"),
+        unit="kg/s",
+        channels=("v_b", "n_b", "p_box", "T_box", SENSOR),
+        moving=("v_b", "n_b", "p_box"),
+        fuel="v_b",
+        speed="n_b",
+        lacks=(1.0,),
+        constants=path.engine,
+        names=tuple(tolerance),
+        covariance=np.diag(np.square(list(tolerance.values())) / 3.0),
+        with_unknowns=with_unknowns,
+        imbalances=imbalances,
+        by_reading=lambda box, s, _: np.repeat([[1.0], [0.0]], s.time.size // 2, axis=1),
+        shown=lambda s, _: np.ones((2, s.time.size // 2), dtype=bool),
+        further=further,
+        catalogue=CATALOGUE,
+        carriers=("maf.gain", "maf.offset"),
+    )
 
 
 def kind(example: str, **more: Any) -> EngineKind:
     """Return the record of the engine with its commented configuration in a file."""
     recorded = {"p_box": Recorded("Pa", (6e4, 4e5), PRESSURE, r"p box|box pressure")}
-    return EngineKind(Blower, {"engine": Box}, recorded, example, no_loop, **more)
+    return EngineKind(Blower, {"engine": Box}, recorded, example, residual_model, **more)

@@ -36,28 +36,34 @@ def example(tmp_path, monkeypatch):
     return path
 
 
-@pytest.fixture
-def log(tmp_path):
-    """Return two minutes over the whole map; the sensor's error lies in the plane 1e-5 v_b + 1e-9 n_b [kg/s].
+def drive(path, seconds, noise=0.0, seed=0, factor=1.0, onset=0.0):
+    """Write a drive over the whole map; the sensor's error lies in the plane 1e-5 v_b + 1e-9 n_b [kg/s].
 
-    The speed is a sine about its mean; with constant temperature the pressure answers as a first-order lag does.
+    The speed is a sine about its mean; with constant temperature the pressure answers as a first-order lag does. `noise` is that
+    of the sensor [kg/s]; from the onset [s] on it reads so much more.
     """
-    t, w, T = np.arange(12_000) / 100.0, 0.083, 300.0
+    t, w, T = np.arange(100 * seconds) / 100.0, 0.083, 300.0
     rho, a = 1e-4 / np.sqrt(287.0 * T), 287.0 * T / 0.01
     v_b, n_b = 5.0 + 5.0 * np.sin(0.61 * t), 2000.0 + 1000.0 * np.sin(w * t)
     pole = a * rho
     answer = pole * (pole * np.sin(w * t) - w * np.cos(w * t)) / (pole**2 + w**2)
     flow, error = 2e-5 * (2000.0 + 1000.0 * answer), 1e-5 * v_b + 1e-9 * n_b
+    random = np.random.default_rng(seed)
     channels = {
         "time": t,
         "v_b": v_b,
         "n_b": n_b,
-        "p_box": flow / rho,
+        "p_box": flow / rho + 2e5 * noise * random.standard_normal(t.size),
         "T_box": np.full_like(t, T),
-        "W_maf": flow + error,
+        "W_maf": np.where(t < onset, 1.0, factor) * (flow + error) + noise * random.standard_normal(t.size),
     }
-    write_log(tmp_path / "log.parquet", channels | {"ref_W_c": flow, "ref_delta_W_c": error}, UNITS)
-    return tmp_path / "log.parquet"
+    write_log(path, channels | {"ref_W_c": flow, "ref_delta_W_c": error}, UNITS)
+    return path
+
+
+@pytest.fixture
+def log(tmp_path):
+    return drive(tmp_path / "log.parquet", 120)
 
 
 def test_its_configuration_is_read_and_refused(example):
@@ -142,3 +148,18 @@ def test_the_observer_as_published_runs_on_it(example, log, tmp_path):
     lpvobs.estimate(example, [log], gain=gain, out=result, method="published")
     # Two minutes are too short for its constant Gamma to settle; what it gives is finite.
     assert np.isfinite(read_result(result).theta[read_result(result).supported]).all()
+
+
+def test_the_loop_finds_what_it_lacks(example, tmp_path):
+    healthy = drive(tmp_path / "healthy.parquet", 240, 5e-4, 1)
+    today = drive(tmp_path / "today.parquet", 240, 5e-4, 2, 1.05, 120.0)
+    gain, result, refined = (tmp_path / name for name in ("gain.h5", "result.h5", "refined.h5"))
+    lpvobs.synth_gain(example, [healthy], out=gain)
+    lpvobs.estimate(example, [healthy], gain=gain, out=result)
+    assert lpvobs.trace(result, [drive(tmp_path / "other.parquet", 240, 5e-4, 3)]).found.verdict == "none"
+    (found,) = lpvobs.refine(result, [today], out=refined).found.findings
+    assert found.id == "maf.gain"
+    # Noise of 5e-4 on a flow of 0.04 kg/s, 12 000 times: 1e-4; the map's own error adds as much.
+    assert found.parameters["factor"].value == pytest.approx(1.05, abs=1e-3)
+    assert found.onset == pytest.approx(120.0, abs=1.0)
+    assert lpvobs.trace(refined, [today]).found.verdict == "none"
