@@ -1,1 +1,1 @@
-"""Files: logs, configuration, gains, results."""
+"""Files: logs, results and gains, calibration files, configuration, and what keeps all of them safe."""

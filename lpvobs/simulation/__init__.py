@@ -1,1 +1,1 @@
-"""Drive cycles, the nonlinear plant and its sensors."""
+"""Drive cycles, the nonlinear plant, its sensors, and effects that are put into them."""
