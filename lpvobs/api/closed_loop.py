@@ -1,4 +1,4 @@
-"""`trace` and `refine`: what the model lacks, from a stored result and logs, and the model that has it."""
+"""`trace` and `refine`: from a stored result and logs to the effects that its model lacks, and to the refined model."""
 
 import json
 import shutil

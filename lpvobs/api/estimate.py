@@ -35,7 +35,7 @@ from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
 
 MANY = 8
-"""Logs from which on starting other processes is worth while: each takes about a second to start."""
+"""Number of logs from which on other processes are started, each of which takes about a second to start."""
 METHODS = ("observer", "published", "ekf", "batch")
 
 

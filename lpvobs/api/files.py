@@ -14,7 +14,7 @@ File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
 CONFIG_NAME = "lpvobs.toml"
 LONGEST_NAME = 255
-"""[bytes], of a file in its folder."""
+"""[bytes] Longest name of a file in its folder."""
 
 
 def as_path(file: File) -> Path:

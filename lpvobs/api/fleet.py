@@ -32,7 +32,7 @@ from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
 PARTS_SHARE = 0.85
-"""Of the whole run, for the progress: the rest compares the map with references."""
+"""Share of the progress for the parts of the logs; the rest compares the map with references."""
 
 
 @dataclass(frozen=True)

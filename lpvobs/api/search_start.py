@@ -11,8 +11,8 @@ from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.records import Log
 
 LEAST_LEFT = 1.0 / 3.0
-"""Of a prior's standard deviation: what refinements may narrow it to. Their own interval is of a model linear around its optimum,
-with noise less independent than it takes it for."""
+"""Share of a prior's standard deviation that refinements leave at least. Their own interval is of a model that is linear
+around its optimum, and of noise that is less independent than it assumes."""
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,11 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
         from lpvobs.report.discovered import where
 
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
+    if found.findings:
+        from lpvobs.report.spoken import in_words
+
+        said = in_words([finding.as_json() for finding in found.findings])
+        print(textwrap.fill(visible(said), WIDTH, initial_indent="  ", subsequent_indent="  "))
     for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
@@ -103,7 +108,7 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
 def _show_likes(effects: "tuple[Finding, ...]") -> None:
     for effect in effects:
         if effect.indistinguishable:
-            likes = f"{effect.id} cannot be told from {', '.join(effect.indistinguishable)}; what would: {effect.drive}"
+            likes = f"What would tell {effect.id} from {', '.join(effect.indistinguishable)}: {effect.drive}."
             print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
 
 

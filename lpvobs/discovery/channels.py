@@ -1,4 +1,4 @@
-"""The log's own channels as causes: a gain or an offset of the sensor, or a flow of the engine, that follows one of them."""
+"""Candidates driven by a channel of the log: a gain or an offset of the sensor, or a flow of the engine, follows the channel."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ class Curve:
     carrier : str
         Effect whose size follows it.
     knots, values : ndarray, shape (k,)
-        Of the channel (or its rate), and of the deviation of the carrier's size: nothing on the average of the logs, or, for a
-        switch against a map that stands, nothing where it is off.
+        The channel (or its rate), and the deviation of the carrier's size. The deviation is zero on the average of the logs; for a
+        switch and a frozen map it is zero where the switch is off.
     """
 
     channel: str
@@ -58,16 +58,14 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
 
 
 def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
-    """Return the best curve of every channel as a candidate, none that does not pay its coefficients."""
+    """Return the best curve of every channel as a candidate, if it gains more than its coefficients cost."""
     problem = linear.problem
     carriers = problem.carriers
     slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
     best: dict[str, tuple[float, Curve, Effect]] = {}
     for name, of, values in shapes(linear):
         knots, hats = basis(values)
-        off = (
-            not problem.prior.free and knots.size <= MOST_LEVELS
-        )  # what a switch does on the average is no part of such a map
+        off = not problem.prior.free and knots.size <= MOST_LEVELS  # a frozen map does not hold the average of a switch
         middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
         for effect in carriers:
             columns = linear.whiten(np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]]))

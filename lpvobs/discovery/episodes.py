@@ -1,4 +1,4 @@
-"""When an effect acts, instant by instant: where it begins and ceases, and whether it comes and goes."""
+"""When an effect acts: its onset and end to the instant, and whether it comes and goes."""
 
 from collections.abc import Container
 from dataclasses import replace
@@ -14,10 +14,10 @@ from lpvobs.records import Array
 
 
 def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
-    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where none is used.
+    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where a place is not used.
 
-    Map, constants and sizes stay as they are, and terms that are put `aside` do not act. Products are taken across the views, so
-    that a regressor's own noise does not speak for its absence.
+    Map, constants and sizes stay as they are, and terms in `aside` do not act. Products are taken across the views, so that the
+    noise of a regressor is no evidence against the term.
     """
     term = linear.terms[index]
     others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
@@ -28,15 +28,15 @@ def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
     gain = 0.5 * ((plain_off[0] ** 2 - plain_off[1] ** 2).sum(0) - (plain_on[0] ** 2 - plain_on[1] ** 2).sum(0))
     if place is linear.noise:
         return np.asarray(gain)
-    # Where noise is remembered, places do not count anew: together they say what the whole change says.
+    # Where noise is correlated in time, places are not independent: their sum is scaled to the evidence of the whole change.
     whole, alone = linear.noise.whiten(on - off)[0], (plain_on - plain_off)[0]
     return np.asarray(gain * min(1.0, float(np.vdot(whole, whole) / max(np.vdot(alone, alone), 1e-300))))
 
 
 def sharpened(linear: Linear, index: int) -> Term:
-    """Return a term with its onset and end moved to where, place by place, it begins and ceases to explain: between two places."""
+    """Return a term with its onset and end moved to between the two places where it starts and stops to explain the residual."""
     term = linear.terms[index]
-    better = np.cumsum(advantage(linear, index))  # of acting up to a place, that one included
+    better = np.cumsum(advantage(linear, index))  # if it acts up to a place, that one included
     clock = linear.problem.clock
     between = np.append(0.5 * (clock[1:] + clock[:-1]), clock[-1])
     reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
@@ -53,7 +53,7 @@ def sharpened(linear: Linear, index: int) -> Term:
 def comes_and_goes(linear: Linear, index: int) -> bool:
     """Return whether a term explains clearly more when it acts in several episodes than in the best one interval.
 
-    An effect that ends and undoes this one is put aside: together they are a pause.
+    An effect that ends and cancels this one is put aside: together they are a pause.
     """
     cancelling = [
         i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _cancels(linear, i, index)
@@ -66,7 +66,7 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
 
 
 def _cancels(linear: Linear, one: int, other: int) -> bool:
-    """Return whether what one term does to the residual is, while it acts, the opposite of what the other does."""
+    """Return whether one term, while it acts, changes the residual opposite to the other."""
     whole = residual_with(linear, linear.terms)
     a, b = (
         linear.whiten(whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]))
@@ -78,7 +78,7 @@ def _cancels(linear: Linear, one: int, other: int) -> bool:
 
 @njit(cache=True)
 def switched(gain, cost):  # type: ignore[no-untyped-def]
-    """Return when to act, for the largest sum of gains where every switch costs, shape (K,) (Viterbi's recursion)."""
+    """Return when to act for the largest sum of gains, if every switch has a cost, shape (K,) (Viterbi's recursion)."""
     acting, idle = 0.0, 0.0
     begins, ends = np.zeros(gain.size, np.bool_), np.zeros(gain.size, np.bool_)
     for k in range(gain.size):

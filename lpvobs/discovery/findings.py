@@ -1,4 +1,4 @@
-"""Accepted effects as records: for people and programs, and as the model keeps them."""
+"""Accepted effects as records: `Finding` for people and programs, `KnownEffect` for the model that keeps them."""
 
 from collections.abc import Sequence
 from dataclasses import replace

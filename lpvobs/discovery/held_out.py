@@ -1,7 +1,7 @@
-"""The residual on data that did not make the model.
+"""The error of a model on data that it was not fitted to.
 
-Two uses, and no data serve both. Choices are made by leaving out blocks in turn. What is said of the error before and after comes
-from stretches that are kept from every fit and every choice (or from whole logs that took no part).
+Choices are made by leaving out blocks in turn. The error before and after that is reported comes from other data: stretches that
+are kept from every fit and every choice, or whole logs that took no part.
 """
 
 from dataclasses import dataclass
@@ -106,8 +106,8 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def compare(before: Linear, after: Linear) -> Losses:
     """Return the losses of two models of the same logs on the stretches that neither saw, weighted as the second one is.
 
-    Left out are stretches in which an effect begins or ends: a model that has not seen when cannot be judged there. Where nothing
-    else reads the map at nodes that the rest informs, the blocks are left out in turn instead.
+    Stretches in which an effect begins or ends are left out: a model that has not seen the onset cannot be judged there. Where no
+    stretch is left that reads the map at nodes known from the rest, blocks are left out in turn instead.
     """
     problem = after.problem
     use = problem.judged & informed(after, problem.used) & ~undated(after)

@@ -1,14 +1,14 @@
-"""How far the size of an effect may be off: noise, what the data share among themselves, constants, and the choice of window.
+"""The standard error of an effect's size from noise, model error, the constants' tolerance and the choice of window.
 
-Four parts, none of them typed in. Noise and model error together show in how the sums of the size's score vary from stretch to
-stretch of the drive and from cell to cell of the map: where they vary more than noise lets them, the larger variance holds (a
-cluster-robust variance). The constants' tolerance enters through their prior, pinned ones included: a constant at the end of its
-tolerance is not known any better for that. Noise in balances that bend and blur within the window bias a size, and both depend on
-the width of the window, one falling, one growing with it: the same model is fitted through windows of another width, and half the
-squared difference of the two sizes is the variance between windows, as for two draws of one random effect.
+Noise and model error show in how the sums of the size's score vary from stretch to stretch of the drive and from cell to cell of
+the map. Where they vary more than noise explains, the larger variance holds (a cluster-robust variance). The constants' tolerance
+enters through their prior. Pinned constants are included: a constant at the end of its tolerance is not known any better for that.
+Noise in curved balances and blur within the window both bias a size. One bias falls with the width of the window, the other grows.
+The same model is therefore fitted through windows of another width, and half the squared difference of the two sizes is the
+variance between windows, as for two draws of one random effect.
 
-That last part is an estimate with a single degree of freedom, the others have those of the stretches. The quantile is Student's
-with the degrees of freedom of the sum (Satterthwaite), and the standard error is given so that the normal quantile stands for it.
+The variance between windows has a single degree of freedom, the others have those of the stretches. The quantile is Student's with
+the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the same interval.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ def widened(within: Array, degrees: float, between: Array) -> Array:
 
 def between_windows(linear: Linear) -> Array:
     """Return the difference of the sizes that wider windows give, shape (terms,)."""
-    if linear.problem.blocks is not None:  # storage is a difference between edges there, and no window blurs it
+    if linear.problem.blocks is not None:  # blocks take storage as a difference between edges, and no window blurs it
         return np.zeros(len(linear.terms))
     wider = linear.problem.wider()
     there = linearised(wider, linear.terms, linear.theta, linear.beta, linear.noise.only(wider.used), linear.pinned)
@@ -61,7 +61,7 @@ def between_windows(linear: Linear) -> Array:
 
 
 def _variance(linear: Linear, row: Array, plain: float, prior: Array) -> float:
-    """Return the variance of one size for a given window; `plain` is that without model error."""
+    """Return the variance of one size for a given window; `plain` is the variance without model error."""
     problem = linear.problem
     left = linear.moved(linear.residual, linear.newton_step)
     along = -linear.moved(np.zeros_like(left), row)

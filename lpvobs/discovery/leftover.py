@@ -1,4 +1,4 @@
-"""What is known of a residual that no effect explains: when it is large, where in the map, how fast it changes, what it follows."""
+"""The description of a residual that no effect explains: when and where in the map it is large, its frequency, what it follows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Leftover:
-    """What the residual looks like.
+    """When, where and how fast a residual is, and what it follows.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Leftover:
     times_noise : float
         That mean square over the median cell's.
     half_power : float
-        [Hz], half of the power of the sums over blocks lies below.
+        [Hz] below which half of the power of the block sums lies.
     balance : str
         The balance in which most of it shows.
     follows : mapping of str to float
@@ -77,7 +77,7 @@ def block_sums(residual: Array, first: NDArray[np.int64]) -> Array:
 
 
 def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) -> Leftover:
-    """Return what is left of a model's residual."""
+    """Return the description of a model's residual."""
     problem = linear.problem
     power = (linear.residual[0] ** 2).mean(0)
     cells = cell_numbers(problem.grid, linear.nodes[0])
@@ -101,7 +101,7 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
 
 
 def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretch]:
-    """Return runs of stretches with much power, the strongest first."""
+    """Return runs of neighbouring blocks with large power, the strongest first."""
     problem = linear.problem
     coarse = problem.block // problem.per_coarse
     time, of_log = own_time(problem, logs), problem.of_log

@@ -1,9 +1,8 @@
 """How a residual is weighted: by its own scatter, or by what a healthy engine leaves.
 
-Two strategies, because two things are left of a residual. Where an engine's constants are known, noise of the sensors is left: new
-at every instant, of a size that the residual shows by itself, cell by cell of the map (`Scatter`). Where curves are learned, the
-error of the model is left: it lasts for seconds and minutes, and only a healthy log says how large it is on an engine in order
-(`Remembered`).
+There are two strategies, because two kinds of error dominate. Where an engine's constants are known, the noise of the sensors
+dominates: it is new at every instant, and the residual itself shows its size in every cell of the map (`Scatter`). Where curves are
+learned, the error of the model dominates: it lasts for seconds and minutes, and only a healthy log shows its size (`Remembered`).
 """
 
 from collections.abc import Callable
@@ -60,13 +59,13 @@ class Scatter:
 
     @property
     def dual(self) -> Callable[[Array], Array]:
-        """Of whitened values: the root's transpose times them."""
+        """The product of whitened values with the transposed root."""
         return lambda whitened: np.einsum("kab,...ak->...bk", self.root, whitened)
 
 
 @dataclass(frozen=True)
 class Remembered:
-    """Noise that is correlated from place to place of a log; m entries (place, balance) in the order of time.
+    """Noise that is correlated in time; m entries (place, balance) in the order of time.
 
     Attributes
     ----------
@@ -100,7 +99,7 @@ class Remembered:
         return np.asarray(np.tril(half) + np.tril(half, -1).T)
 
     def whiten(self, values: Array) -> Array:
-        """Return innovations: what is new at an entry after all before it, in units of its noise; of the first view alone."""
+        """Return innovations of the first view: what an entry adds to all before it, in units of its noise."""
         entries, factor = self._entries
         flat = values.reshape(-1, *values.shape[-3:])[:, 0] if values.ndim > 2 else values[None]
         along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)
@@ -124,14 +123,14 @@ class Remembered:
         return self if used is self.used else replace(self, used=used)
 
     def pointwise(self) -> Scatter:
-        """Return the standard deviation of every entry alone; none where a balance does not count."""
+        """Return the noise of every entry alone; zero weight where a balance does not count."""
         B, K = self.shape
         root = np.zeros(K * B)
         root[self.order] = 1.0 / np.sqrt(np.diag(self.covariance))
         return Scatter(root.reshape(K, B)[:, :, None] * np.eye(B), self.used)
 
     def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
-        """Return sums over squares of the precision, with a direction on either side."""
+        """Return the quadratic form of the precision with a direction, summed over square parts of the matrix."""
         entries, _ = self._entries
         along = direction[0].T.ravel()[entries]
         begin = np.searchsorted(entries, first * self.shape[0])
@@ -143,7 +142,7 @@ class Remembered:
 
     @property
     def dual(self) -> Callable[[Array], Array]:
-        """Of whitened values: what a direction, not whitened, is to be multiplied by."""
+        """The transposed whitening: what turns whitened values into factors for a direction that is not whitened."""
         entries, factor = self._entries
 
         def back(whitened: Array) -> Array:

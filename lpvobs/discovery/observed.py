@@ -1,14 +1,14 @@
 """Effects in the observer: what it is given of a log so that map and state come out as they would without them.
 
-An effect does one of three things, and that is all the observer needs to know of it:
+For the observer an effect does one of three things:
 
-- it corrects channels: readings are put right before anything is computed from them, scheduling parameters included, so the region
-  of the certificate is checked on what is right;
-- it adds to a balance: what the engine's model lacks is a known function of measured signals, a further known input of the state
-  equation and a further flow in the balances; A, C, gain and certificate stay;
+- it corrects channels: readings are corrected before anything is computed from them. That includes the scheduling parameters, so
+  the region of the certificate is checked on corrected readings;
+- it adds to a balance: what the engine's model lacks is a known function of measured signals. It is a further input of the state
+  equation and a further flow in the balances; A, C, gain and certificate do not change;
 - it adds a state: behind a slow sensor the flow W drives a state W_m, tau dW_m/dt = W - W_m. The observer corrects it by the
-  reading with gain l, and what it has to be corrected by tells of the flow: z = (1 + l tau)(y - W_m) follows W less the flow of the
-  balance through a lag of 1/(1/tau + l). The map's inputs go through the same lag. Gain and proof of the larger observer come from
+  reading with gain l, and the correction measures the flow: z = (1 + l tau)(y - W_m) follows W less the flow of the balance with a
+  lag of 1/(1/tau + l). The map's inputs go through the same lag. Gain and proof of the larger observer come from
   `lpvobs.synthesis.sensor_state`.
 """
 
@@ -33,7 +33,7 @@ from lpvobs.records import Array, Log
 LAGS = ("maf.lag",)
 """Effects that add a state."""
 BLUR = 0.378
-"""Standard deviation of the window of `smooth` over its half width: what the sensor's state may blur as well."""
+"""Standard deviation of the window of `smooth` over its half width: the sensor's state may blur as much."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def added(refined: Refined, log: Log, rates: Mapping[str, Array]) -> tuple[Array
     `log` holds smoothed channels, `rates` their time derivatives.
     """
     signals = _put(_signals(refined.model, log, rates), refined, refined.effects, log)
-    # What corrects channels has done so; here only what the engine lacks counts, with the channels as they are given.
+    # Channels are corrected already: only what the engine lacks is added here, computed from the channels as they are given.
     flows, inputs = refined.model.further(
         refined.model.constants, replace(_signals(refined.model, log, rates), lacks=signals.lacks)
     )
@@ -150,7 +150,7 @@ def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log
 
 
 def _behind_sensor(refined: Refined, seen: Observed) -> Observed:
-    """Return what the sensor's state has to be corrected by, in place of reading less flow, at inputs that are as late."""
+    """Return the correction of the sensor's state in place of reading less flow, with the map's inputs delayed by the same lag."""
     log = seen.log
     tau = np.zeros(len(log))
     for effect in refined.lags:

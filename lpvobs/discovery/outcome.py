@@ -1,4 +1,4 @@
-"""What `trace` and `refine` say, as plain records and as the contract's JSON."""
+"""The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -30,10 +30,10 @@ class Finding:
     onset, end : float or None
         [s] since the start of its log; None where the effect acts from the first or to the last sample.
     explained : float or None
-        Share of the residual's power above noise that goes with it, of what is left without it; None for an effect that the
-        model had already.
+        Share of the residual's power above noise, without the effect, that the effect explains; None for an effect that the model
+        had already.
     p_value : float or None
-        After all effects and intervals that were tried.
+        Corrected for all effects and intervals that were tried.
     indistinguishable : tuple of str
         Effects that explain these logs as well.
     drive : str
@@ -80,11 +80,11 @@ class BalanceError:
     ----------
     balance, unit : str
     before, after : float
-        Rms of the residual, B without the effects and A with them accounted for.
+        Rms of the residual without the effects (B) and with them accounted for (A).
     healthy : float or None
-        The same of held-out parts of the healthy logs; None where there are none.
+        The same on held-out parts of the healthy logs (N); None where there are none.
     usual_before, usual_after : float
-        The same from medians: without the few places that lie far out.
+        The same from medians, which ignore a few outliers.
     affected : bool
         Whether the effects move it by more than its usual error.
     """
@@ -110,12 +110,12 @@ class BalanceError:
         return asdict(self) | {"recovered": self.recovered}
 
     def note(self) -> str:
-        """Return a sentence on it."""
+        """Return a sentence on its error before and after."""
         times, unit = (100.0, "%") if self.unit == "1" else (1e3, "g/s")
-        said = f"{self.balance}: {times * self.before:.2g} {unit} rms before, {times * self.after:.2g} {unit} after"
+        said = f"{self.balance}: the error goes from {times * self.before:.2g} {unit} rms to {times * self.after:.2g} {unit}"
         if self.healthy is None or self.recovered is None:
             return f"{said}."
-        return f"{said}, healthy {times * self.healthy:.2g} {unit}: {100 * self.recovered:.0f} % recovered."
+        return f"{said}; a healthy engine has {times * self.healthy:.2g} {unit}, so {100 * self.recovered:.0f} % is recovered."
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class Missing:
     channels, balances : tuple of str
         Channels that the log does not have, and balances that cannot be drawn up without them.
     same_place : tuple of tuple of str
-        Effects that move the same of the remaining balances: their place no longer tells them apart.
+        Effects that move the same of the remaining balances, so that their place no longer tells them apart.
     """
 
     channels: tuple[str, ...]
@@ -149,7 +149,10 @@ class Missing:
         lost = f"Without {', '.join(self.channels)} there is no balance {', '.join(self.balances)}."
         return [
             lost,
-            *(f"By their place alone these cannot be told apart: {', '.join(group)}." for group in self.same_place),
+            *(
+                f"The remaining balances cannot tell these apart by their place: {', '.join(group)}."
+                for group in self.same_place
+            ),
         ]
 
 
@@ -166,7 +169,7 @@ class Ranked:
 
 @dataclass(frozen=True)
 class LogPart:
-    """What is said of one log of several.
+    """The outcome on one log of several.
 
     Attributes
     ----------
@@ -197,13 +200,12 @@ class LogPart:
         moved = [item for item in self.balances if item.affected]
         said = [item.note() for item in moved]
         if moved and agreeing:
-            said.insert(
-                0, f"{', '.join(item.balance for item in moved)} moved; still in agreement: {', '.join(agreeing)}."
-            )
+            disturbed = ", ".join(item.balance for item in moved)
+            said.insert(0, f"Balances that the effects disturb: {disturbed}; undisturbed: {', '.join(agreeing)}.")
         unusual = [level for level in self.day if abs(level.value) > level.usual]
         if unusual:
             levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)
-            said.append(f"Different from the healthy day, but no fault: {levels}.")
+            said.append(f"The day differs from the healthy one, which is no fault: {levels}.")
         return said + ([] if self.missing is None else self.missing.notes())
 
     def as_json(self, refined: bool) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What one log of several shows: each balance with and without the effects, the levels of its day, what is missing in it."""
+"""The part of an outcome that is about one log: its balances with and without the effects, levels of the day, missing channels."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -28,8 +28,7 @@ def shown_by(after: Linear, i: int) -> dict[str, Any]:
 def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
     """Return every balance of log i where the effects act, of the whole log where there is none.
 
-    Map, unknowns and levels of the day are those of the model with the effects, before and after: the effects alone make the
-    difference.
+    Map, unknowns and levels of the day are those of the model with the effects in both cases, so that only the effects differ.
     """
     problem, model = after.problem, after.problem.model
     before = residual_of(problem, scenes_with(problem, (), after.beta), after.beta, after.theta, after.nodes)[0]

@@ -1,8 +1,8 @@
 """Where residuals are taken, by one of two strategies: instants that are seen twice, or blocks of samples.
 
-An engine whose constants are known leaves the noise of its sensors, new at every instant: two views of the same signal with
-independent noise keep it out of every product. An engine whose curves are learned leaves errors that last for seconds: means over
-blocks lose nothing, and what is stored in the manifold is a difference of two pressures.
+Where an engine's constants are known, the residual holds the noise of the sensors, which is new at every instant. Two views of the
+same signal with independent noise keep it out of every product. Where curves are learned, errors last for seconds: means over
+blocks lose nothing then, and the storage in the manifold is a difference of two pressures.
 """
 
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ class Places:
 
 
 def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Places:
-    """Return instants between which windows share samples, each seen twice, with a class of transience."""
+    """Return instants, each seen in two views, with their class of transience."""
     spacing = SPACING * max(1.0, sum(lasting(log) for log in logs) / SPACING / MOST_INSTANTS)
     views = [_view(model, log, spacing, wide * HALF_WIDTH) for log in logs]
     signals = _joined(model, logs, views)
@@ -121,7 +121,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
     if len(log) < 2 * LEAST_SAMPLES:
         raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
     least = max(1.0, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))) / HALF_WIDTH)
-    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same for all widths
+    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same instants for all widths
     half_width *= least
     if time.size * spacing < LEAST_DRIVEN:
         raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
@@ -149,7 +149,7 @@ def _halves(values: Array) -> Array:
 
 
 def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -> Signals:
-    @lru_cache(maxsize=8)  # asked for again and again
+    @lru_cache(maxsize=8)  # the fits ask for the same few shifts many times
     def later(shift: float) -> Array:
         seen = []
         for log, view in zip(logs, views, strict=True):
@@ -212,8 +212,8 @@ def kept_back(places: Places) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
     """Return the class of each instant: fast changes blur the balances, whatever the cause.
 
-    The change is that between instants `apart` before and after, whose windows do not touch: a weight that knew the noise of its
-    own rate would trust a rise that noise makes smaller, and bias every lag and volume.
+    The change is taken between instants `apart` before and after, whose windows do not overlap. A weight that depends on the noise
+    of its own rate would trust rises that noise makes smaller, and bias every lag and volume.
     """
     K = signals.time.size // 2
     number = np.arange(K)

@@ -1,4 +1,4 @@
-"""What there is to see of a residual before and after, bounded in size whatever the length of the logs: data for figures."""
+"""The data for figures of a residual before and after, of bounded size for logs of any length."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,16 +17,17 @@ from lpvobs.discovery.thresholds import COLOURED, LAGS
 from lpvobs.records import Array, Log
 
 MOST_COLUMNS = 500
-"""Columns that all logs together are drawn with; each holds the smallest and the largest value."""
+"""Columns of the figure for all logs together; each holds the smallest and the largest value."""
 MOST_POINTS = 1500
-"""Of the cloud of one partial residual."""
+"""Points drawn of one partial residual."""
 BINS = 25
+"""Bins of a partial residual."""
 SEGMENT = 256
-"""Instants of a stretch that a spectrum is averaged from."""
+"""Instants in each of the segments that a spectrum is averaged over."""
 STILL = 1e-6
-"""Of its size: a channel that moves less stands still, and nothing can follow it."""
+"""Relative range below which a channel counts as constant: nothing can follow it."""
 LEAST_PART = 0.05
-"""Of an effect's power: a balance that holds less of it is left out of its partial residual."""
+"""Share of an effect's power below which a balance is left out of the effect's partial residual."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Track:
     before, after : ndarray, shape (B, 2, M)
         [kg/s], smallest and largest value of every balance.
     judged : ndarray of bool, shape (M,)
-        Columns that the error before and after is taken from.
+        Columns that the error before and after is computed from.
     """
 
     log: str
@@ -53,7 +54,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Partial:
-    """The residual without one effect against what the effect says of it, both freed of map, constants and the other effects.
+    """The added-variable plot of one effect: map, constants and the other effects are projected out of both axes.
 
     Attributes
     ----------
@@ -80,7 +81,9 @@ class Portrait:
     tracks : tuple of Track
     partials : tuple of Partial
     block : float
-        [s], length of the blocks whose sums are tested, blocks : int how many there are.
+        [s], length of the blocks whose sums are tested.
+    blocks : int
+        Number of these blocks.
     frequency : ndarray, shape (F,)
         [Hz]
     spectrum : ndarray, shape (2, B, F)
@@ -93,7 +96,7 @@ class Portrait:
         Correlation with each, the strongest among the balances, for lags of -LAGS to LAGS blocks: positive where the residual
         follows the signal.
     cross_limit : ndarray, shape (2, S, 2 LAGS + 1)
-        What white noise of the same uneven variance stays under, all lags and signals together.
+        Limit of white noise of the same uneven variance, for all lags and signals together.
     effective : ndarray, shape (2, B)
         Effective number of independent blocks.
     """
@@ -113,7 +116,7 @@ class Portrait:
 
 
 def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:
-    """Return what is to be drawn of a refinement (or of a trace, whose residual before is that of the model as it was)."""
+    """Return the data for the figures of a refinement or a trace."""
     both = (found.before, found.after)
     problem = found.after.problem
     first = problem.first
@@ -213,7 +216,7 @@ def _partial(linear: Linear, index: int) -> Partial:
 
 
 def _absent(name: str, linear: Linear) -> float:
-    """Return the size of an effect that is not there."""
+    """Return the size that stands for no effect."""
     return next((effect.null for effect in linear.problem.catalogue if effect.id == name), 0.0)
 
 

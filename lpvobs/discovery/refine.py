@@ -1,4 +1,4 @@
-"""The entry points: from logs and a nominal model to what is missing in it, and to the model that has it."""
+"""The entry point of the search: from logs and a nominal model to the effects that they prove, and to the refined model."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -43,7 +43,7 @@ class Refinement:
     beta, beta_deviation : mapping of str to float
         Relative deviation of each uncertain constant from the configured one, and its standard deviation.
     known_effects : tuple of KnownEffect
-        Every effect of the model: those that it had, re-estimated, then those that were found.
+        Every effect of the model: first those that it had, estimated again, then those that were found.
     before, after : Linear
         Residual, regressors and weights of either model, for reports.
     whiteness_before, whiteness_after : Whiteness
@@ -111,11 +111,11 @@ def refine(
     logs : sequence of Log
         Pooled.
     progress : callable
-        Told the share that is done.
+        Called with the share that is done.
     known : sequence of KnownEffect
-        Effects that the model has already; they are estimated again.
+        Effects that the model has already. They are estimated again.
     hold_out : sequence of Log
-        Nothing is fitted to these, no decision sees them; the error before and after is judged on them, too.
+        Logs that no fit and no decision sees; the error before and after is computed on them, too.
 
     Raises
     ------
@@ -182,8 +182,8 @@ def _selected(
 ) -> tuple[Selection, Linear, Linear]:
     """Return what was found, and the model before and after, both with the effects that were there already.
 
-    Those are estimated first, then held while others are sought: at their optimum the search loses nothing by it but power
-    against what resembles them. In the end all are estimated together, from all data.
+    Known effects are estimated first and held while others are sought. The search then has less power only against effects that
+    resemble them. In the end all are estimated together, from all data.
     """
     if not known:
         selection = select(problem, progress)
@@ -198,9 +198,9 @@ def _selected(
 
 
 def _explained_already(selection: Selection, after: Linear) -> bool:
-    """Return whether what is left in time is no more than effects that are named may leave.
+    """Return whether the structure left in time is within what named effects may leave.
 
-    The search asks that of the effects that it finds; here they were in the model before it began.
+    The search asks that of the effects that it finds. Here the effects were in the model before the search began.
     """
     if selection.verdict != "unexplained" or is_proven(selection.ranking[0], selection.before):
         return False
@@ -208,7 +208,7 @@ def _explained_already(selection: Selection, after: Linear) -> bool:
 
 
 def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
-    """Return the problem with effects accounted for at their sizes, through any window."""
+    """Return the problem with effects held at their sizes, for any width of the windows."""
     return replace(problem, held=(*problem.held, *terms), wider=lambda: _holding(problem.wider(), terms))
 
 
@@ -221,7 +221,7 @@ def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Arra
 
 
 def _kept(term: Term, error: float, known_effect: KnownEffect, logs: Sequence[Log]) -> KnownEffect:
-    """Return an effect that the model had, estimated again, with the logs that have told of it now."""
+    """Return an effect that the model had, estimated again, with the logs that it is now estimated on."""
     parameter = parameter_of(term, error)
     known = {(span.log, span.sha256) for span in known_effect.spans}
     new = tuple(known_effect.span_on(log) for log in logs if (log.name, log.sha256) not in known)

@@ -1,4 +1,4 @@
-"""Logs laid out for the search: residuals of every balance, unknowns with their priors, what is kept back."""
+"""The problem that the search solves: signals of all logs, balances, unknowns with their priors, and which places are kept back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,9 +34,9 @@ class MapPrior:
     precision : ndarray, shape (p, p)
         [s^2/kg^2], inverse covariance of the error.
     sensitivity : ndarray, shape (p, q)
-        [kg/s], what the map owes to the relative error of each constant.
+        [kg/s], derivative of the map by the relative error of each constant.
     free : bool
-        Whether the map is made from these very logs.
+        Whether the map is estimated from these logs.
     """
 
     mean: Array
@@ -46,13 +46,13 @@ class MapPrior:
 
     @cached_property
     def standard_error(self) -> Array:
-        """Of every node, whatever the constants, shape (p,) [kg/s]."""
+        """Standard error of every node for given constants, shape (p,) [kg/s]."""
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.precision))))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """All that stays the same during a search: B balances at K places, q unknowns beside the map.
+    """Everything that a search does not change: B balances at K places, q unknowns beside the map.
 
     Places are instants, seen twice (2K columns of signals), or blocks of samples (N columns), as the model says.
 
@@ -61,7 +61,7 @@ class Problem:
     model : ResidualModel
     grid : Grid
     levels : tuple of (int, Level)
-        What differs from day to day: the number of the log, and what; unknowns behind those of the engine.
+        The number of the log, and the level that differs on its day. These unknowns come after those of the engine.
     covariance : ndarray, shape (q, q)
         Prior of the engine's unknowns and of the levels of the day.
     prior : MapPrior
@@ -83,21 +83,21 @@ class Problem:
     transience : ndarray, shape (K,)
         How fast the inputs change: a class from 0 for instants, the relative scatter within for blocks.
     auxiliary : mapping of str to ndarray, shape (K,)
-        The logs' own channels, where all have them.
+        The logs' own channels that all of them have.
     shown : ndarray of bool, shape (B, K)
         Where each balance counts.
     used : ndarray of bool, shape (K,)
         Places that fits and choices see.
     judged : ndarray of bool, shape (K,)
-        Places that only the error before and after is computed from, at a distance from all that are used.
+        Places for the error before and after alone, at a distance from all that are used.
     flow : float
         [kg/s], turns a residual in the model's unit into a flow.
     wider : callable
         The same problem, all of it used, seen through windows `WIDER` times as wide.
     offset : ndarray, shape (B, K)
-        Added to the residual: what an engine that was learned without the place would say beyond the one that was.
+        Added to the residual: the difference between an engine learned without the place and the one in use.
     held : tuple of Term
-        Effects that are accounted for and stay as they are.
+        Effects that are accounted for with fixed sizes.
     """
 
     model: ResidualModel
@@ -203,7 +203,7 @@ class Term:
 
 
 def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
-    """Return what is known of a map that these logs make: nothing beyond a wide prior [kg/s]."""
+    """Return the prior of a map that these logs make: a wide one [kg/s]."""
     p = grid.size
     return MapPrior(np.zeros(p), np.eye(p) / prior_map**2, np.zeros((p, q)), True)
 

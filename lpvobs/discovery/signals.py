@@ -1,7 +1,7 @@
-"""Calm signals at a few instants per second, seen twice: by the even samples of a log, and by the odd ones.
+"""Smoothed signals at a few instants per second, in two views: from the even samples of a log, and from the odd ones.
 
-A window around each instant and the parabola through it give value and rate. The two views show the same signal, and where the
-noise of a sensor is independent from sample to sample, theirs is independent, too.
+The parabola through a window around each instant gives value and rate. The two views show the same signal. Their noise is
+independent where that of the sensor is independent from sample to sample.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Whether a residual is noise: autocorrelation of its block means, a portmanteau test, the periodogram, and what it follows.
 
-Neighbouring instants share samples, so tests run on the sums over blocks, whose products have the variance that the data show:
+Neighbouring instants share samples, so the tests use sums over blocks. The variance of their products is taken from the data:
 nothing is assumed about how the noise changes along the drive.
 """
 
@@ -23,7 +23,7 @@ class Whiteness:
     Attributes
     ----------
     white : bool
-        Whether no balance fails the portmanteau test with a correlation that matters.
+        Whether no balance fails the portmanteau test with a notable correlation.
     autocorrelation : ndarray, shape (B, LAGS)
         Of block sums, from lag one.
     band : ndarray, shape (B, LAGS)
@@ -35,7 +35,7 @@ class Whiteness:
     periodogram_band : float
         its 95 % limit for white noise.
     correlated_with : mapping of str to float
-        Signals with a significant, notable correlation, and that correlation; none where the residual is white.
+        The correlation with every signal where it is significant and notable; empty where the residual is white.
     """
 
     white: bool
@@ -56,7 +56,7 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
     first : ndarray of int, shape (blocks,)
         The first instant of every block.
     signals : mapping of str to ndarray, shape (K,)
-        What it may follow.
+        Signals that the residual may be correlated with.
     """
     sums = np.add.reduceat(residual, first, axis=1)
     counts = np.diff(np.append(first, residual.shape[1]))

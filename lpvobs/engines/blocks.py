@@ -10,11 +10,11 @@ from lpvobs.engines.curves import Weights
 from lpvobs.records import Array, Log
 
 LENGTH = 2.0
-"""[s] of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
+"""[s] Length of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
 EDGE = 0.1
-"""[s], half width of the mean that stands for a reading at the edge of a block."""
+"""[s] Half width of the mean that stands for a reading at the edge of a block."""
 MOST = 1000
-"""Blocks of all logs together."""
+"""Largest number of blocks of all logs together."""
 LEAST_FILLED = 0.7
 """Share of a block's typical number of samples that it must hold."""
 

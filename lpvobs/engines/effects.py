@@ -1,4 +1,4 @@
-"""Effects: what may be wrong with an engine or its sensors, each as a change of the signals that the balances are computed from.
+"""Effects: faults of an engine or its sensors, each as a change of the signals that the balances are computed from.
 
 Nothing that injects an effect into a simulation reads this module: a loop that knew the simulator's formulas would prove nothing.
 """
@@ -15,13 +15,13 @@ from lpvobs.records import Array
 SENSOR = "W_maf"
 """The channel of the sensor under test, of every engine."""
 AIR_AT_CALIBRATION = 298.0
-"""[K], air temperature at which a sensor whose gain depends on temperature reads right."""
+"""[K] Air temperature at which a sensor whose gain depends on temperature reads right."""
 PIVOT = 0.02
-"""[kg/s], flow at which a contaminated film reads right: too much below, too little above."""
+"""[kg/s] Flow at which a contaminated film reads right. It reads too much below and too little above."""
 FILTER = 2.08e5
-"""[Pa/(kg/s)^2], depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s."""
+"""[Pa/(kg/s)^2] Depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s."""
 LITTLE = 1e-3
-"""[kg/s], flow below which the other effects on a reading are not told from its noise."""
+"""[kg/s] Flow below which the noise of a reading hides the other effects on it."""
 
 TRANSIENTS = "fast changes of load at constant speed"
 STEADY = "long stays at many operating points, before and after"
@@ -42,13 +42,13 @@ class Signals:
     value, rate : mapping of str to ndarray, shape (C,)
         Channels, and their time derivatives.
     lacks : ndarray, shape (l, C)
-        Sizes of what the engine's model lacks, in the order of `ResidualModel.lacks`.
+        Sizes of the leaks and factors that the engine's model lacks, in the order of `ResidualModel.lacks`.
     later : callable
-        What the sensor under test reads some time [s] later, shape (C,).
+        Returns the reading of the sensor under test some time [s] later, shape (C,).
     slow : callable
-        Rate of a channel by name, seen through a wide window, shape (C,).
+        Returns the rate of a channel by name through a wide window, shape (C,).
     constants : object
-        The engine's, where the model stands.
+        The engine's constants at the current point of the model.
     """
 
     time: Array
@@ -90,7 +90,7 @@ Change = Callable[[Signals, Any], Signals]
 
 @dataclass(frozen=True)
 class Effect:
-    """One thing that a model may lack, with one parameter.
+    """One effect that a model may lack, with one parameter.
 
     Attributes
     ----------
@@ -99,15 +99,15 @@ class Effect:
     null : float
         The parameter's value when the effect is absent.
     size : float
-        A change of the parameter that a careful engineer would notice; sets the step of difference quotients.
+        A noticeable change of the parameter. It sets the step of difference quotients.
     low, high : float
         Range in which the parameter is sought.
     place : str
         Where it acts; `sensor` for what changes the readings of the sensor under test and nothing else.
     apply : callable
-        The signals as they would have been recorded without the effect, or with it in the balances.
+        Returns the signals corrected for the effect, or with the effect in the balances.
     drive : str
-        The kind of drive that separates it from its likes.
+        The kind of drive that separates it from similar effects.
     in_map : bool
         Whether a map made from the same log contains it when it is there from the first to the last sample.
     moves_point : bool
@@ -142,7 +142,7 @@ def offset(channel: str) -> Change:
 
 
 def lacking(i: int, null: float) -> Change:
-    """Return the engine with an area added (null zero), or a flow or power multiplied (null one); `i` numbers what it lacks."""
+    """Return the change that adds an area (null zero) or multiplies a flow or power (null one); `i` is its place in `lacks`."""
 
     def change(s: Signals, x: Any) -> Signals:
         lacks = s.lacks.copy()
@@ -163,7 +163,7 @@ def lag(s: Signals, tau: Any) -> Signals:
 
 
 def delay(s: Signals, dead_time: float) -> Signals:
-    """Return the flow before a dead time: what the sensor says that much later, behind other effects on its reading."""
+    """Return the flow before a dead time: the later reading, with the other effects on the reading applied to it."""
     now = s.later(0.0)
     other = np.where(np.abs(now) > LITTLE, np.clip(s[SENSOR] / np.where(now == 0.0, 1.0, now), 0.5, 2.0), 1.0)
     return s.corrected(SENSOR, s[SENSOR] + other * (s.later(dead_time) - now))
@@ -182,7 +182,7 @@ def warm_air(s: Signals, coefficient: Any) -> Any:
 def contamination(s: Signals, x: Any) -> Signals:
     """Return the flow behind a film whose King's law has lost a share x of its slope: sqrt W_m = (1 - x) sqrt W + x sqrt PIVOT."""
     above = np.sqrt(np.maximum(s[SENSOR], 0.0)) - x * np.sqrt(PIVOT)
-    # No film tells which way the air goes: below zero the curve goes on straight.
+    # A hot film does not see the direction of the flow: below zero the curve continues as a straight line.
     backward = np.minimum(s[SENSOR] - x * x * PIVOT, 0.0)
     return s.corrected(SENSOR, np.where(above > 0.0, above**2, backward) / (1.0 - x) ** 2)
 

@@ -1,6 +1,6 @@
-"""How far the balances of a healthy engine stray, on parts of its logs that taught it nothing: within seconds and within minutes.
+"""The errors of a healthy engine's balances over seconds and over minutes, on parts of its logs that it was not learned from.
 
-What differs from one day to the next no single log shows; that is configured (`residual_model.Level`).
+A single log does not show what differs from one day to the next; that is configured (`residual_model.Level`).
 """
 
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from lpvobs.records import Array
 
 FOLDS = 6
 CHUNK = 60.0
-"""[s] of driving that is held out together: what lasts for seconds must not be in both parts."""
+"""[s] Driving that is held out together: errors that last for seconds must not be in both parts."""
 TAIL = 4.0
 """Degrees of freedom of the distribution of errors: transients leave long tails."""
 LEAST_SCALE = 0.003
-"""Smallest scale of a balance that holds only in part of the time: few blocks show it."""
+"""Smallest scale of a balance that holds only part of the time, and that few blocks show."""
 QUANTILES = (0.3, 0.6, 0.85)
-"""That part the classes of transience: fast changes blur every balance."""
+"""Quantiles that divide blocks into classes of transience: fast changes blur every balance."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from lpvobs.io.results.portraits import read_leftover, read_portrait, read_ranki
 from lpvobs.io.results.refinements import read_structure
 from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.report.numbers import chance, second, with_interval
+from lpvobs.report.spoken import in_words
 from lpvobs.report.tables import Table, grams, percent
 
 GROUPS = {"refinement": "refine", "trace": "trace"}
@@ -69,24 +70,24 @@ def read_discovered(path: Path) -> tuple[Discovered, ...]:
 
 def sentence(found: Discovered) -> str:
     """Return the verdict in words."""
-    content = found.content
+    content, error = found.content, found.content["error"]
     logs = ", ".join(part["log"] for part in content["logs"] if "residual" in part)
-    verdict = content["verdict"]
-    error = content["error"]
-    if verdict == "none":
-        return f"Nothing that the model lacks was found on {logs}: held-out residual {grams(error['before'])} g/s rms."
-    if verdict == "unexplained":
+    if content["verdict"] == "none":
         return (
-            f"Something is left on {logs} that no known effect explains, and nothing was named: held-out residual "
+            f"{logs}: the residual shows nothing that the model lacks; held out it is {grams(error['before'])} g/s rms."
+        )
+    if content["verdict"] == "unexplained":
+        return (
+            f"{logs}: something is left that no known effect explains, and nothing was named. The held-out residual is "
             f"{grams(error['before'])} g/s rms. {where(found.left)}"
         )
-    effects = "; ".join(_effect_in_words(effect) for effect in content["effects"])
+    said, them = f"{logs}: {in_words(content['effects'])}.", "it" if len(content["effects"]) == 1 else "them"
     if not found.refined:
-        return f"The model lacks on {logs}: {effects}. Held-out residual as it is: {grams(error['before'])} g/s rms."
+        return f"{said} Without {them} in the model the held-out residual is {grams(error['before'])} g/s rms."
     low, high = error["ratio_ci90"]
     return (
-        f"Added from {logs}: {effects}. The held-out residual falls from {grams(error['before'])} to {grams(error['after'])} "
-        f"g/s rms, to {percent(error['ratio'], 1)} (90 %: {percent(low, 1)} to {percent(high, 1)})."
+        f"{said} With {them} in the model the held-out residual goes from {grams(error['before'])} to {grams(error['after'])} g/s "
+        f"rms, to {percent(error['ratio'], 1)} (90 %: {percent(low, 1)} to {percent(high, 1)})."
     )
 
 
@@ -104,37 +105,17 @@ def where(left: Leftover | None) -> str:
     """Return in words when, where and how fast a residual is, and what it follows."""
     if left is None:
         return ""
-    times = ", ".join(f"{part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
-    when = f"Largest at {times}. " if times else "Spread evenly over the drive. "
+    times = ", ".join(f"from {part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
+    when = f"It is largest {times}." if times else "It is spread evenly over the drive."
     follows = (
         ", ".join(f"{name} ({value:+.2f})" for name, value in left.follows.items()) or "none of the logged signals"
     )
-    slow = f" Half of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
+    slow = f" Half of the power of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
     return (
-        f"{when}Most of it in the balance {left.balance}; in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g} and speed "
-        f"{left.speed[0]:g} to {left.speed[1]:g}, in the units of its axes ({left.times_noise:.1f} times the usual power).{slow} "
-        f"It follows {follows}."
+        f"{when} Most of it shows in the balance {left.balance}, and in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g} and "
+        f"speed {left.speed[0]:g} to {left.speed[1]:g} in the units of its axes, with {left.times_noise:.1f} times the usual "
+        f"power.{slow} It follows {follows}."
     )
-
-
-def _effect_in_words(effect: Mapping[str, Any]) -> str:
-    sizes = ", ".join(_size_in_words(name, p) for name, p in effect["parameters"].items())
-    alike = f", not to be told from {', '.join(effect['indistinguishable'])}" if effect["indistinguishable"] else ""
-    return f"{effect['id']} with {sizes}{_interval(effect)}{alike}"
-
-
-def _size_in_words(name: str, parameter: Mapping[str, Any]) -> str:
-    value, low, high = with_interval(parameter["value"], *parameter["ci90"])
-    return f"{name} = {value}{_unit(parameter['unit'])} (90 %: {low} to {high})"
-
-
-def _interval(effect: Mapping[str, Any]) -> str:
-    begin = "" if effect["onset"] is None else f" from {effect['onset']:.1f} s"
-    return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
 
 
 def effect_rows(found: Discovered) -> Table | None:

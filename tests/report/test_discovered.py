@@ -53,15 +53,15 @@ def refined():
 
 def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
     said = sentence(refined)
-    assert said.startswith("Added from a: maf.lag with tau = 0.08035 s (90 %: 0.07966 to 0.08103) from 120.4 s")
-    assert "not to be told from maf.delay" in said
+    lag = "a: the MAF follows with a time constant of 0.08035 s (90 %: 0.07966 to 0.08103) from 120.4 s"
+    assert said.startswith(f"{lag} (maf.delay explains this as well).")
     assert "from 0.250 to 0.150 g/s rms, to 60.0 % (90 %: 50.0 % to 70.0 %)" in said
-    assert sentence(replace(refined, verb="trace")).startswith("The model lacks on a: maf.lag")
+    assert sentence(replace(refined, verb="trace")).startswith(lag)
     assert sentences([("r", [refined])]) == [f"r: {said}"]
 
 
 def test_nothing_and_something_without_a_name(refined):
-    assert sentence(replace(refined, content=content("none"))).startswith("Nothing that the model lacks was found on a")
+    assert sentence(replace(refined, content=content("none"))).startswith("a: the residual shows nothing")
     said = sentence(replace(refined, content=content("unexplained"), left=LEFT))
     assert "nothing was named" in said
     for part in ("40 to 80 s of a", "sensor-filling", "4 to 8 and speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):

@@ -18,7 +18,7 @@ CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
 POWER = 1.0e5
-"""[J/kg], turns a power into a flow, so that all balances read in kg/s."""
+"""[J/kg] Turns a power into a flow, so that all balances are in kg/s."""
 
 
 class Lacks(NamedTuple):

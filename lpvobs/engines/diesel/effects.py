@@ -30,11 +30,11 @@ from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
 from lpvobs.records import Array
 
 PULSATION_SPEED = 2000.0
-"""[rpm] above which the flow at the sensor no longer pulsates backward."""
+"""[rpm] Speed above which the flow at the sensor no longer pulsates backward."""
 PULSATION_FUEL = 40.0
-"""[mg/cycle], full load at low speed."""
+"""[mg/cycle] Full load at low speed."""
 ANY_DAY = DayToDay()
-"""On which nothing differs from another."""
+"""The differences between days where none are configured."""
 EGR = "the same operating points with the EGR valve open and shut"
 
 
@@ -85,7 +85,7 @@ CATALOGUE = (
     Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacks("turbine"), BOOST),
     Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacks("exhaust"), BOOST),
 )  # fmt: skip
-"""In the order in which effects are undone: what came last on its way into the log comes first."""
+"""The effects in the order in which they are undone: the last one on the way into the log comes first."""
 
 
 def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY) -> ResidualModel:

@@ -1,4 +1,4 @@
-"""A drive by formula: nothing drawn, nothing integrated, none of the package's own relations.
+"""A drive by formula, without random numbers, integration or the package's own relations.
 
 EGR stays shut. Load and speed follow sines, and with them the intake pressure. What flows into the cylinders and what fills the
 manifold is then what the compressor has to deliver, and the turbine turns as fast as that takes.
@@ -14,7 +14,7 @@ from lpvobs.records import Array
 RATE, DURATION = 50.0, 240.0
 P_AMB, T_AMB = 98_000.0, 298.0
 SLOWEST, FASTEST = 500.0, 30_000.0
-"""[rad/s], between which the turbine's speed is sought."""
+"""[rad/s] Range in which the turbine's speed is sought."""
 
 
 def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Mapping[str, Array]:

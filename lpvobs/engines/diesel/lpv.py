@@ -41,7 +41,7 @@ OWNED_CONSTANTS = (
 )
 """The constants that each balance depends on."""
 RELATIVE_STEP = 1e-5
-"""Of the difference quotients: their error is about a step times the second derivative, 1e-4 at the steepest."""
+"""Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
 
 

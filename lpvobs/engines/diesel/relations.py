@@ -11,7 +11,7 @@ from numba import njit
 from lpvobs.engines.diesel.constants import DieselConstants
 
 TURBINE_PASSES = 3
-"""Of the fixed point between flow and back pressure of the turbine."""
+"""Passes of the fixed point between flow and back pressure of the turbine."""
 
 
 @njit(cache=True)

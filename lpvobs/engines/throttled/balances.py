@@ -30,18 +30,18 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "fuel": ("m_f", "n_e"),
     "ambient": ("p_ic", "p_amb"),
 }
-"""What the balances consist of, with the channels of each part: the sensor's flow, the stores around the throttle, the flows."""
+"""The parts of the balances with the channels of each: the sensor's flow, the stores around the throttle, the flows."""
 NEEDS = {name: (*PARTS[name], SENSOR) for name in BALANCES}
 """Channels without which a balance cannot be drawn up."""
 FLOWS = {"throttle": relation.throttle_flow, "filling": relation.cylinder_flow, "fuel": relation.fuelled_flow}
 LEAST_FLOW = 2e-4
-"""[kg/s]; smaller flows count as this, a logarithm knows no zero."""
+"""[kg/s] Smaller flows count as this, because zero has no logarithm."""
 UNEQUAL = 0.01
-"""Scatter of the pressure ratio within a block; where it is near one the throttle's flow hangs on it."""
+"""Scatter of the pressure ratio within a block. Near a ratio of one the throttle's flow depends on it strongly."""
 LACKS = {"leak_intake": 0.0, "eta_vol": 1.0}
-"""Sizes of what the engine's model may lack, a leak in m^2, where it is in order."""
+"""Sizes of what the model may lack (a leak in m^2, a factor on the filling) on an engine in order."""
 REMEMBERED = 4
-"""Versions of a part that are kept: an effect changes few channels, and the other parts stay as they are."""
+"""Versions of a part that are kept: an effect changes few channels, and the other parts need no new computation."""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from lpvobs.records import Array
 
 CHANNELS = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb", SENSOR)
 BOTTOM = 0.02
-"""Of its largest value: a pressure stays above, whatever is taken from it."""
+"""Share of its largest value that a corrected pressure keeps at least."""
 
 
 def pressure_offset(channel: str) -> Change:

@@ -25,7 +25,7 @@ from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
 LEAST_FLOW = 5e-4
-"""[kg/s]; below it a relative error says nothing."""
+"""[kg/s] Flow below which a relative error says nothing."""
 LEAST_BLOCKS = 60
 CALM = 0.15
 """Share of the largest flow of the healthy logs below which the air before the throttle is at ambient pressure."""
@@ -35,9 +35,9 @@ PASSES = 8
 LOOSE = 0.5
 """Standard deviation of the relative first difference between neighbouring nodes, and of the level."""
 FIRST_ERROR = 0.05
-"""Relative error of a balance before anything is known of it."""
+"""Relative error of a balance that the first fit assumes."""
 SHARED = 3.0
-"""Blocks that share an error: neighbours are not independent."""
+"""Neighbouring blocks that share an error and are not independent."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from lpvobs.records import Array, Log
 STATES = ("p_ic", "p_im", "W_c")
 BALANCES = ("throttle", "filling", "fuel")
 CONSTANTS = ("A_th", "eta_vol", "k_fuel", "V_ic", "V_im")
-"""The level of each curve, and the volumes."""
+"""Names of the uncertain constants: the level of each curve, and the volumes."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A throttled engine on parts of healthy logs that did not teach it: how wrong it is there, and what it would say of each."""
+"""A throttled engine on parts of healthy logs that it was not learned from: its errors there, and its predictions of each part."""
 
 from collections.abc import Collection, Iterator, Sequence
 

@@ -21,7 +21,7 @@ from lpvobs.records import Array
 KINDS = ("KENNFELD", "GRUPPENKENNFELD")
 READ_KINDS = (*KINDS, "FESTKENNFELD")
 ENCODING = "latin-1"
-"""Of most DCM files; read and written so, the bytes of units and texts stay what they were whatever they mean."""
+"""Encoding of most DCM files. Read and written so, units and texts keep their bytes whatever those mean."""
 
 LONGEST_LINE = 1 << 16
 MOST_VALUES = 1 << 20

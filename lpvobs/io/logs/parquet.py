@@ -1,4 +1,4 @@
-"""Parquet logs: what one says of itself, looked at before memory is taken for it; its channels in SI; a log written."""
+"""Parquet logs: their own description, checked before memory is allocated; reading channels in SI; writing a log."""
 
 import os
 from collections.abc import Iterator, Mapping

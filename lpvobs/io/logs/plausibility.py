@@ -1,4 +1,4 @@
-"""Which samples of a log can be used; what no working engine or sensor says: wrong units, stuck, saturated and spiked samples.
+"""The samples of a log that can be used, without wrong units and without stuck, saturated and spiked samples.
 
 The rules look at the log alone, not at an engine's constants. A healthy log trips none of them: they ask for what noise and
 quantisation do not do. They cannot see a wrong unit that leaves every reading possible, such as g/s said to be kg/h.
@@ -25,7 +25,7 @@ MOST_IMPOSSIBLE = 0.1
 MOST_BELOW = 0.02
 """Share of a channel's readings that may lie below what bounds it physically; more is a wrong unit."""
 FASTEST = 2e-4
-"""[s], the smallest median step of a log; milliseconds or minutes called seconds lie far from it on either side."""
+"""[s] Smallest median step of a log. Times in milliseconds or minutes that are called seconds lie far from it."""
 MOVING, MOVERS = 0.3, 2
 """A channel moves when it crosses this share of its range; so many others have to move for one that stands still to be stuck."""
 SATURATED_SHARE, SATURATED_RUN, PILED = 0.005, 10, 3

@@ -28,7 +28,7 @@ ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
 MOST_BYTES = 2**29
-"""Of a part; that of 10^9 samples has a quarter of it."""
+"""Largest size of a part; the part of 10^9 samples has a quarter of it."""
 
 
 @dataclass(frozen=True)

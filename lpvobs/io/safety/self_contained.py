@@ -6,7 +6,7 @@ from lpvobs.errors import DataError
 
 MOST_OBJECTS = 1_000_000
 MOST_BYTES = 2**30
-"""Of all numbers in a file together, unpacked; the largest map needs a fifth of it."""
+"""Largest size of all numbers in a file together, unpacked; the largest map needs a fifth of it."""
 
 
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:

@@ -1,0 +1,97 @@
+"""An effect as a person would say it: `the MAF reads 9.65 % high (90 %: 9.51 to 9.79) from 122.0 s`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lpvobs.report.numbers import with_interval
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """The words for one parameter; `{}` stands for its size, `{name}` for the first half of the identifier.
+
+    Attributes
+    ----------
+    above, below : str
+        For values above and below that of no effect.
+    times : float
+        Factor on the difference from `null`, for the unit that the words name.
+    null : float
+        The value of no effect.
+    """
+
+    above: str
+    below: str
+    times: float = 1.0
+    null: float = 0.0
+
+
+BY_KIND = {
+    "factor": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0, 1.0),
+    "gain": Phrase("{name} reads {} % high", "{name} reads {} % low", 100.0, 1.0),
+    "offset kg/s": Phrase("{name} reads {} g/s too much", "{name} reads {} g/s too little", 1e3),
+    "offset Pa": Phrase("{name} reads {} Pa too much", "{name} reads {} Pa too little"),
+    "offset %": Phrase("{name} reads {} % of its range too much", "{name} reads {} % of its range too little"),
+    "lag": Phrase("{name} follows with a time constant of {} s", "{name} runs ahead with a time constant of {} s"),
+    "delay": Phrase("{name} reads {} s late", "{name} reads {} s early"),
+}
+"""By the second half of the identifier, with the unit where it decides."""
+BY_IDENTIFIER = {
+    "maf.drift": Phrase("the MAF's gain rises by {} % an hour", "the MAF's gain falls by {} % an hour", 3.6e5),
+    "maf.temperature": Phrase(
+        "the MAF's gain rises by {} % per kelvin", "the MAF's gain falls by {} % per kelvin", 100.0
+    ),
+    "leak.intake": Phrase("the intake leaks through {} mm^2", "the intake leaks through {} mm^2 less", 1e6),
+    "leak.inlet": Phrase(
+        "air gets in behind the MAF through {} mm^2", "air gets in behind the MAF through {} mm^2 less", 1e6
+    ),
+    "egr.leak": Phrase("the EGR valve leaks through {} mm^2", "the EGR valve leaks through {} mm^2 less", 1e6),
+    "egr.area": Phrase("the EGR passage is {} % wider", "the EGR passage is {} % narrower", 100.0, 1.0),
+    "compressor.flow": Phrase("the compressor passes {} % more air", "the compressor passes {} % less air", 100.0, 1.0),
+    "turbine.efficiency": Phrase(
+        "the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0, 1.0
+    ),
+    "exhaust.restriction": Phrase(
+        "the exhaust's back pressure is {} % higher", "the exhaust's back pressure is {} % lower", 100.0, 1.0
+    ),
+}
+
+
+def in_words(effects: Sequence[Mapping[str, Any]]) -> str:
+    """Return what is wrong, of effects as in the contract's JSON, without a full stop."""
+    return "; ".join(f"{_what(effect)}{_when(effect)}{_instead(effect)}" for effect in effects)
+
+
+def _what(effect: Mapping[str, Any]) -> str:
+    name = str(effect["id"])
+    if name.startswith("channel:") and effect.get("curve"):
+        return f"{effect['curve']['changes']} follows the logged channel {name.removeprefix('channel:')}"
+    of, _, kind = name.partition(".")
+    parameters = effect["parameters"]
+    unit = next(iter(parameters.values()))["unit"]
+    phrase = BY_IDENTIFIER.get(name) or BY_KIND.get(kind) or BY_KIND.get(f"{kind} {unit}")
+    if phrase is None or len(parameters) != 1:
+        return f"{name} acts with {', '.join(_plain(key, value) for key, value in parameters.items())}"
+    (parameter,) = parameters.values()
+    sign = 1.0 if parameter["value"] >= phrase.null else -1.0
+    sizes = [sign * phrase.times * (x - phrase.null) for x in (parameter["value"], *parameter["ci90"])]
+    value, low, high = with_interval(sizes[0], min(sizes[1:]), max(sizes[1:]))
+    words = phrase.above if sign > 0.0 else phrase.below
+    return f"{words.format(value, name='the MAF' if of == 'maf' else of)} (90 %: {low} to {high})"
+
+
+def _plain(name: str, parameter: Mapping[str, Any]) -> str:
+    value, low, high = with_interval(parameter["value"], *parameter["ci90"])
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    return f"{name} = {value}{unit} (90 %: {low} to {high})"
+
+
+def _when(effect: Mapping[str, Any]) -> str:
+    begin = "" if effect["onset"] is None else f" from {effect['onset']:.1f} s"
+    return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
+
+
+def _instead(effect: Mapping[str, Any]) -> str:
+    others = effect["indistinguishable"]
+    return f" ({', '.join(others)} explain{'s' if len(others) == 1 else ''} this as well)" if others else ""
