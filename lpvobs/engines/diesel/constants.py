@@ -6,8 +6,9 @@ The attributes bear the names of the configuration's `[engine.*]` tables.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from math import isfinite
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+from lpvobs.engines.bounds import Within
 
 Record = TypeVar("Record")
 
@@ -16,98 +17,80 @@ Record = TypeVar("Record")
 class Gas:
     """Gas properties and the surroundings that the constants refer to."""
 
-    R_a: float  # J/(kg K), air
-    R_e: float  # J/(kg K), exhaust
-    c_pa: float  # J/(kg K)
-    c_pe: float  # J/(kg K)
-    gamma_a: float
-    gamma_e: float
-
-    def __post_init__(self) -> None:
-        _check(self, "R_a", "R_e", "c_pa", "c_pe")
+    R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]
+    R_e: Annotated[float, Within(270, 310, "J/(kg K)", "gas constant of exhaust")]
+    c_pa: Annotated[float, Within(950, 1150, "J/(kg K)", "heat capacity of air")]
+    c_pe: Annotated[float, Within(1000, 1500, "J/(kg K)", "heat capacity of exhaust")]
+    gamma_a: Annotated[float, Within(1.3, 1.42, "1", "ratio of heat capacities of air")]
+    gamma_e: Annotated[float, Within(1.2, 1.42, "1", "ratio of heat capacities of exhaust")]
 
 
 @dataclass(frozen=True)
 class Geometry:
     """Volumes and cylinders."""
 
-    V_d: float  # m^3, displaced
-    n_cyl: int
-    V_im: float  # m^3
-    V_em: float  # m^3
-
-    def __post_init__(self) -> None:
-        _check(self, "V_d", "n_cyl", "V_im", "V_em")
+    V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
+    n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
+    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
+    V_em: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
 
 
 @dataclass(frozen=True)
 class Filling:
     """eta_vol = c_vol1 sqrt(p_im) + c_vol2 sqrt(n_e) + c_vol3, p_im in Pa, n_e in rpm."""
 
-    c_vol1: float
-    c_vol2: float
-    c_vol3: float
-
-    def __post_init__(self) -> None:
-        _check(self)
+    c_vol1: Annotated[float, Within(-5e-3, 5e-3, "1/sqrt(Pa)", "slope of the volumetric efficiency")]
+    c_vol2: Annotated[float, Within(-0.05, 0.05, "1/sqrt(rpm)", "slope of the volumetric efficiency")]
+    c_vol3: Annotated[float, Within(0.2, 3, "1", "level of the volumetric efficiency")]
 
 
 @dataclass(frozen=True)
 class Compressor:
     """Ellipse of flow over head coefficient; efficiency as a quadratic around an optimum."""
 
-    R_c: float  # m
-    psi_0: float
-    psi_1: float
-    phi_0: float
-    phi_1: float
-    k_neg: float
-    eta_c_max: float
-    W_c_opt: float  # kg/s
-    pi_c_opt: float
-    c_pi: float
-    Q: tuple[float, float, float]  # Q_11, Q_12, Q_22
-    eta_c_min: float
-
-    def __post_init__(self) -> None:
-        _check(self, "R_c", "psi_0", "phi_0", "eta_c_min")
+    R_c: Annotated[float, Within(5e-3, 0.3, "m", "radius of a compressor")]
+    psi_0: Annotated[float, Within(0.3, 3, "1", "head coefficient")]
+    psi_1: Annotated[float, Within(-2, 2, "1", "slope of the head coefficient")]
+    phi_0: Annotated[float, Within(0.01, 1, "1", "flow coefficient")]
+    phi_1: Annotated[float, Within(-0.5, 0.5, "1", "slope of the flow coefficient")]
+    k_neg: Annotated[float, Within(0, 10, "1", "slope of the flow below a pressure ratio of one")]
+    eta_c_max: Annotated[float, Within(0.2, 0.9, "1", "efficiency of a compressor")]
+    W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best")]
+    pi_c_opt: Annotated[float, Within(0, 3, "1", "pressure ratio term of a compressor at its best")]
+    c_pi: Annotated[float, Within(0.05, 1.5, "1", "exponent of the pressure ratio")]
+    Q: Annotated[tuple[float, float, float], Within(-1e5, 1e5, "1", "slope of an efficiency")]  # Q_11, Q_12, Q_22
+    eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "least efficiency of a compressor")]
 
 
 @dataclass(frozen=True)
 class Turbine:
     """Variable nozzle, efficiency over the blade speed ratio, back pressure and inertia."""
 
-    R_t: float  # m
-    A_vgt_max: float  # m^2
-    K_t: float
-    c_f1: float
-    c_f2: float
-    c_vgt1: float  # %
-    c_vgt2: float  # %
-    f_vgt_min: float
-    eta_tm_max: float
-    bsr_opt: float
-    c_m: float
-    eta_tm_min: float
-    k_exhaust: float  # Pa/(kg/s)^2
-    J_t: float  # kg m^2
-
-    def __post_init__(self) -> None:
-        _check(self, "R_t", "A_vgt_max", "K_t", "c_vgt1", "eta_tm_min", "J_t")
+    R_t: Annotated[float, Within(5e-3, 0.3, "m", "radius of a turbine")]
+    A_vgt_max: Annotated[float, Within(1e-5, 0.05, "m^2", "area of a turbine")]
+    K_t: Annotated[float, Within(0.3, 10, "1", "exponent of the turbine's flow")]
+    c_f1: Annotated[float, Within(-10, 10, "1", "coefficient of the vanes")]
+    c_f2: Annotated[float, Within(-10, 10, "1", "coefficient of the vanes")]
+    c_vgt1: Annotated[float, Within(1, 1000, "%", "vane opening")]
+    c_vgt2: Annotated[float, Within(-500, 500, "%", "vane opening")]
+    f_vgt_min: Annotated[float, Within(0, 1, "1", "least share of the turbine's area")]
+    eta_tm_max: Annotated[float, Within(0.2, 1, "1", "efficiency of a turbine")]
+    bsr_opt: Annotated[float, Within(0.2, 2, "1", "blade speed ratio")]
+    c_m: Annotated[float, Within(0, 20, "1", "slope of the turbine's efficiency")]
+    eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "least efficiency of a turbine")]
+    k_exhaust: Annotated[float, Within(0, 1e9, "Pa/(kg/s)^2", "back pressure")]
+    J_t: Annotated[float, Within(1e-8, 0.1, "kg m^2", "inertia of a turbocharger")]
 
 
 @dataclass(frozen=True)
 class Egr:
     """EGR valve: area over opening, and the flow function; reverse flow is reduced by k_reverse."""
 
-    A_egr_max: float  # m^2
-    c_egr1: float  # 1/%^2
-    c_egr2: float  # 1/%
-    pi_egr_opt: float
-    k_reverse: float
-
-    def __post_init__(self) -> None:
-        _check(self, "A_egr_max", "c_egr2", "pi_egr_opt")
+    A_egr_max: Annotated[float, Within(1e-6, 0.05, "m^2", "area of an EGR valve")]
+    c_egr1: Annotated[float, Within(-0.01, 0.01, "1/%^2", "curvature of the EGR area")]
+    c_egr2: Annotated[float, Within(1e-5, 1, "1/%", "slope of the EGR area")]
+    pi_egr_opt: Annotated[float, Within(0.2, 0.99, "1", "critical pressure ratio")]
+    k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 
 
 @dataclass(frozen=True)
@@ -199,12 +182,3 @@ def scaled(record: Record, constants: Mapping[str, float]) -> Record:
         elif item.name in constants:
             changed[item.name] = value * (1.0 + constants[item.name])
     return replace(record, **changed)  # type: ignore[type-var]
-
-
-def _check(part: object, *positive: str) -> None:
-    """Raise ValueError for a constant that is not finite, or not positive where it has to be."""
-    for name, value in vars(part).items():
-        if not all(map(isfinite, value if isinstance(value, tuple) else (value,))):
-            raise ValueError(f"{name} must be finite")
-        if name in positive and not value > 0:
-            raise ValueError(f"{name} must be positive")

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from lpvobs.engines.bounds import Within
 from lpvobs.records import Array
 
 
@@ -19,12 +21,8 @@ class Air:
     gamma_a : float
     """
 
-    R_a: float
-    gamma_a: float
-
-    def __post_init__(self) -> None:
-        if not (self.R_a > 0 and self.gamma_a > 1):
-            raise ValueError("R_a must be positive and gamma_a above one")
+    R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]
+    gamma_a: Annotated[float, Within(1.3, 1.42, "1", "ratio of heat capacities of air")]
 
 
 @dataclass(frozen=True)
@@ -42,15 +40,11 @@ class IntakeGeometry:
         Standard deviation of the guess, as a fraction of it.
     """
 
-    V_d: float
-    n_cyl: int
-    V_ic: float
-    V_im: float
-    volume_tolerance: float
-
-    def __post_init__(self) -> None:
-        if not (min(self.V_d, self.V_ic, self.V_im, self.volume_tolerance) > 0 and self.n_cyl > 0):
-            raise ValueError("volumes, their tolerance and the number of cylinders must be positive")
+    V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
+    n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
+    V_ic: Annotated[float, Within(1e-4, 0.5, "m^3", "volume before a throttle")]
+    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
+    volume_tolerance: Annotated[float, Within(1e-3, 10, "1", "tolerance of a guessed volume")]
 
 
 @dataclass(frozen=True)
@@ -72,21 +66,19 @@ class CurveNodes:
         depend on more than fuel and speed: a loose surface would take them for the engine.
     """
 
-    alpha_th: tuple[float, ...]
-    n_e: tuple[float, ...]
-    p_im: tuple[float, ...]
-    m_f: tuple[float, ...]
-    fuel_n_e: tuple[float, ...]
-    curvature: float
-    fuel_curvature: float
+    alpha_th: Annotated[tuple[float, ...], Within(-5, 105, "%", "opening of a throttle")]
+    n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]
+    p_im: Annotated[tuple[float, ...], Within(1e3, 6e5, "Pa", "pressure of a manifold")]
+    m_f: Annotated[tuple[float, ...], Within(-1.0, 1e4, "1", "fuel reading")]
+    fuel_n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]
+    curvature: Annotated[float, Within(1e-4, 100, "1", "curvature of a curve")]
+    fuel_curvature: Annotated[float, Within(1e-4, 100, "1", "curvature of a curve")]
 
     def __post_init__(self) -> None:
         for name in ("alpha_th", "n_e", "p_im", "m_f", "fuel_n_e"):
             nodes = np.array(getattr(self, name))
             if nodes.size < 3 or not np.all(np.diff(nodes) > 0):
                 raise ValueError(f"{name} needs at least three nodes, rising")
-        if not min(self.curvature, self.fuel_curvature) > 0:
-            raise ValueError("curvature and fuel_curvature must be positive")
 
 
 @dataclass(frozen=True)

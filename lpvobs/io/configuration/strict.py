@@ -6,7 +6,7 @@ What the record does not know is refused with the nearest key that exists; what 
 import difflib
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -14,6 +14,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from lpvobs.engines.bounds import Within
 from lpvobs.errors import UsageError
 
 Record = TypeVar("Record")
@@ -52,11 +53,26 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
     """Return a document as a record; `example` is a commented file that shows every key."""
     _refuse_unknown(path, document, record, "", example)
     try:
-        return msgspec.convert(document, record)
+        converted = msgspec.convert(document, record)
     except msgspec.ValidationError as error:
         raise UsageError(f"{path}: {error}; mend that key") from None
     except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
         raise UsageError(f"{path}: a value is out of all proportion ({error}); mend it") from None
+    for where, complaint in _out_of_bounds(converted, ""):
+        raise UsageError(f"{path}: {where} = {complaint}")
+    return converted
+
+
+def _out_of_bounds(record: Any, where: str) -> Iterator[tuple[str, str]]:
+    """Yield the place of every value, at any depth, that its record says cannot be, with the complaint."""
+    for name, hint in get_type_hints(type(record), include_extras=True).items():
+        value = getattr(record, name)
+        if is_dataclass(value):
+            yield from _out_of_bounds(value, f"{where}{name}.")
+        for bounds in (item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Within)):
+            for number in value if isinstance(value, tuple) else (value,):
+                if complaint := bounds.complaint(number):
+                    yield f"{where}{name}", complaint
 
 
 def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str, example: str) -> None:

@@ -1,0 +1,62 @@
+"""What a constant of an engine can be: bounds, a unit, and what was probably meant by a value outside."""
+
+from dataclasses import dataclass
+
+USUAL_UNITS: dict[str, tuple[tuple[str, float], ...]] = {
+    "m^3": (("litres", 1e-3), ("cm^3", 1e-6)),
+    "m^2": (("mm^2", 1e-6), ("cm^2", 1e-4)),
+    "m": (("mm", 1e-3), ("cm", 1e-2)),
+    "kg/s": (("g/s", 1e-3), ("kg/h", 1.0 / 3600.0)),
+    "J/(kg K)": (("kJ/(kg K)", 1e3),),
+    "kg m^2": (("kg mm^2", 1e-6), ("kg cm^2", 1e-4)),
+    "Pa": (("kPa", 1e3), ("hPa", 1e2), ("bar", 1e5)),
+    "1": (("%", 1e-2),),
+}
+"""In which other units people state a quantity, the likeliest first, and what one of them is in ours."""
+MOST_POWERS = 6
+
+
+@dataclass(frozen=True)
+class Within:
+    """The annotation of a constant: no engine of this kind has it outside.
+
+    The bounds are wide: from the smallest engine of one cylinder to one of 200 litres. They catch a unit or a slip, not a constant
+    that is off; how far the balances agree tells of that.
+
+    Attributes
+    ----------
+    low, high : float
+        [unit]
+    unit : str
+    what : str
+        The quantity, for people.
+
+    Examples
+    --------
+    >>> Within(1e-4, 0.2, "m^3", "displacement").complaint(1.9)
+    '1.9 m^3 is no displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?'
+    """
+
+    low: float
+    high: float
+    unit: str
+    what: str
+
+    def complaint(self, value: float) -> str | None:
+        """Return what is wrong with a value, and what was probably meant; None for a possible one."""
+        if self._holds(value):
+            return None
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        meant = " or ".join(self._meant(value))
+        hint = f"did you mean {meant}?" if meant else "mend that key"
+        return f"{value:g}{unit} is no {self.what}, expected {self.low:g} to {self.high:g}; {hint}"
+
+    def _meant(self, value: float) -> list[str]:
+        """Return the value in the other usual units that make it possible; if none does, by the nearest power of ten."""
+        units = USUAL_UNITS.get(self.unit, ())
+        in_units = [f"{value * factor:.6g} ({value:g} {unit})" for unit, factor in units if self._holds(value * factor)]
+        powers = [10.0**power for size in range(1, MOST_POWERS + 1) for power in (-size, size)]
+        return in_units or [f"{value * power:.6g}" for power in powers if self._holds(value * power)][:1]
+
+    def _holds(self, value: float) -> bool:
+        return self.low <= value <= self.high  # False for NaN
