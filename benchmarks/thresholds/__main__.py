@@ -1,9 +1,10 @@
 """How near decisions come to the tuned numbers, and what changes with half and twice of each: `python benchmarks/thresholds`.
 
 Twenty drives of a blind bank of its own, twelve diesel ones and eight of the throttled engine (where its recording is at hand).
-One run records how near every decision came to its threshold. Those with a decision that half or twice the value would turn are
-halved and doubled, on the drives with such a decision, or where the number also sets something that cannot be seen as a
-decision. An interrupted run goes on where it was, as long as the package is the same.
+One run records how near every decision came to its threshold, and on which side. A threshold with a decision that half the value
+would turn is halved, one that twice would turn is doubled, each on the drives with the nearest such decisions: as many as fit into
+the given CPU time, so a change on another drive may go unseen. What a number sets that cannot be seen as a decision is not
+varied for its own sake. An interrupted run goes on where it was, as long as the package is the same.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +41,17 @@ DRIVES = {
 }
 """Numbers in that bank: clean, single effects, pairs, by a logged channel, by nothing logged."""
 FACTORS = {"halved": 0.5, "doubled": 2.0}
+TOWARDS = {"halved": "lowered", "doubled": "raised"}
+"""What a record calls the nearest decision on that side."""
 
 
 def main() -> None:
     """Record, vary, and write what changed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--minutes", type=float, default=80.0, help="CPU time of drives that may be spent on halves and doubles"
+    )
     parser.add_argument("--folder", type=Path, default=REPOSITORY / "build" / "thresholds")
     parser.add_argument("--out", default="thresholds", help="name of the table in benchmarks/results; - prints only")
     given = parser.parse_args()
@@ -55,14 +62,18 @@ def main() -> None:
     study.prepare()
     recorded = study.run({"watched": ("-", 1.0, drives)})["watched"]
     seen = pooled(recorded)
-    varied = [entry for entry in table if entry.name in seen and seen[entry.name].near]
-    variations = {
-        f"{entry.name} {how}": (entry.name, factor, concerned(recorded, entry.name))
-        for entry in varied
-        for how, factor in FACTORS.items()
+    concerned = {
+        (entry.name, how): drives
+        for entry in table
+        if not isinstance(entry.value, tuple)
+        for how in FACTORS
+        if (drives := turning(recorded, entry.name, TOWARDS[how]))
     }
-    found = study.run(variations)
-    text = "\n\n".join([*left_out, page(table, seen, recorded, found)])
+    most = affordable(recorded, list(concerned.values()), 60.0 * given.minutes)
+    found = study.run(
+        {f"{name} {how}": (name, FACTORS[how], drives[:most]) for (name, how), drives in concerned.items()}
+    )
+    text = "\n\n".join([*left_out, page(table, seen, recorded, found, most)])
     if given.out == "-":
         print(text)
     else:
@@ -146,6 +157,13 @@ class Seen:
     settings: int
 
 
+def affordable(recorded: Verdicts, drives: Sequence[Sequence[Drive]], seconds: float) -> int:
+    """Return how many drives every variation may have in that CPU time, at least one: they cost about what they cost before."""
+    counts = range(1, max(map(len, drives), default=1) + 1)
+    cost = [sum(recorded[drive]["seconds"] for each in drives for drive in each[:count]) for count in counts]
+    return max((count for count, total in zip(counts, cost, strict=True) if total <= seconds), default=1)
+
+
 def pooled(recorded: Verdicts) -> dict[str, Seen]:
     """Return what was seen by threshold."""
     names = {name for verdict in recorded.values() for name in verdict["seen"]}
@@ -154,17 +172,21 @@ def pooled(recorded: Verdicts) -> dict[str, Seen]:
 
 def _pooled(parts: Sequence[Mapping[str, Any]]) -> Seen:
     decisions, near, settings = (sum(part[key] for part in parts) for key in ("decisions", "near", "settings"))
-    return Seen(decisions, near, min(part["nearest"] for part in parts), settings)
+    return Seen(decisions, near, min(min(part["raised"], part["lowered"]) for part in parts), settings)
 
 
-def concerned(recorded: Verdicts, name: str) -> list[Drive]:
-    """Return the drives that a change of a threshold by a factor of two may concern."""
-    seen = {drive: verdict["seen"].get(name, {"near": 0, "settings": 0}) for drive, verdict in recorded.items()}
-    return [drive for drive, record in seen.items() if record["near"] or record["settings"]]
+def turning(recorded: Verdicts, name: str, side: str) -> list[Drive]:
+    """Return the drives with a decision that a factor of two on that side turns, the nearest first."""
+    seen = {drive: verdict["seen"].get(name, {}).get(side, inf) for drive, verdict in recorded.items()}
+    return sorted((drive for drive, factor in seen.items() if factor <= max(FACTORS.values())), key=seen.__getitem__)
 
 
 def page(
-    table: Sequence[Threshold], seen: Mapping[str, Seen], recorded: Verdicts, found: Mapping[str, Verdicts]
+    table: Sequence[Threshold],
+    seen: Mapping[str, Seen],
+    recorded: Verdicts,
+    found: Mapping[str, Verdicts],
+    most: int,
 ) -> str:
     """Return the tables."""
     rows = [_row(entry, seen.get(entry.name), recorded, found) for entry in table]
@@ -177,7 +199,9 @@ def page(
             f"Drives: {drives}. As they are, the thresholds name {_counted(recorded, right)} rightly, and say something of "
             f"{_counted(recorded, false_alarm)} that hold nothing nameable, in {_cost(recorded):.0f} s of CPU time.",
             "A decision is near if half or twice the threshold turns it. Halved and doubled: change of right names, change of "
-            "false alarms, change of CPU time on the drives concerned; - where no decision is near.",
+            f"false alarms, change of CPU time on the {most} drives at most whose decisions on that side are nearest; - where no "
+            f"decision on that side is near. The {sum(map(len, found.values()))} drives with a threshold changed took "
+            f"{sum(map(_cost, found.values())):.0f} s of CPU time.",
             markdown(header, rows),
             "## Verdicts that changed",
             "\n".join(_changes(recorded, found)) or "None.",

@@ -6,8 +6,8 @@ slope d = T dv/dT, through sums, products, quotients and roots. A comparison of 
     f = 1 + (b - v) / d,
 
 exactly where v is affine in T. What is recorded of T is how many decisions it took, how many of them a factor between a half and
-two would turn, and the smallest change of T that would turn one. Where a number leaves this arithmetic (it sizes an array, it
-becomes a plain float), it counts as a setting: it decides in ways that nobody sees.
+two would turn, and the smallest change of T up and down that would turn one. Where a number leaves this arithmetic (it sizes an
+array, it becomes a plain float), it counts as a setting: it decides in ways that nobody sees.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,8 +34,14 @@ class Record:
 
     decisions: int = 0
     near: int = 0
-    nearest: float = np.inf  # factor, two as good as a half
+    raised: float = np.inf  # smallest factor above one that turns a decision
+    lowered: float = np.inf  # smallest divisor above one that turns a decision
     settings: int = 0
+
+    @property
+    def nearest(self) -> float:
+        """Smallest change either way that turns a decision, two as good as a half."""
+        return min(self.raised, self.lowered)
 
 
 @dataclass
@@ -55,11 +61,12 @@ class Recorder:
             with np.errstate(all="ignore"):
                 factor = np.ravel(1.0 + (np.asarray(b.value, float) - a.value) / slope)
                 factor = factor[np.isfinite(factor)]
-                far = np.where(factor > 0.0, np.exp(np.abs(np.log(np.maximum(factor, 1e-300)))), np.inf)
             record = self.of(name)
             record.decisions += factor.size
-            record.near += int((far <= NEAR).sum())
-            record.nearest = min(record.nearest, float(far.min(initial=np.inf)))
+            record.near += int(((factor >= 1.0 / NEAR) & (factor <= NEAR)).sum())
+            record.raised = min(record.raised, float(factor[factor >= 1.0].min(initial=np.inf)))
+            below = factor[(factor > 0.0) & (factor <= 1.0)]
+            record.lowered = min(record.lowered, float(1.0 / below.max(initial=1e-300)))
 
     def escaped(self, names: Mapping[str, Any]) -> None:
         """Note that a threshold went where its decisions are not seen."""
