@@ -1,15 +1,13 @@
 """The test bench: from an engine cycle's normalised speed and torque to engine speed and fuel."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lpvobs.errors import UsageError
+from lpvobs.records import Array
 from lpvobs.simulation.cycles import EngineCycle
 from lpvobs.simulation.parameters import FullLoad
 from lpvobs.simulation.torque import Work, fuel, torque
 from lpvobs.simulation.vehicle import smooth
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.3  # s, width of each of two moving averages over the cycle's straight pieces
 CURVE_STEP = 1.0  # rpm

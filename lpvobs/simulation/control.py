@@ -4,11 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from lpvobs.records import Array
+from lpvobs.simulation.flat import flat
 from lpvobs.simulation.parameters import SimulationParameters
-
-Array = NDArray[np.float64]
 
 
 class Targets(NamedTuple):
@@ -20,20 +19,19 @@ class Targets(NamedTuple):
     air_n_e: Array
     air_u_delta: Array
     air: Array
-    off_above_u: float
-    off_below_u: float
-    off_above_n: float
-    delta_p_0: float
-    delta_p_1: float
+    egr_off_above_u_delta: float
+    egr_off_below_u_delta: float
+    egr_off_above_n_e: float
+    delta_p: Array
     n_cyl: float
     period: float
-    egr_kp: float
-    egr_ki: float
+    egr_proportional: float
+    egr_integral: float
     egr_max: float
-    pressure_kp: float
-    pressure_ki: float
-    boost_kp: float
-    boost_ki: float
+    pressure_proportional: float
+    pressure_integral: float
+    boost_proportional: float
+    boost_integral: float
     vgt_min: float
     vgt_max: float
 
@@ -49,31 +47,7 @@ class Commands(NamedTuple):
 
 def targets_of(parameters: SimulationParameters, n_cyl: int) -> Targets:
     """Return set-points and gains as arrays and floats."""
-    points, gains = parameters.setpoints, parameters.control
-    return Targets(
-        boost_n_e=np.array(points.boost_n_e, dtype=float),
-        boost_u_delta=np.array(points.boost_u_delta, dtype=float),
-        boost=np.array(points.boost, dtype=float),
-        air_n_e=np.array(points.air_n_e, dtype=float),
-        air_u_delta=np.array(points.air_u_delta, dtype=float),
-        air=np.array(points.air, dtype=float),
-        off_above_u=float(points.egr_off_above_u_delta),
-        off_below_u=float(points.egr_off_below_u_delta),
-        off_above_n=float(points.egr_off_above_n_e),
-        delta_p_0=float(points.delta_p[0]),
-        delta_p_1=float(points.delta_p[1]),
-        n_cyl=float(n_cyl),
-        period=float(gains.period),
-        egr_kp=float(gains.egr_proportional),
-        egr_ki=float(gains.egr_integral),
-        egr_max=float(gains.egr_max),
-        pressure_kp=float(gains.pressure_proportional),
-        pressure_ki=float(gains.pressure_integral),
-        boost_kp=float(gains.boost_proportional),
-        boost_ki=float(gains.boost_integral),
-        vgt_min=float(gains.vgt_min),
-        vgt_max=float(gains.vgt_max),
-    )
+    return flat(Targets, parameters.setpoints, parameters.control, n_cyl=n_cyl)
 
 
 @njit(cache=True)
@@ -91,7 +65,9 @@ def look_up(rows: Array, columns: Array, values: Array, row: float, column: floa
 @njit(cache=True)
 def egr_is_active(targets: Targets, n_e: float, u_demand: float) -> bool:
     """Return whether this operating point runs with EGR."""
-    return targets.off_below_u <= u_demand <= targets.off_above_u and n_e <= targets.off_above_n
+    return (
+        targets.egr_off_below_u_delta <= u_demand <= targets.egr_off_above_u_delta and n_e <= targets.egr_off_above_n_e
+    )
 
 
 @njit(cache=True)
@@ -113,14 +89,16 @@ def control(
     """
     if egr_is_active(targets, n_e, u_demand):
         excess = fresh_air_error(targets, n_e, u_demand, W_c)
-        egr_integral = min(max(last.egr_integral + targets.period * targets.egr_ki * excess, 0.0), targets.egr_max)
-        u_egr = min(max(egr_integral + targets.egr_kp * excess, 0.0), targets.egr_max)
-        missing = targets.delta_p_0 + targets.delta_p_1 * n_e - (p_em - p_im)
-        kp, ki = targets.pressure_kp, targets.pressure_ki
+        egr_integral = min(
+            max(last.egr_integral + targets.period * targets.egr_integral * excess, 0.0), targets.egr_max
+        )
+        u_egr = min(max(egr_integral + targets.egr_proportional * excess, 0.0), targets.egr_max)
+        missing = targets.delta_p[0] + targets.delta_p[1] * n_e - (p_em - p_im)
+        kp, ki = targets.pressure_proportional, targets.pressure_integral
     else:
         egr_integral, u_egr = last.egr_integral, 0.0
         missing = look_up(targets.boost_n_e, targets.boost_u_delta, targets.boost, n_e, u_demand) * p_amb - p_im
-        kp, ki = targets.boost_kp, targets.boost_ki
+        kp, ki = targets.boost_proportional, targets.boost_integral
     vgt_integral = min(max(last.vgt_integral - targets.period * ki * missing, targets.vgt_min), targets.vgt_max)
     u_vgt = min(max(vgt_integral - kp * missing, targets.vgt_min), targets.vgt_max)
     return Commands(u_egr, u_vgt, egr_integral, vgt_integral)

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import UsageError
-
-Array = NDArray[np.float64]
+from lpvobs.records import Array
 
 TABLES = {
     "etc": "etc_surrogate.csv",
@@ -23,15 +22,6 @@ TABLES = {
     "nedc": "nedc.csv",
     "whtc": "whtc.csv",
     "wltc": "wltc_class3b.csv",
-}
-TITLES = {
-    "etc": "ETC surrogate",
-    "etc_part1": "ETC surrogate, part 1",
-    "ftp75": "FTP75",
-    "ftp75_cold": "FTP75, cold transient phase",
-    "nedc": "NEDC",
-    "whtc": "WHTC",
-    "wltc": "WLTC class 3b",
 }
 ENDS = {"etc_part1": 600.0, "ftp75_cold": 505.0}
 """[s]; cycles that are the beginning of a table."""
@@ -50,8 +40,6 @@ class SpeedCycle:
 
     Attributes
     ----------
-    title : str
-        What a person reads.
     time : ndarray, shape (M,)
         [s], increasing from zero.
     speed : ndarray, shape (M,)
@@ -62,7 +50,6 @@ class SpeedCycle:
         Whether the clutch may transmit; a change of gear opens it all the same.
     """
 
-    title: str
     time: Array
     speed: Array
     gear: NDArray[np.int64] | None
@@ -75,8 +62,6 @@ class EngineCycle:
 
     Attributes
     ----------
-    title : str
-        What a person reads.
     time : ndarray, shape (M,)
         [s], increasing from zero.
     speed, torque : ndarray, shape (M,)
@@ -87,7 +72,6 @@ class EngineCycle:
         Whether the speed is normalised as in the WHTC; otherwise as in the ETC.
     """
 
-    title: str
     time: Array
     speed: Array
     torque: Array
@@ -111,17 +95,15 @@ def load_cycle(name: str) -> SpeedCycle | EngineCycle:
         If there is no such cycle, or the table cannot be used.
     """
     if name.lower().endswith(".csv"):
-        return read_cycle(Path(name), Path(name).stem)
+        return read_cycle(Path(name))
     if name not in TABLES:
         near = difflib.get_close_matches(name, TABLES, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TABLES)}"
         raise UsageError(f"--cycle {name}: no such cycle; {hint}, or the path of a table that ends in .csv")
-    return read_cycle(
-        data_folder() / "cycles" / TABLES[name], TITLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc"
-    )
+    return read_cycle(data_folder() / "cycles" / TABLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc")
 
 
-def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:
+def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:
     """Return the cycle in a CSV table up to a time [s]; the columns say which kind it is.
 
     Raises
@@ -137,7 +119,7 @@ def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bo
         _check_range(path, "speed_norm_pct", speed[keep], -20.0, 150.0)
         _check_range(path, "torque_norm_pct", torque[keep], -100.0, 120.0)
         still = (motoring[keep] != 0.0) | (torque[keep] < 0.0)
-        return EngineCycle(title, time[keep] - time[0], speed[keep], torque[keep], still, world_harmonised)
+        return EngineCycle(time[keep] - time[0], speed[keep], torque[keep], still, world_harmonised)
     if not set(columns) >= set(SPEED_COLUMNS):
         raise UsageError(
             f"{path}: has columns {', '.join(columns)[:120]}; expected {', '.join(SPEED_COLUMNS)} (speed cycle) "
@@ -150,7 +132,7 @@ def read_cycle(path: Path, title: str, end: float = np.inf, world_harmonised: bo
     if "gear" in columns and "clutch" in columns:
         gear = _numbers(path, columns, "gear")[keep].astype(np.int64)
         engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])[keep]
-    return SpeedCycle(title, time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
+    return SpeedCycle(time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
 
 
 def _without_motoring(torque: list[str], motoring: list[str]) -> list[str]:

@@ -5,12 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.records import Array
 from lpvobs.simulation.parameters import SimulationParameters
-
-Array = NDArray[np.float64]
 
 
 class Work(NamedTuple):

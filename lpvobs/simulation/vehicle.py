@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.records import Array
 from lpvobs.simulation.cycles import SpeedCycle
+from lpvobs.simulation.flat import flat
 from lpvobs.simulation.parameters import Vehicle
 from lpvobs.simulation.torque import Work, fuel, interpolate, torque
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.8  # s, width of each of two moving averages over the cycle's straight pieces
 CLUTCH_TIME = 0.1  # s, engine speed behind that of the gearbox
@@ -26,27 +26,27 @@ RPM = 60.0 / (2.0 * pi)
 
 
 class Car(NamedTuple):
-    """The vehicle's constants as the compiled functions read them."""
+    """The vehicle's constants as the compiled functions read them; see `parameters.Vehicle`."""
 
     ratio: Array  # engine speed [rad/s] per vehicle speed [m/s], a value per gear
     efficiency: float
     mass: float
     road_0: float  # N
     road_2: float  # N/(m/s)^2
-    accessory: float  # Nm
-    idle: float  # rpm
-    launch: float  # rpm
-    down_below: float  # rpm
-    up_light: float  # rpm
-    up_full: float  # rpm
-    up_always: float  # rpm
-    reserve: float
+    accessory_torque: float
+    idle_speed: float
+    launch_speed: float
+    shift_down_below: float
+    shift_up_light: float
+    shift_up_full: float
+    shift_up_always: float
+    shift_reserve: float
     shift_time: float
-    dwell: float
+    shift_dwell: float
     speed_gain: float
     pedal_time: float
-    pedal_n: Array
-    pedal_u: Array
+    pedal_n_e: Array
+    pedal_u_delta: Array
 
 
 class Moment(NamedTuple):
@@ -62,26 +62,12 @@ class Moment(NamedTuple):
 
 def car_of(vehicle: Vehicle) -> Car:
     """Return the vehicle's constants as arrays and floats."""
-    return Car(
-        ratio=np.array(vehicle.gears, dtype=float) * vehicle.final_drive / vehicle.wheel_radius,
-        efficiency=float(vehicle.efficiency),
-        mass=float(vehicle.mass),
-        road_0=float(vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81),
-        road_2=float(vehicle.road_quadratic * 3.6**2),
-        accessory=float(vehicle.accessory_torque),
-        idle=float(vehicle.idle_speed),
-        launch=float(vehicle.launch_speed),
-        down_below=float(vehicle.shift_down_below),
-        up_light=float(vehicle.shift_up_light),
-        up_full=float(vehicle.shift_up_full),
-        up_always=float(vehicle.shift_up_always),
-        reserve=float(vehicle.shift_reserve),
-        shift_time=float(vehicle.shift_time),
-        dwell=float(vehicle.shift_dwell),
-        speed_gain=float(vehicle.speed_gain),
-        pedal_time=float(vehicle.pedal_time),
-        pedal_n=np.array(vehicle.pedal_n_e, dtype=float),
-        pedal_u=np.array(vehicle.pedal_u_delta, dtype=float),
+    return flat(
+        Car,
+        vehicle,
+        ratio=tuple(gear * vehicle.final_drive / vehicle.wheel_radius for gear in vehicle.gears),
+        road_0=vehicle.road_constant + vehicle.rolling_resistance * vehicle.mass * 9.81,
+        road_2=vehicle.road_quadratic * 3.6**2,
     )
 
 
@@ -118,7 +104,7 @@ def _follow(
 ) -> tuple[Array, Array, Array]:
     """Return n_e, u_delta and speed along a wanted speed; a gear of -1 leaves the choice to the driver."""
     n_e, u_delta, speed = np.empty(wanted.size), np.empty(wanted.size), np.empty(wanted.size)
-    now = Moment(wanted[0], car.idle, fuel(work, car.idle, car.accessory), 0, 10.0, False)
+    now = Moment(wanted[0], car.idle_speed, fuel(work, car.idle_speed, car.accessory_torque), 0, 10.0, False)
     for k in range(wanted.size):
         n_e[k], u_delta[k], speed[k] = now.n_e, now.u_delta, now.speed
         missing = car.speed_gain * (wanted[k] - now.speed)
@@ -137,8 +123,8 @@ def road_load(car: Car, speed: float) -> float:
 @njit(cache=True)
 def fuel_in_gear(car: Car, work: Work, speed: float, force: float, gear: int) -> float:
     """Return the fuel [mg/cycle] for a force [N] at the wheels."""
-    n_e = max(car.ratio[gear] * speed * RPM, car.idle)
-    return fuel(work, n_e, force / (car.ratio[gear] * car.efficiency) + car.accessory)
+    n_e = max(car.ratio[gear] * speed * RPM, car.idle_speed)
+    return fuel(work, n_e, force / (car.ratio[gear] * car.efficiency) + car.accessory_torque)
 
 
 @njit(cache=True)
@@ -146,12 +132,12 @@ def shifted(car: Car, work: Work, now: Moment, force: float, wanted: float, gear
     """Return the moment with gear and clutch as the driver, or the table, wants them."""
     if gear >= 0:
         since = now.since_shift if gear == now.gear else 0.0
-        stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < car.idle
+        stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < car.idle_speed
         closed = engaged and not stalling and since >= car.shift_time
         return Moment(now.speed, now.n_e, now.u_delta, gear, since, closed)
     gear = now.gear
     standing = wanted < STANDSTILL and now.speed < STANDSTILL
-    stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < 1.1 * car.idle
+    stalling = force <= 0.0 and car.ratio[gear] * now.speed * RPM < 1.1 * car.idle_speed
     if standing or stalling:
         return Moment(now.speed, now.n_e, now.u_delta, gear_for(car, now.speed), 10.0, False)
     if now.since_shift < car.shift_time:
@@ -166,7 +152,7 @@ def shifted(car: Car, work: Work, now: Moment, force: float, wanted: float, gear
 def gear_for(car: Car, speed: float) -> int:
     """Return the highest gear in which the engine would not run slow."""
     gear = 0
-    while gear + 1 < car.ratio.size and car.ratio[gear + 1] * speed * RPM > 1.1 * car.down_below:
+    while gear + 1 < car.ratio.size and car.ratio[gear + 1] * speed * RPM > 1.1 * car.shift_down_below:
         gear += 1
     return gear
 
@@ -177,18 +163,24 @@ def choose_gear(car: Car, work: Work, now: Moment, force: float) -> int:
     gear = now.gear
     n_e = car.ratio[gear] * now.speed * RPM
     top = car.ratio.size - 1
-    if n_e > car.up_always and gear < top:
+    if n_e > car.shift_up_always and gear < top:
         return gear + 1
-    if now.since_shift < car.dwell:
+    if now.since_shift < car.shift_dwell:
         return gear
-    pedal = fuel_in_gear(car, work, now.speed, force, gear) / interpolate(car.pedal_n, car.pedal_u, n_e)
-    if gear > 0 and (n_e < car.down_below or pedal > 1.0):
-        fits = car.ratio[gear - 1] * now.speed * RPM < 0.97 * car.up_always
+    pedal = fuel_in_gear(car, work, now.speed, force, gear) / interpolate(car.pedal_n_e, car.pedal_u_delta, n_e)
+    if gear > 0 and (n_e < car.shift_down_below or pedal > 1.0):
+        fits = car.ratio[gear - 1] * now.speed * RPM < 0.97 * car.shift_up_always
         return gear - 1 if fits else gear
-    if gear < top and force > 0.0 and n_e > car.up_light + (car.up_full - car.up_light) * min(pedal, 1.0):
+    if (
+        gear < top
+        and force > 0.0
+        and n_e > car.shift_up_light + (car.shift_up_full - car.shift_up_light) * min(pedal, 1.0)
+    ):
         after = car.ratio[gear + 1] * now.speed * RPM
-        needed = fuel_in_gear(car, work, now.speed, force, gear + 1) / interpolate(car.pedal_n, car.pedal_u, after)
-        if after > 1.05 * car.down_below and needed < car.reserve:
+        needed = fuel_in_gear(car, work, now.speed, force, gear + 1) / interpolate(
+            car.pedal_n_e, car.pedal_u_delta, after
+        )
+        if after > 1.05 * car.shift_down_below and needed < car.shift_reserve:
             return gear + 1
     return gear
 
@@ -197,19 +189,25 @@ def choose_gear(car: Car, work: Work, now: Moment, force: float) -> int:
 def moved(car: Car, work: Work, now: Moment, force: float, dt: float) -> Moment:
     """Return the moment after a time step: pedal, engine speed, and the car under drive, brakes and road."""
     ratio = car.ratio[now.gear]
-    governed = fuel(work, car.idle, car.accessory) * min(max(1.0 - (now.n_e - car.idle) / IDLE_BAND, 0.0), 1.0)
+    governed = fuel(work, car.idle_speed, car.accessory_torque) * min(
+        max(1.0 - (now.n_e - car.idle_speed) / IDLE_BAND, 0.0), 1.0
+    )
     asked = governed
-    target = car.idle
+    target = car.idle_speed
     if now.engaged:
-        limit = interpolate(car.pedal_n, car.pedal_u, now.n_e)
-        asked = max(governed, min(fuel(work, now.n_e, force / (ratio * car.efficiency) + car.accessory), limit))
-        slipping = car.idle + (car.launch - car.idle) * min(max(asked / 15.0, 0.0), 1.0) if force > 0.0 else car.idle
-        target = max(ratio * now.speed * RPM, slipping if now.gear == 0 else car.idle)
+        limit = interpolate(car.pedal_n_e, car.pedal_u_delta, now.n_e)
+        asked = max(governed, min(fuel(work, now.n_e, force / (ratio * car.efficiency) + car.accessory_torque), limit))
+        slipping = (
+            car.idle_speed + (car.launch_speed - car.idle_speed) * min(max(asked / 15.0, 0.0), 1.0)
+            if force > 0.0
+            else car.idle_speed
+        )
+        target = max(ratio * now.speed * RPM, slipping if now.gear == 0 else car.idle_speed)
     elif now.since_shift < car.shift_time:
-        target = max(ratio * now.speed * RPM, car.idle)
+        target = max(ratio * now.speed * RPM, car.idle_speed)
     u_delta = now.u_delta + dt / car.pedal_time * (asked - now.u_delta)
     n_e = now.n_e + dt / CLUTCH_TIME * (target - now.n_e)
-    drive = (torque(work, n_e, u_delta) - car.accessory) * ratio * car.efficiency if now.engaged else 0.0
+    drive = (torque(work, n_e, u_delta) - car.accessory_torque) * ratio * car.efficiency if now.engaged else 0.0
     if force < 0.0:
         drive = min(drive, force)  # the brakes give what the engine does not
     speed = max(0.0, now.speed + dt / car.mass * (drive - road_load(car, now.speed)))
