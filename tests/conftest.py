@@ -32,7 +32,7 @@ settings.load_profile("repeatable")
 
 
 def _record(kind, table):
-    values = {item.name: table[item.name] for item in fields(kind)}
+    values = {item.name: table[item.name] for item in fields(kind) if item.name in table}
     return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
 

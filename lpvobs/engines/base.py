@@ -91,8 +91,6 @@ class AirPath(Protocol):
         The states x, and the scheduling parameters.
     temperature_names, rate_names : tuple of str
         The temperatures that `rate_bounds` takes, and the parameters that it gives.
-    balance_constants : tuple of str
-        The engine constants that a balance depends on.
     learns : bool
         Whether parts of the engine are known only after a healthy log has shown them.
     dispensable : tuple of str
@@ -108,7 +106,6 @@ class AirPath(Protocol):
     parameter_names: ClassVar[tuple[str, ...]]
     temperature_names: ClassVar[tuple[str, ...]]
     rate_names: ClassVar[tuple[str, ...]]
-    balance_constants: ClassVar[tuple[str, ...]]
     learns: ClassVar[bool]
     dispensable: ClassVar[tuple[str, ...]]
 
@@ -117,6 +114,10 @@ class AirPath(Protocol):
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
+
+    @property
+    def balance_constants(self) -> tuple[str, ...]:
+        """The engine constants that a balance depends on."""
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the range of the parameters that depend on temperatures alone, given the range of those [K]."""

@@ -267,9 +267,9 @@ class SimulationParameters:
     control: Control
     setpoints: Setpoints
     sensors: Sensors
-    vehicle: Vehicle
     full_load: FullLoad
     surface: ErrorSurface
+    vehicle: Vehicle | None = None  # without one no speed cycle
 
     def __post_init__(self) -> None:
         _positive(self, "step")

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 STATES = ("p_im", "p_em", "X_Oim", "X_Oem", "omega_t", "u_egr1", "u_egr2", "u_vgt", "T_im")
 P_IM, P_EM, X_OIM, X_OEM, OMEGA_T, U_EGR1, U_EGR2, U_VGT, T_IM = range(9)
 SLOWEST_TURBINE = 150.0  # rad/s
+ROTOR_SPEED = 1.0
+"""Place of the form `rotor_speed` among the forms of the compressor, and among those of the turbine."""
 
 
 class Body(NamedTuple):
@@ -143,11 +145,19 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
     c = plant.engine
     U = c.R_c * omega_t
     Psi_c = 2.0 * c.c_pa * T_amb * ((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0) / U**2
-    Phi_c = c.phi_0 + c.phi_1 * U / 400.0
-    if Psi_c >= 0.0:
-        Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
+    if c.compressor_form == ROTOR_SPEED:
+        # Wahlstrom and Eriksson (2011); below no head the flow grows (+)
+        widest = c.c_w_phi1 * omega_t**2 + c.c_w_phi2 * omega_t + c.c_w_phi3
+        steepness = c.c_w_psi1 * omega_t**2 + c.c_w_psi2 * omega_t + c.c_w_psi3
+        head = Psi_c - c.c_psi2
+        inside = 1.0 - steepness * head**2 if head >= 0.0 else 1.0 + c.k_neg * -head / 0.1
+        Phi_c = max(0.0, c.c_phi2 + sqrt(max(0.0, inside) / max(widest, 1.0)))  # Phi_c above one: no compressor
     else:
-        Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
+        Phi_c = c.phi_0 + c.phi_1 * U / 400.0
+        if Psi_c >= 0.0:
+            Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
+        else:
+            Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
     return plant.condition.compressor_flow * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))  # Eq. (2)
 
 
@@ -288,5 +298,8 @@ def turbine_power(plant: Plant, W_t: float, Pi_t: float, omega_t: float, T_em: f
     c = plant.engine
     drop = c.c_pe * T_em * (1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e))
     blade_speed_ratio = c.R_t * omega_t / sqrt(2.0 * drop)
-    eta_tm = c.eta_tm_max - c.c_m * (blade_speed_ratio - c.bsr_opt) ** 2
+    c_m = c.c_m
+    if c.turbine_form == ROTOR_SPEED:
+        c_m = c.c_m1 * max(0.0, omega_t - c.c_m2) ** c.c_m3  # Wahlstrom and Eriksson (2011)
+    eta_tm = c.eta_tm_max - c_m * (blade_speed_ratio - c.bsr_opt) ** 2
     return plant.condition.turbine_efficiency * min(max(eta_tm, c.eta_tm_min), 1.0) * W_t * drop  # Eq. (2)

@@ -61,11 +61,16 @@ def scene_of(
     Raises
     ------
     UsageError
-        For an unknown cycle, or a channel that it cannot have.
+        For an unknown cycle, a cycle that it cannot drive, or a channel that it cannot have.
     """
     period, work, table = parameters.control.period, work_of(engine, parameters), load_cycle(cycle)
     measured, ambient = isinstance(table, SpeedCycle), parameters.ambient
     if isinstance(table, SpeedCycle):
+        if parameters.vehicle is None:
+            raise UsageError(
+                f"--cycle {cycle}: is a vehicle's speed, and the configuration has no [simulation.vehicle]; "
+                f"take an engine's cycle such as whtc, or add the table"
+            )
         n_e, u_delta, speed = drive_speed_cycle(parameters.vehicle, work, table, period)
     else:
         n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)

@@ -17,7 +17,7 @@ def constants(record, where=""):
     for name, hint in get_type_hints(record, include_extras=True).items():
         if is_dataclass(hint):
             yield from constants(hint, f"{where}{name}.")
-        else:
+        elif hint is not str:  # the name of a form
             yield f"{where}{name}", [item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Within)]
 
 

@@ -15,11 +15,17 @@ def compressor(k, p_im, omega_t, p_amb, T_amb):
     Pi_c = p_im / p_amb
     heating = Pi_c ** (1 - 1 / gas.gamma_a) - 1
     head = 2 * gas.c_pa * T_amb * heating / tip_speed**2
-    head_max = wheel.psi_0 + wheel.psi_1 * tip_speed / 400
-    flow_max = wheel.phi_0 + wheel.phi_1 * tip_speed / 400
-    ellipse = np.sqrt(np.maximum(1 - (head / head_max) ** 2, 0.0))
-    below = np.sqrt(1 + wheel.k_neg * np.maximum(-head, 0.0) / 0.1)
-    Phi_c = flow_max * np.where(head >= 0, ellipse, below)
+    if wheel.form == "tip_speed":
+        centre, head_max = (0.0, 0.0), wheel.psi_0 + wheel.psi_1 * tip_speed / 400
+        flow_max = wheel.phi_0 + wheel.phi_1 * tip_speed / 400
+    else:  # half axes of c_psi1 (Psi - c_psi2)^2 + c_phi1 (Phi - c_phi2)^2 = 1; no compressor has a Phi_c above one
+        centre = (wheel.c_psi2, wheel.c_phi2)
+        head_max = np.polyval([wheel.c_w_psi1, wheel.c_w_psi2, wheel.c_w_psi3], omega_t) ** -0.5
+        flow_max = np.maximum(np.polyval([wheel.c_w_phi1, wheel.c_w_phi2, wheel.c_w_phi3], omega_t), 1.0) ** -0.5
+    above = head - centre[0]
+    ellipse = np.sqrt(np.maximum(1 - (above / head_max) ** 2, 0.0))
+    below = np.sqrt(1 + wheel.k_neg * np.maximum(-above, 0.0) / 0.1)
+    Phi_c = np.maximum(centre[1] + flow_max * np.where(above >= 0, ellipse, below), 0.0)
     W_c = p_amb * np.pi * wheel.R_c**3 * Phi_c / (gas.R_a * T_amb) * omega_t
     a, b = W_c - wheel.W_c_opt, np.maximum(Pi_c - 1, 0.0) ** wheel.c_pi - wheel.pi_c_opt
     Q_11, Q_12, Q_22 = wheel.Q
@@ -59,7 +65,8 @@ def turbine(k, p_em, omega_t, u_vgt, T_em, p_amb):
         W_t = area * p_em * np.sqrt(1 - Pi_t**wheel.K_t) / np.sqrt(T_em * gas.R_e)
     drop = 1 - Pi_t ** (1 - 1 / gas.gamma_e)
     BSR = wheel.R_t * omega_t / np.sqrt(2 * gas.c_pe * T_em * drop)
-    eta_tm = np.clip(wheel.eta_tm_max - wheel.c_m * (BSR - wheel.bsr_opt) ** 2, wheel.eta_tm_min, 1.0)
+    c_m = wheel.c_m if wheel.form == "constant" else wheel.c_m1 * np.maximum(omega_t - wheel.c_m2, 0.0) ** wheel.c_m3
+    eta_tm = np.clip(wheel.eta_tm_max - c_m * (BSR - wheel.bsr_opt) ** 2, wheel.eta_tm_min, 1.0)
     return W_t, eta_tm * W_t * gas.c_pe * T_em * drop
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.diesel.constants import COMPRESSOR_FORMS, TURBINE_FORMS
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.configuration.config import SCHEMA, load_config, record_of
 from lpvobs.simulation.parameters import SURFACE_KINDS
@@ -16,6 +17,8 @@ Schema = dict[str, Any]
 CONFIGS = Path(__file__).parents[2] / "configs"
 CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("ErrorSurface", "kind"): SURFACE_KINDS}
 """Texts of which only these are taken; the records check them when they are made."""
+FORMS = {"Compressor": COMPRESSOR_FORMS, "Turbine": TURBINE_FORMS}
+"""The forms of a component's relation with the keys that each has for itself; the first one is meant where none is named."""
 TABLE = re.compile(r"\[(?P<name>[\w.]+)\]\s*(#\s*(?P<comment>.*\S))?\s*")
 KEY = re.compile(r"(?P<name>\w+)\s*=\s*[^#]*#\s*(?P<comment>.*\S)\s*")
 """A key with its comment; no value of a shipped configuration contains a hash."""
@@ -31,11 +34,14 @@ def config_schema() -> Schema:
     defs = {name: _strict(component) for name, component in components.items()}
     for (record, key), choices in CHOICES.items():
         defs[record]["properties"][key]["enum"] = list(choices)
+    for record, forms in FORMS.items():
+        defs[record] |= {"oneOf": [_of_form(forms, form) for form in forms]}
     for name, kind in ENGINES.items():
-        record, example = records[name].__name__, CONFIGS / kind.example
-        defs[record] = _of_engine(defs[record], name, load_config(example)[0].engine_path())
-        for path, comment in comments(example.read_text(encoding="utf-8")):
-            _describe(defs, record, path, comment)
+        record, shipped = records[name].__name__, _shipped(name, kind.example)
+        defs[record] = _of_engine(defs[record], name, [load_config(path)[0].engine_path() for path in shipped])
+        for file in shipped:
+            for path, comment in comments(file.read_text(encoding="utf-8")):
+                _describe(defs, record, path, comment)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:lpvobs:config:{SCHEMA}",
@@ -46,6 +52,19 @@ def config_schema() -> Schema:
         "oneOf": [{"$ref": f"#/$defs/{record.__name__}"} for record in records.values()],
         "$defs": defs,
     }
+
+
+def _shipped(name: str, example: str) -> list[Path]:
+    """Return the shipped configurations of a kind of engine, its example first."""
+    others = [path for path in sorted(CONFIGS.glob("*.toml")) if path.name != example]
+    return [CONFIGS / example, *(path for path in others if load_config(path)[0].air_path == name)]
+
+
+def _of_form(forms: Mapping[str, Sequence[str]], form: str) -> Schema:
+    """Return what a component's table has in one of its forms: its own keys, and none of another form."""
+    named = () if form == next(iter(forms)) else ("form",)
+    others = {key: False for other, keys in forms.items() if other != form for key in keys}
+    return {"properties": {"form": {"const": form}} | others, "required": [*named, *forms[form]]}
 
 
 def comments(text: str) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -80,11 +99,12 @@ def _strict(schema: Any) -> Any:
     return strict
 
 
-def _of_engine(schema: Schema, name: str, path: AirPath) -> Schema:
-    """Return a configuration's schema with the names that the engine has where the records take any."""
+def _of_engine(schema: Schema, name: str, paths: Sequence[AirPath]) -> Schema:
+    """Return a configuration's schema with the names that the engine has, in any form, where the records take any."""
+    path = paths[0]
     axes = [axis.channel for axis in path.axes]
     rho = [parameter for parameter in path.parameter_names if parameter not in path.rate_names]
-    constants = list(dict.fromkeys((*path.engine_constants(), *path.balance_constants)))
+    constants = list(dict.fromkeys(c for path in paths for c in (*path.engine_constants(), *path.balance_constants)))
     temperatures = _named(path.temperature_names)
     own: Mapping[str, Schema] = {
         "schema": {"const": SCHEMA},
@@ -103,6 +123,7 @@ def _of_engine(schema: Schema, name: str, path: AirPath) -> Schema:
             process_noise=_named(path.state_names),
             measurement_noise=_named((*path.state_names, path.sensor), needed=(path.sensor,)),
         ),
+        "policies": _with(limits=_named(tuple(path.channels), needed=())),
     }
     properties = {key: dict(value) for key, value in schema["properties"].items()}
     for key, more in own.items():

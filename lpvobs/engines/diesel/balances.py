@@ -106,9 +106,9 @@ def turbine(
         Pi_t = min(p_es / p_em, 0.9999)
         W_t = scale * sqrt(1.0 - Pi_t**c.K_t) * p_em
         p_es = p_amb + k_exhaust * W_t * W_t
-    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
-    if share == 0.0:
+    if k_exhaust == c.k_exhaust:
         return W_t, Pi_t
+    share = min(abs(k_exhaust / c.k_exhaust - 1.0) / RESTRICTED, 1.0)
     solved = expansion(p_amb / p_em, k_exhaust * scale * scale * p_em, c.K_t)
     Pi_t += share * (solved - Pi_t)
     return scale * sqrt(1.0 - Pi_t**c.K_t) * p_em, Pi_t

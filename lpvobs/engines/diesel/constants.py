@@ -12,6 +12,14 @@ from lpvobs.engines.bounds import Within
 
 Record = TypeVar("Record")
 
+COMPRESSOR_FORMS: Mapping[str, tuple[str, ...]] = {
+    "tip_speed": ("psi_0", "psi_1", "phi_0", "phi_1"),
+    "rotor_speed": ("c_psi2", "c_phi2", "c_w_psi1", "c_w_psi2", "c_w_psi3", "c_w_phi1", "c_w_phi2", "c_w_phi3"),
+}
+"""The forms of the compressor's ellipse by name, and the constants that each has for itself; see `forms`."""
+TURBINE_FORMS: Mapping[str, tuple[str, ...]] = {"constant": ("c_m",), "rotor_speed": ("c_m1", "c_m2", "c_m3")}
+"""The forms of the turbine's loss of efficiency by name, and the constants that each has for itself; see `forms`."""
+
 
 @dataclass(frozen=True)
 class Gas:
@@ -46,13 +54,9 @@ class Filling:
 
 @dataclass(frozen=True)
 class Compressor:
-    """Ellipse of flow over head coefficient; efficiency as a quadratic around an optimum."""
+    """Ellipse of flow over head coefficient in one of `COMPRESSOR_FORMS`; efficiency as a quadratic around an optimum."""
 
     R_c: Annotated[float, Within(5e-3, 0.3, "m", "radius of a compressor")]
-    psi_0: Annotated[float, Within(0.3, 3, "1", "head coefficient")]
-    psi_1: Annotated[float, Within(-2, 2, "1", "slope of the head coefficient")]
-    phi_0: Annotated[float, Within(0.01, 1, "1", "flow coefficient")]
-    phi_1: Annotated[float, Within(-0.5, 0.5, "1", "slope of the flow coefficient")]
     k_neg: Annotated[float, Within(0, 10, "1", "slope of the flow below a pressure ratio of one")]
     eta_c_max: Annotated[float, Within(0.2, 0.9, "1", "efficiency of a compressor")]
     W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best")]
@@ -60,11 +64,27 @@ class Compressor:
     c_pi: Annotated[float, Within(0.05, 1.5, "1", "exponent of the pressure ratio")]
     Q: Annotated[tuple[float, float, float], Within(-1e5, 1e5, "1", "slope of an efficiency")]  # Q_11, Q_12, Q_22
     eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "least efficiency of a compressor")]
+    form: str = "tip_speed"
+    psi_0: Annotated[float | None, Within(0.3, 3, "1", "head coefficient")] = None
+    psi_1: Annotated[float | None, Within(-2, 2, "1", "slope of the head coefficient")] = None
+    phi_0: Annotated[float | None, Within(0.01, 1, "1", "flow coefficient")] = None
+    phi_1: Annotated[float | None, Within(-0.5, 0.5, "1", "slope of the flow coefficient")] = None
+    c_psi2: Annotated[float | None, Within(-3, 3, "1", "centre of the head coefficient")] = None
+    c_phi2: Annotated[float | None, Within(-1, 1, "1", "centre of the flow coefficient")] = None
+    c_w_psi1: Annotated[float | None, Within(-1e-5, 1e-5, "s^2", "curvature of the head's coefficient")] = None
+    c_w_psi2: Annotated[float | None, Within(-0.1, 0.1, "s", "slope of the head's coefficient")] = None
+    c_w_psi3: Annotated[float | None, Within(0.05, 20, "1", "level of the head's coefficient")] = None
+    c_w_phi1: Annotated[float | None, Within(-1e-4, 1e-4, "s^2", "curvature of the flow's coefficient")] = None
+    c_w_phi2: Annotated[float | None, Within(-1, 1, "s", "slope of the flow's coefficient")] = None
+    c_w_phi3: Annotated[float | None, Within(1, 1e4, "1", "level of the flow's coefficient")] = None
+
+    def __post_init__(self) -> None:
+        _check_form(self, self.form, COMPRESSOR_FORMS)
 
 
 @dataclass(frozen=True)
 class Turbine:
-    """Variable nozzle, efficiency over the blade speed ratio, back pressure and inertia."""
+    """Variable nozzle, efficiency over the blade speed ratio in one of `TURBINE_FORMS`, back pressure and inertia."""
 
     R_t: Annotated[float, Within(5e-3, 0.3, "m", "radius of a turbine")]
     A_vgt_max: Annotated[float, Within(1e-5, 0.05, "m^2", "area of a turbine")]
@@ -76,10 +96,17 @@ class Turbine:
     f_vgt_min: Annotated[float, Within(0, 1, "1", "least share of the turbine's area")]
     eta_tm_max: Annotated[float, Within(0.2, 1, "1", "efficiency of a turbine")]
     bsr_opt: Annotated[float, Within(0.2, 2, "1", "blade speed ratio")]
-    c_m: Annotated[float, Within(0, 20, "1", "slope of the turbine's efficiency")]
     eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "least efficiency of a turbine")]
     k_exhaust: Annotated[float, Within(0, 1e9, "Pa/(kg/s)^2", "back pressure")]
     J_t: Annotated[float, Within(1e-8, 0.1, "kg m^2", "inertia of a turbocharger")]
+    form: str = "constant"
+    c_m: Annotated[float | None, Within(0, 20, "1", "slope of the turbine's efficiency")] = None
+    c_m1: Annotated[float | None, Within(0, 1e3, "1", "slope of the turbine's efficiency")] = None
+    c_m2: Annotated[float | None, Within(0, 4e4, "rad/s", "turbine speed")] = None
+    c_m3: Annotated[float | None, Within(0, 5, "1", "exponent of the turbine's speed")] = None
+
+    def __post_init__(self) -> None:
+        _check_form(self, self.form, TURBINE_FORMS)
 
 
 @dataclass(frozen=True)
@@ -106,7 +133,10 @@ class DieselEngine:
 
 
 class DieselConstants(NamedTuple):
-    """The same constants, flat, for the compiled relations (numba reads a named tuple by field name)."""
+    """The same constants, flat, for the compiled relations (numba reads a named tuple by field name).
+
+    A form is its place among the forms; the constants of other forms are zero.
+    """
 
     R_a: float
     R_e: float
@@ -122,10 +152,19 @@ class DieselConstants(NamedTuple):
     c_vol2: float
     c_vol3: float
     R_c: float
+    compressor_form: float
     psi_0: float
     psi_1: float
     phi_0: float
     phi_1: float
+    c_psi2: float
+    c_phi2: float
+    c_w_psi1: float
+    c_w_psi2: float
+    c_w_psi3: float
+    c_w_phi1: float
+    c_w_phi2: float
+    c_w_phi3: float
     k_neg: float
     eta_c_max: float
     W_c_opt: float
@@ -145,7 +184,11 @@ class DieselConstants(NamedTuple):
     f_vgt_min: float
     eta_tm_max: float
     bsr_opt: float
+    turbine_form: float
     c_m: float
+    c_m1: float
+    c_m2: float
+    c_m3: float
     eta_tm_min: float
     k_exhaust: float
     J_t: float
@@ -161,8 +204,19 @@ def constants_of(engine: DieselEngine) -> DieselConstants:
     values: dict[str, float] = {}
     for part in (engine.gas, engine.geometry, engine.filling, engine.compressor, engine.turbine, engine.egr):
         values |= asdict(part)
+    del values["form"]
+    values["compressor_form"] = list(COMPRESSOR_FORMS).index(engine.compressor.form)
+    values["turbine_form"] = list(TURBINE_FORMS).index(engine.turbine.form)
     values["Q_11"], values["Q_12"], values["Q_22"] = values.pop("Q")  # type: ignore[misc]
-    return DieselConstants(**{name: float(value) for name, value in values.items()})
+    return DieselConstants(**{name: float(value or 0.0) for name, value in values.items()})
+
+
+def own_constants(engine: DieselEngine) -> dict[str, float]:
+    """Return the engine's constants by name, without those of forms that it does not have."""
+    others = {"compressor_form", "turbine_form"}
+    for part, forms in ((engine.compressor, COMPRESSOR_FORMS), (engine.turbine, TURBINE_FORMS)):
+        others.update(name for form, names in forms.items() if form != part.form for name in names)
+    return {name: value for name, value in constants_of(engine)._asdict().items() if name not in others}
 
 
 def scaled(record: Record, constants: Mapping[str, float]) -> Record:
@@ -182,3 +236,16 @@ def scaled(record: Record, constants: Mapping[str, float]) -> Record:
         elif item.name in constants:
             changed[item.name] = value * (1.0 + constants[item.name])
     return replace(record, **changed)  # type: ignore[type-var]
+
+
+def _check_form(part: object, form: str, forms: Mapping[str, tuple[str, ...]]) -> None:
+    """Raise ValueError for a form that does not exist, and for constants that it lacks or that belong to another form."""
+    if form not in forms:
+        raise ValueError(f"form = '{form}' is unknown, expected one of {', '.join(map(repr, forms))}")
+    for other, names in forms.items():
+        for name in names:
+            given = getattr(part, name) is not None
+            if other == form and not given:
+                raise ValueError(f"form = '{form}' needs '{name}', which is missing")
+            if other != form and given and name not in forms[form]:
+                raise ValueError(f"form = '{form}' has no '{name}', which belongs to form = '{other}'; leave it out")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.constants import DieselEngine, constants_of
 from lpvobs.records import Array
 
 RATE, DURATION = 50.0, 240.0
@@ -61,8 +61,8 @@ def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:
 
 
 def _compressor(engine: DieselEngine, p_im: Array, omega_t: Array) -> Array:
-    """Return W_c of Eq. (2) [kg/s] above ambient pressure; zero in stall."""
-    gas, k = engine.gas, engine.compressor
+    """Return W_c of Eq. (2) [kg/s] above ambient pressure, in the form `tip_speed`; zero in stall."""
+    gas, k = engine.gas, constants_of(engine)
     tip = k.R_c * omega_t
     head = 2.0 * gas.c_pa * T_AMB * ((p_im / P_AMB) ** (1.0 - 1.0 / gas.gamma_a) - 1.0) / tip**2
     ellipse = 1.0 - (head / (k.psi_0 + k.psi_1 * tip / 400.0)) ** 2

@@ -15,7 +15,14 @@ from numba import njit
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.diesel import relations as relation
-from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of, scaled
+from lpvobs.engines.diesel.constants import (
+    COMPRESSOR_FORMS,
+    DieselConstants,
+    DieselEngine,
+    constants_of,
+    own_constants,
+    scaled,
+)
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.records import Array, Log
 
@@ -23,7 +30,7 @@ STATES = ("p_im", "p_em", "omega_t")
 PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
 OWNED_CONSTANTS = (
-    ("R_a", "c_pa", "gamma_a", "R_c", "psi_0", "psi_1", "phi_0", "phi_1", "k_neg"),
+    ("R_a", "c_pa", "gamma_a", "R_c", "k_neg", *(name for names in COMPRESSOR_FORMS.values() for name in names)),
     (
         "R_a",
         "R_e",
@@ -39,7 +46,7 @@ OWNED_CONSTANTS = (
         "k_reverse",
     ),
 )
-"""The constants that each balance depends on."""
+"""The constants that each balance depends on, in any form of the components."""
 RELATIVE_STEP = 1e-5
 """Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
@@ -59,7 +66,6 @@ class Diesel:
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
     temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
     rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
-    balance_constants: ClassVar[tuple[str, ...]] = tuple(dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1]))
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
@@ -88,7 +94,13 @@ class Diesel:
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
-        return self.constants._asdict()
+        return own_constants(self.engine)
+
+    @property
+    def balance_constants(self) -> tuple[str, ...]:
+        """Those that a balance depends on."""
+        owned = dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1])
+        return tuple(name for name in owned if name in self.engine_constants())
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the ranges of a_1 = R_a T_im / V_im and a_2 = R_e T_em / V_em of Eq. (5), [J/(kg m^3)]."""

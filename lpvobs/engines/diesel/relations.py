@@ -8,6 +8,7 @@ from math import pi, sqrt
 
 from numba import njit
 
+from lpvobs.engines.diesel import forms
 from lpvobs.engines.diesel.constants import DieselConstants
 
 TURBINE_PASSES = 3
@@ -16,14 +17,10 @@ TURBINE_PASSES = 3
 
 @njit(cache=True)
 def compressor_flow_coefficient(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
-    """Return Phi_c [-] of Eq. (2): an ellipse of the head coefficient Psi_c; zero in stall."""
+    """Return Phi_c [-] of Eq. (2): an ellipse of the head coefficient Psi_c in the engine's form; zero in stall."""
     U = c.R_c * omega_t
     Psi_c = 2.0 * c.c_pa * T_amb * ((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0) / (U * U)
-    Phi_max = c.phi_0 + c.phi_1 * U / 400.0
-    if Psi_c < 0.0:
-        return Phi_max * sqrt(1.0 - c.k_neg * Psi_c / 0.1)  # (+)
-    ratio = Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)
-    return Phi_max * sqrt(1.0 - ratio * ratio) if ratio < 1.0 else 0.0
+    return forms.flow_coefficient(c, Psi_c, omega_t)
 
 
 @njit(cache=True)
@@ -108,7 +105,7 @@ def turbine_power(c: DieselConstants, W_t: float, Pi_t: float, omega_t: float, T
     """Return P_t eta_m [W] of Eq. (2)."""
     drop = 1.0 - Pi_t ** (1.0 - 1.0 / c.gamma_e)
     bsr = c.R_t * omega_t / sqrt(2.0 * c.c_pe * T_em * drop)
-    eta_tm = min(max(c.eta_tm_max - c.c_m * (bsr - c.bsr_opt) ** 2, c.eta_tm_min), 1.0)
+    eta_tm = min(max(c.eta_tm_max - forms.turbine_loss(c, omega_t) * (bsr - c.bsr_opt) ** 2, c.eta_tm_min), 1.0)
     return eta_tm * W_t * c.c_pe * T_em * drop  # Eq. (2)
 
 

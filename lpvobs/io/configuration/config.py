@@ -201,6 +201,7 @@ def _check_names(path: Path, config: Config) -> None:
         ("published.temperatures", config.published.temperatures, rates),
         ("ekf.process_noise", config.ekf.process_noise, states),
         ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor)),
+        ("policies.limits", config.policies.limits, tuple(air_path.channels)),
     ):
         for name in found:
             if name not in known:

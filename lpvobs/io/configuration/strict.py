@@ -71,7 +71,7 @@ def _out_of_bounds(record: Any, where: str) -> Iterator[tuple[str, str]]:
             yield from _out_of_bounds(value, f"{where}{name}.")
         for bounds in (item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Within)):
             for number in value if isinstance(value, tuple) else (value,):
-                if complaint := bounds.complaint(number):
+                if number is not None and (complaint := bounds.complaint(number)):
                     yield f"{where}{name}", complaint
 
 

@@ -1,14 +1,37 @@
 """What to do with the defects of a log, and the account of what was found."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.records import DefectFound, Defects
+
+
+@dataclass(frozen=True)
+class ChannelLimits:
+    """Where a working sensor of one engine reads, in the channel's unit; None leaves what holds for the kind of engine.
+
+    Attributes
+    ----------
+    low, high : float
+        A sample outside is a defect.
+    typical : tuple of float
+        Range in which the median of a whole log lies.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    typical: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for low, high in ((self.low, self.high), self.typical or (None, None)):
+            if low is not None and high is not None and not low < high:
+                raise ValueError(f"a lower limit of {low:g} must be below the upper one, {high:g}")
 
 
 @dataclass(frozen=True)
@@ -21,16 +44,24 @@ class LogPolicies:
         [s]; a longer step between samples splits the log into segments.
     backward_time : str
         `refuse` the log, or `drop` the samples whose time is not later than every earlier one.
+    limits : mapping of str to ChannelLimits
+        Of channels of which the configured engine's sensors read elsewhere than those of most of its kind.
     """
 
     gap_limit: float = 1.0
     backward_time: str = "refuse"
+    limits: Mapping[str, ChannelLimits] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.gap_limit > 0:
             raise ValueError("gap_limit must be positive")
         if self.backward_time not in ("refuse", "drop"):
             raise ValueError("backward_time must be 'refuse' or 'drop'")
+
+    def limited(self, channels: Mapping[str, Channel]) -> dict[str, Channel]:
+        """Return channels with the limits that are configured in place of their own."""
+        own = {name: {k: v for k, v in asdict(item).items() if v is not None} for name, item in self.limits.items()}
+        return {name: replace(channel, **own.get(name, {})) for name, channel in channels.items()}
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class LogFile:
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
-        self.path, self.channels, self.policies, self.threads = path, channels, policies, threads
+        self.path, self.channels, self.policies, self.threads = path, policies.limited(channels), policies, threads
         self.units = {"time": "s"} | {name: channel.unit for name, channel in channels.items()}
         self._state = state_of(path)
         self.schema = expect_channels(path, self.units)

@@ -69,6 +69,7 @@ def test_gain_speaks_of_parameters_and_states_that_exist():
 def as_toml(record, where=""):
     """Return a record as TOML text: plain values first, then one table per record or mapping."""
     items = {item.name: getattr(record, item.name) for item in fields(record)} if is_dataclass(record) else dict(record)
+    items = {key: value for key, value in items.items() if value is not None}
     tables = {key: value for key, value in items.items() if is_dataclass(value) or isinstance(value, Mapping)}
     lines = [f"{key} = {_value(value)}" for key, value in items.items() if key not in tables]
     head = [f"[{where}]"] if where else []

@@ -14,7 +14,7 @@ from lpvobs.io.configuration import config
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
 SCHEMAS = ROOT / "schemas"
-FILES = ("diesel.toml", "liu-ice.toml")
+FILES = ("diesel.toml", "heavy-duty.toml", "liu-ice.toml")
 
 
 @pytest.fixture(scope="module")

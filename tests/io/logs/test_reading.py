@@ -9,7 +9,7 @@ import pytest
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import channel_units, write_log
-from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.policies import ChannelLimits, LogPolicies
 from lpvobs.io.logs.reading import read_references
 
 UNITS = {"time": "s"} | {name: channel.unit for name, channel in Diesel.channels.items()}
@@ -383,3 +383,20 @@ def test_a_channel_that_no_working_engine_shows_is_refused_as_a_wrong_unit_or_si
 def test_policies_that_are_none(policies):
     with pytest.raises(ValueError, match="must be"):
         LogPolicies(**policies)
+
+
+# --- limits of one engine -----------------------------------------------------------------------------------------------
+
+
+def test_limits_of_the_configuration_stand_in_place_of_those_of_the_kind(columns, write, read):
+    columns["u_delta"][7] = 320.0  # no car's, a truck's
+    path = write(columns)
+    assert read(path).defects.dropped == {"u_delta": 1}
+    assert read(path, limits={"u_delta": ChannelLimits(high=400.0)}).defects.dropped == {}
+    refusal(read, path, "'n_e'", "expected between 300 and 900", limits={"n_e": ChannelLimits(typical=(300.0, 900.0))})
+
+
+@pytest.mark.parametrize("wrong", [{"low": 2.0, "high": 1.0}, {"typical": (3.0, 3.0)}])
+def test_limits_the_wrong_way_round_are_refused(wrong):
+    with pytest.raises(ValueError, match="must be below"):
+        ChannelLimits(**wrong)
