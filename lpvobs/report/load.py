@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
@@ -121,6 +123,6 @@ def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> Loade
 def _policies(result: StoredResult) -> LogPolicies:
     """Return the policies that the log was read with when the result was made."""
     try:
-        return LogPolicies(**tomllib.loads(result.provenance.config).get("policies", {}))
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        return msgspec.convert(tomllib.loads(result.provenance.config).get("policies", {}), LogPolicies)
+    except (ValueError, AttributeError, RecursionError, msgspec.MsgspecError) as error:
         raise DataError(f"{result.path}: damaged configuration in it ({error}); {REMEDY}") from None

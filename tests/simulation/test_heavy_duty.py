@@ -50,7 +50,7 @@ def answer(plant, heavy, before, after):
     given = Inputs(1500.0, 110.0, 80.0, before, air.p_amb, air.T_amb)
     x = resting_state(plant, air.p_amb, air.T_amb)
     rest = settle(plant, x, given, 20.0)
-    assert abs(rest[-1] - rest[-1001]) < 1e-6 * rest[-1]
+    assert abs(rest[-1] - rest[-1001]) < 1e-5 * rest[-1]  # within the last second; the steps move it by 2 to 6 %
     return settle(plant, x, given._replace(u_vgt=after), 10.0) - rest[-1]
 
 
@@ -67,8 +67,8 @@ def test_closing_narrow_vanes_overshoots_with_the_other_sign(plant, heavy):
     """The same engine: a positive gain, with an overshoot."""
     W_c = answer(plant, heavy, 30.0, 25.0)
     assert W_c[-1] < -5e-3
-    assert W_c.min() < 1.2 * W_c[-1]
-    assert W_c.max() < 1e-6  # what the rest has left of its own course
+    assert W_c.min() < 1.15 * W_c[-1]
+    assert W_c.max() < 1e-5  # what the rest has left of its own course
 
 
 def test_plant_and_model_agree_to_rounding(heavy, cycle):

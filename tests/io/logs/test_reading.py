@@ -389,9 +389,9 @@ def test_policies_that_are_none(policies):
 
 
 def test_limits_of_the_configuration_stand_in_place_of_those_of_the_kind(columns, write, read):
-    columns["u_delta"][7] = 320.0  # no car's, a truck's
+    columns["u_delta"][7:10] = 320.0  # no car, a truck; three samples are no spike
     path = write(columns)
-    assert read(path).defects.dropped == {"u_delta": 1}
+    assert read(path).defects.dropped == {"u_delta": 3}
     assert read(path, limits={"u_delta": ChannelLimits(high=400.0)}).defects.dropped == {}
     refusal(read, path, "'n_e'", "expected between 300 and 900", limits={"n_e": ChannelLimits(typical=(300.0, 900.0))})
 
