@@ -50,7 +50,7 @@ run: $(BUILD)/report.html
 	@echo 'Look at $(BUILD)/report.html; results: $(JUDGED:%=$(BUILD)/%.h5)'
 
 CORE       := lpvobs/errors.py lpvobs/records.py
-SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py data/cycles/*.csv)
+SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py lpvobs/simulation/*/*.py data/cycles/*.csv)
 SYNTHESIS  := $(CORE) $(wildcard lpvobs/engines/*.py lpvobs/engines/*/*.py lpvobs/synthesis/*.py)
 ESTIMATION := $(SYNTHESIS) $(wildcard lpvobs/maps/*.py lpvobs/observer/*.py)
 DISCOVERY  := $(wildcard lpvobs/discovery/*.py)

@@ -25,7 +25,7 @@ Index = NDArray[np.int64]
 
 RECORDED = (
     "n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "W_c", "W_egr", "W_ei", "W_leak",
-    "heating",
+    "warming",
 )  # fmt: skip
 TRAIL = ("n_e", "u_delta", "W_c", "T_im")
 """What is kept at every step of the integrator where a sensor needs to know what has been."""
@@ -35,13 +35,16 @@ CHUNK = 2000  # actions of the control between two reports of progress
 class Course(NamedTuple):
     """What the engine is asked for, at every action of its control.
 
-    `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa] and `T_amb` [K] have shape (M,) and run straight between the actions.
+    `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa], `T_amb` [K], `T_wall` [K] and `v_air` [m/s] have shape (M,) and run straight
+    between the actions.
     """
 
     n_e: Array
     u_demand: Array
     p_amb: Array
     T_amb: Array
+    T_wall: Array
+    v_air: Array
 
 
 class Samples(NamedTuple):
@@ -148,7 +151,7 @@ def _run(
     work = np.empty((6, x.size))
     for action in range(first, last):
         n_e, u_demand = course.n_e[action], course.u_demand[action]
-        given = Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, course.p_amb[action], course.T_amb[action])
+        given = inputs_at(course, commands, targets.period, action, 0.0)
         W_c = flows(plant, x, given).W_c
         commands = control(targets, commands, n_e, u_demand, x[P_IM], x[P_EM], W_c, course.p_amb[action])
         for part in range(substeps):
@@ -179,7 +182,9 @@ def inputs_at(course: Course, commands: Commands, period: float, action: int, af
     # written so that what is constant stays so to the last bit
     p_amb = course.p_amb[action] + share * (course.p_amb[action + 1] - course.p_amb[action])
     T_amb = course.T_amb[action] + share * (course.T_amb[action + 1] - course.T_amb[action])
-    return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, p_amb, T_amb)
+    T_wall = course.T_wall[action] + share * (course.T_wall[action + 1] - course.T_wall[action])
+    v_air = course.v_air[action] + share * (course.v_air[action + 1] - course.v_air[action])
+    return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, p_amb, T_amb, T_wall, v_air)
 
 
 @njit(cache=True)
@@ -221,7 +226,7 @@ def record(plant: Plant, given: Inputs, x: Array, out: Array) -> None:
     out[0], out[1], out[2], out[3] = given.n_e, f.u_delta, f.u_egr, x[U_VGT]
     out[4], out[5], out[6], out[7] = x[P_IM], x[P_EM], x[OMEGA_T], x[T_IM]
     out[8], out[9], out[10], out[11] = f.T_em, f.W_c, f.W_egr, f.W_ei
-    out[12], out[13] = f.W_leak, f.compressor_heating
+    out[12], out[13] = f.W_leak, f.charge_warming
 
 
 @njit(cache=True)

@@ -4,9 +4,11 @@ SI units unless a name or a comment says otherwise; speeds in rpm, fuel in mg pe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from math import isfinite
+
+from lpvobs.simulation.structure.amplitudes import Structure
 
 Row = tuple[float, ...]
 EQUATION_40 = (2.10e-5, -8.62e-4, 1.46e-9, -6.40e-6, -1.84e-8, 0.0032316)
@@ -270,6 +272,7 @@ class SimulationParameters:
     full_load: FullLoad
     surface: ErrorSurface
     vehicle: Vehicle | None = None  # without one no speed cycle
+    structure: Structure = field(default_factory=Structure)
 
     def __post_init__(self) -> None:
         _positive(self, "step")

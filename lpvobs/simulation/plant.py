@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.simulation.parameters import SimulationParameters
+from lpvobs.simulation.structure.amplitudes import Amplitudes
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ class Plant(NamedTuple):
     engine: DieselConstants
     body: Body
     condition: Condition
+    structure: Amplitudes
 
 
 class Inputs(NamedTuple):
@@ -81,6 +83,8 @@ class Inputs(NamedTuple):
     u_vgt: float  # %, command
     p_amb: float
     T_amb: float
+    T_wall: float = 360.0  # K, of the intake ports; like the next one of use to another structure only
+    v_air: float = 20.0  # m/s, cooling air at the intercooler
 
 
 class Flows(NamedTuple):
@@ -96,7 +100,7 @@ class Flows(NamedTuple):
     u_egr: float  # %, position of the valve
     T_em: float
     X_Oe: float
-    compressor_heating: float  # K
+    charge_warming: float  # K above ambient, behind the intercooler
     P_c: float
     P_t: float  # W, turbine power times mechanical efficiency
 
@@ -124,7 +128,7 @@ def plant_of(engine: DieselEngine, parameters: SimulationParameters) -> Plant:
         K_egr=drive.K_egr,
         tau_vgt=drive.tau_vgt,
     )
-    return Plant(constants_of(engine), Body(*map(float, body)), SOUND)
+    return Plant(constants_of(engine), Body(*map(float, body)), SOUND, parameters.structure.inside)
 
 
 def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:
@@ -162,13 +166,18 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
 
 
 @njit(cache=True)
-def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float) -> float:
-    """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this."""
+def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float, loss: float = 1.0) -> float:
+    """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this.
+
+    `loss` multiplies what efficiency lacks to one.
+    """
     c = plant.engine
     Pi_c = p_im / p_amb
     a = W_c - c.W_c_opt
     b = max(Pi_c - 1.0, 0.0) ** c.c_pi - c.pi_c_opt
     eta_c = c.eta_c_max - (c.Q_11 * a * a + 2.0 * c.Q_12 * a * b + c.Q_22 * b * b)
+    if loss != 1.0:
+        eta_c = 1.0 - loss * (1.0 - eta_c)
     eta_c = min(max(eta_c, c.eta_c_min), 1.0)
     return T_amb * max(Pi_c ** (1.0 - 1.0 / c.gamma_a) - 1.0, 0.0) / eta_c
 
@@ -182,10 +191,12 @@ def egr_flow_function(plant: Plant, Pi: float) -> float:
 
 
 @njit(cache=True)
-def egr_flow(plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float) -> float:
-    """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+)."""
+def egr_flow(
+    plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float, factor: float = 1.0
+) -> float:
+    """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+); `factor` multiplies the area of the valve."""
     c = plant.engine
-    area = plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
+    area = factor * plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
     area += plant.condition.egr_leak
     if p_em >= p_im:
         return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (2)
@@ -258,16 +269,26 @@ def pipe_temperature(plant: Plant, T_e: float, W_eo: float, T_amb: float) -> flo
 
 
 @njit(cache=True)
-def turbine_flow(plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: float) -> tuple[float, float]:
+def vgt_area_ratio(plant: Plant, u_vgt: float) -> float:
+    """Return f_vgt [-] of Eq. (2): part of an ellipse over the vane opening [%]."""
+    c = plant.engine
+    inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
+    return max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
+
+
+@njit(cache=True)
+def turbine_flow(
+    plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: float, factor: float = 1.0
+) -> tuple[float, float]:
     """Return W_t [kg/s] of Eq. (2) and the quotient of outlet over inlet pressure, by three fixed-point passes.
+
+    `factor` multiplies the area.
 
     They come within 0.2 % of the solution as long as the back pressure is that of a clean exhaust, and swing around it when it is
     several times that; with a restriction, Newton's method solves the two equations instead.
     """
     c = plant.engine
-    inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
-    f_vgt = max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
-    scale = c.A_vgt_max * f_vgt * p_em / sqrt(T_em * c.R_e)
+    scale = factor * (c.A_vgt_max * vgt_area_ratio(plant, u_vgt)) * p_em / sqrt(T_em * c.R_e)
     if plant.condition.exhaust_restriction != 1.0:
         return restricted_flow(scale, p_em, p_amb, plant.condition.exhaust_restriction * c.k_exhaust, c.K_t)
     W_t, Pi_t = 0.0, 0.9999

@@ -13,6 +13,7 @@ from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.parameters import ErrorSurface
+from lpvobs.simulation.structure.pulses import rectified
 from lpvobs.simulation.surface import surface_error
 
 CROSSING = 0.02  # kg/s, where a contaminated hot film still reads right
@@ -98,6 +99,7 @@ def maf_reading(
     R_a: float,
     effects: Sequence[CatalogueEffect],
     disturbances: Sequence[ChannelEffect | UnloggedEffect],
+    pulsing: float = 0.0,
 ) -> Array:
     """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
 
@@ -114,9 +116,12 @@ def maf_reading(
     effects : sequence of CatalogueEffect
     disturbances : sequence of ChannelEffect or UnloggedEffect
         Settled; they act on what the effects leave.
+    pulsing : float
+        Amplitude of the pulses that a hot film of another structure misreads.
     """
     W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
-    W = W + surface_error(surface, point["u_delta"], point["n_e"], W)  # Eq. (7)
+    misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
+    W = W + surface_error(surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
     W = maf_characteristic(W, time, point, effects)
     for disturbance in disturbances:
         if isinstance(disturbance, ChannelEffect):

@@ -193,11 +193,6 @@ def air_conditioning(time: Array, air: Array, seed: int) -> Array:
     return running
 
 
-def charge_temperature(T_amb: Array, heating: Array, effectiveness: float) -> Array:
-    """Return the temperature [K] behind the charge air cooler, shape (N,), from the compressor's heating [K]."""
-    return np.asarray(T_amb + (1.0 - effectiveness) * heating)
-
-
 def measure_road(truth: Mapping[str, Array], logged: tuple[str, ...], seed: int) -> dict[str, Array]:
     """Return the readings of the surroundings' sensors and of the logged auxiliary channels, each of shape (N,)."""
     qualities = AMBIENT | {name: AUXILIARY[name][1] for name in logged}

@@ -14,6 +14,7 @@ from lpvobs.simulation.cycles import SpeedCycle, load_cycle
 from lpvobs.simulation.integrate import Course
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
 from lpvobs.simulation.road import AUXILIARY, Auxiliary, road
+from lpvobs.simulation.structure.slow import wall_temperature
 from lpvobs.simulation.torque import Work, work_of
 from lpvobs.simulation.vehicle import drive_speed_cycle
 
@@ -75,15 +76,18 @@ def scene_of(
     else:
         n_e, u_delta = drive_engine_cycle(parameters.full_load, work, table, period)
         speed = likely_speed(parameters.full_load, n_e)
+    V_d, heat = engine.geometry.V_d, parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
     if auxiliary is None:
         still = np.ones_like(n_e)
-        return DriveCourse(Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still), period, {}, ())
-    heat = parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
+        wall = wall_temperature(period, parameters.cooling.T_cool * still, heat / V_d)
+        return DriveCourse(
+            Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still, wall, speed), period, {}, ()
+        )
     around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
     loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
-    return DriveCourse(
-        Course(n_e, loaded, around.p_amb, around.T_amb), period, around.channels, _logged(auxiliary, measured, cycle)
-    )
+    wall = wall_temperature(period, around.channels["T_coolant"], heat / V_d)
+    course = Course(n_e, loaded, around.p_amb, around.T_amb, wall, speed)
+    return DriveCourse(course, period, around.channels, _logged(auxiliary, measured, cycle))
 
 
 def likely_speed(full_load: FullLoad, n_e: Array) -> Array:

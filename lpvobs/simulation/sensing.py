@@ -11,8 +11,10 @@ from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, with_memory
-from lpvobs.simulation.road import CHARGE_LAG, charge_temperature
+from lpvobs.simulation.road import CHARGE_LAG
 from lpvobs.simulation.scene import DriveCourse
+from lpvobs.simulation.structure.amplitudes import Structure
+from lpvobs.simulation.structure.pulses import rectified
 from lpvobs.simulation.surface import surface_error
 
 
@@ -26,20 +28,19 @@ class Instruments:
         Of the air flow sensor's error.
     R_a : float
         [J/(kg K)]
-    effectiveness : float
-        Of the charge air cooler.
     step : float
         [s] of the integrator.
     effects : tuple of CatalogueEffect
     disturbances : tuple of ChannelEffect or UnloggedEffect
+    structure : Structure
     """
 
     surface: ErrorSurface
     R_a: float
-    effectiveness: float
     step: float
     effects: tuple[CatalogueEffect, ...]
     disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
+    structure: Structure
 
 
 def sense(
@@ -57,8 +58,10 @@ def sense(
     time = samples.step * instruments.step + samples.after
     truth = dict(zip(RECORDED, recorded.T, strict=True)) | scene.at(time)
     truth["delta_W_c"] = surface_error(instruments.surface, truth["u_delta"], truth["n_e"], truth["W_c"])
+    if (pulsing := instruments.structure.maf_element) > 0.0:
+        truth["delta_W_c"] += truth["W_c"] * rectified(pulsing, truth["n_e"], truth["u_delta"])
     if scene.channels:
-        charge = charge_temperature(truth["T_amb"], truth["heating"], instruments.effectiveness)
+        charge = truth["T_amb"] + truth["warming"]
         truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)
     disturbances = settled(instruments.disturbances, truth, scene.duration)
     truth["W_maf"] = _maf(instruments, truth, time, disturbances)
@@ -87,7 +90,15 @@ def _maf(
     time: Array,
     disturbances: Sequence[ChannelEffect | UnloggedEffect],
 ) -> Array:
-    return maf_reading(point, time, instruments.surface, instruments.R_a, instruments.effects, disturbances)
+    return maf_reading(
+        point,
+        time,
+        instruments.surface,
+        instruments.R_a,
+        instruments.effects,
+        disturbances,
+        instruments.structure.maf_element,
+    )
 
 
 def _with_trail(

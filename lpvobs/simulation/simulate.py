@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from lpvobs.simulation.road import AUXILIARY, Auxiliary, measure_road
 from lpvobs.simulation.scene import DriveCourse, scene_of
 from lpvobs.simulation.sensing import Instruments, sense
 from lpvobs.simulation.sensors import measure
+from lpvobs.simulation.structure.recorder import record
+from lpvobs.simulation.structure.slow import shown_late
 
+FINE = 500.0  # Hz, of the signals behind sensors with a memory: a hot film takes 15 ms
 UNITS = {
     "time": "s",
     "n_e": "rpm",
@@ -105,8 +109,10 @@ def simulate(
     scene = scene_of(engine, parameters, cycle, auxiliary, seed)
     for effect in effects:
         _check_that_it_shows(effect, scene)
-    truth, shown = _drive(engine, parameters, scene, rate, surface or parameters.surface, effects, progress)
-    readings = measure({name: shown[name] for name in UNITS if name in shown}, parameters.sensors, seed)
+    fine = _samples_per_reading(parameters, rate)
+    truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
+    readings = _read(engine, parameters, shown, fine, 1.0 / (rate * fine), seed)
+    truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
     time = np.arange(truth["W_c"].size) / rate
@@ -151,6 +157,28 @@ def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
         )
 
 
+def _samples_per_reading(parameters: SimulationParameters, rate: float) -> int:
+    """Return how many samples to take for each that is logged: sensors with a memory need `FINE` of them a second."""
+    if not parameters.structure.slow_sensors:
+        return 1
+    return max(1, min(ceil(FINE / rate), floor(1.0 / (parameters.step * rate) + 1e-9)))
+
+
+def _read(
+    engine: DieselEngine,
+    parameters: SimulationParameters,
+    shown: Mapping[str, Array],
+    fine: int,
+    step: float,
+    seed: int,
+) -> dict[str, Array]:
+    """Return the readings, shape (N,), of what noise-free sensors show every `step` seconds; every `fine`-th is logged."""
+    logged = {name: shown[name] for name in UNITS if name in shown}
+    if (amplitude := parameters.structure.rasters) > 0.0:
+        return record(amplitude, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
+    return measure({name: values[::fine] for name, values in logged.items()}, parameters.sensors, seed)
+
+
 def _drive(
     engine: DieselEngine,
     parameters: SimulationParameters,
@@ -175,6 +203,9 @@ def _drive(
         progress,
         with_trail=any(effect.id in WITH_MEMORY for effect in acting),
     )
-    cooler = parameters.cooling.effectiveness_intercooler
-    instruments = Instruments(surface, engine.gas.R_a, cooler, parameters.step, acting, others)
-    return sense(instruments, scene, samples, recorded, trail)
+    structure = parameters.structure
+    instruments = Instruments(surface, engine.gas.R_a, parameters.step, acting, others, structure)
+    truth, shown = sense(instruments, scene, samples, recorded, trail)
+    size = engine.geometry
+    shown |= shown_late(structure, truth, shown, size.V_d, size.n_cyl, 1.0 / rate)
+    return truth | {"W_maf": shown["W_maf"]}, shown
