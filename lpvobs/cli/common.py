@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
+from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 
@@ -23,19 +23,6 @@ from lpvobs.errors import DataError, LpvobsError, UsageError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-ConfigOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--config",
-        readable=False,
-        metavar="TOML",
-        help="Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
-    ),
-]
-LogsArgument = Annotated[
-    list[Path],
-    typer.Argument(readable=False, metavar="LOG...", help="Parquet logs, patterns, or folders of logs."),
-]
 DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
 REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
@@ -43,8 +30,6 @@ REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EM
 
 LEAST_ADDRESSES = 2**30
 """[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 
 
 def guarded(verb: Callable[P, R]) -> Callable[P, R]:

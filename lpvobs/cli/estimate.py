@@ -5,34 +5,16 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.choices import METHODS, offer
-from lpvobs.cli.common import (
-    ConfigOption,
-    JsonOption,
-    LogsArgument,
-    chosen_config,
-    guarded,
-    leave,
-    load_compiler,
-    loading,
-    print_json,
-    progress,
-    say,
-    table,
-)
+from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, loading, print_json, progress, say, table
+from lpvobs.cli.options import METHODS, ConfigOption, JsonOption, LogsArgument, file_option, offer
 
 
 @guarded
 def estimate(
     logs: LogsArgument,
-    out: Annotated[Path, typer.Option(readable=False, metavar="RESULT.h5", help="The result to write.")],
+    out: Annotated[Path, file_option("RESULT.h5", "The result to write.")],
     gain: Annotated[
-        Path | None,
-        typer.Option(
-            readable=False,
-            metavar="GAIN.h5",
-            help="A gain made by synth-gain; without it, one is made and proven first.",
-        ),
+        Path | None, file_option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
     ] = None,
     method: Annotated[
         str,

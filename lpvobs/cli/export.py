@@ -5,17 +5,17 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.choices import FORMATS, offer
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import guarded, print_json, say, table
+from lpvobs.cli.options import FORMATS, JsonOption, file_argument, file_option, offer
 
 
 @guarded
 def export(
-    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
     file_format: Annotated[
         str, typer.Option("--format", metavar="FORMAT", autocompletion=offer(FORMATS), help="dcm, csv or netcdf.")
     ],
-    out: Annotated[Path, typer.Option(readable=False, metavar="FILE", help="The file to write.")],
+    out: Annotated[Path, file_option("FILE", "The file to write.")],
     source: Annotated[
         str,
         typer.Option("--values", metavar="GROUP", help="map or extrapolation; by default the latter if there is one."),
@@ -24,12 +24,7 @@ def export(
         bool, typer.Option("--only-estimated", help="No extrapolated node: old values there, or nothing.")
     ] = False,
     old: Annotated[
-        Path | None,
-        typer.Option(
-            readable=False,
-            metavar="OLD.dcm",
-            help="The map as it was: its axes, units and kind stay, changes are listed.",
-        ),
+        Path | None, file_option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed.")
     ] = None,
     name: Annotated[str, typer.Option(metavar="LABEL", help="Label of the map, also in the old file.")] = "delta_W_c",
     kind: Annotated[str, typer.Option(metavar="KIND", help="KENNFELD (default) or GRUPPENKENNFELD.")] = "",

@@ -3,19 +3,13 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import guarded, print_json, say, table
+from lpvobs.cli.options import JsonOption, file_argument
 
 
 @guarded
 def extrapolate(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            readable=False, metavar="RESULT.h5", help="A result of estimate; its /extrapolation is written."
-        ),
-    ],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate; its /extrapolation is written.")],
     as_json: JsonOption = False,
 ) -> None:
     """Fit the quadratic of Eq. (37) to the estimated nodes and fill the nodes that no log visited.

@@ -5,17 +5,14 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.choices import PROFILES, offer
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table
+from lpvobs.cli.common import guarded, print_json, say, table
+from lpvobs.cli.options import PROFILES, JsonOption, file_argument, file_option, offer
 
 
 @guarded
 def ingest(
     sources: Annotated[
-        list[Path],
-        typer.Argument(
-            readable=False, metavar="SOURCE...", help="CSV, Parquet, MAT or MDF4 files of one drive, on one clock."
-        ),
+        list[Path], file_argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock.")
     ],
     profile: Annotated[
         str,
@@ -25,7 +22,7 @@ def ingest(
             help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.",
         ),
     ],
-    out: Annotated[Path, typer.Option(readable=False, metavar="LOG.parquet", help="The log to write.")],
+    out: Annotated[Path, file_option("LOG.parquet", "The log to write.")],
     as_json: JsonOption = False,
 ) -> None:
     """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.

@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from lpvobs.cli.common import JsonOption, LogsArgument, folder_config, guarded, leave, print_json, table, visible
+from lpvobs.cli.common import folder_config, guarded, leave, print_json, table, visible
+from lpvobs.cli.options import JsonOption, LogsArgument, file_option
 
 if TYPE_CHECKING:
     from lpvobs.api.inspect import InspectedLog
@@ -16,11 +15,10 @@ def inspect(
     logs: LogsArgument,
     config: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
+            "TOML",
+            "Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
             "--config",
-            readable=False,
-            metavar="TOML",
-            help="Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
         ),
     ] = None,
     as_json: JsonOption = False,

@@ -3,26 +3,12 @@
 import gc
 import os
 import sys
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from lpvobs import __version__
-from lpvobs.cli import (
-    estimate,
-    export,
-    extrapolate,
-    ingest,
-    inspect,
-    profile,
-    refine,
-    report,
-    selftest,
-    simulate,
-    synth_gain,
-    trace,
-    verify,
-)
 from lpvobs.cli.common import visible
 from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
 from lpvobs.cli.streams import Outlet, take_streams
@@ -36,19 +22,24 @@ app = typer.Typer(
     help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
     epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
 )
-app.command("simulate", short_help="Drive the nonlinear engine over a cycle and record a log.")(simulate.simulate)
-app.command("ingest", short_help="Make a log of a foreign recording.")(ingest.ingest)
-app.command("profile", short_help="Draft a profile for ingest by looking at a recording.")(profile.profile)
-app.command("inspect", short_help="Show channels, units, ranges and defects of logs.")(inspect.inspect)
-app.command("synth-gain", short_help="Find the observer gain and prove it.")(synth_gain.synth_gain)
-app.command("verify", short_help="Prove a gain again, without the solver.")(verify.verify)
-app.command("estimate", short_help="Estimate the error map of the sensor from logs.")(estimate.estimate)
-app.command("extrapolate", short_help="Fill the nodes that no log visited.")(extrapolate.extrapolate)
-app.command("trace", short_help="Find what the model lacks, from its residual.")(trace.trace)
-app.command("refine", short_help="Add what is proven, estimate again, error before and after.")(refine.refine)
-app.command("export", short_help="Write the map for calibration tools: DCM, CSV, netCDF.")(export.export)
-app.command("report", short_help="Tables, gates and the HTML report.")(report.report)
-app.command("selftest", short_help="Try the installed package on cases with known answers.")(selftest.selftest)
+VERBS = {
+    "simulate": "Drive the nonlinear engine over a cycle and record a log.",
+    "ingest": "Make a log of a foreign recording.",
+    "profile": "Draft a profile for ingest by looking at a recording.",
+    "inspect": "Show channels, units, ranges and defects of logs.",
+    "synth-gain": "Find the observer gain and prove it.",
+    "verify": "Prove a gain again, without the solver.",
+    "estimate": "Estimate the error map of the sensor from logs.",
+    "extrapolate": "Fill the nodes that no log visited.",
+    "trace": "Find what the model lacks, from its residual.",
+    "refine": "Add what is proven, estimate again, error before and after.",
+    "export": "Write the map for calibration tools: DCM, CSV, netCDF.",
+    "report": "Tables, gates and the HTML report.",
+    "selftest": "Try the installed package on cases with known answers.",
+}
+for verb, told in VERBS.items():
+    name = verb.replace("-", "_")
+    app.command(verb, short_help=told)(getattr(import_module(f"lpvobs.cli.{name}"), name))
 
 
 def _version(wanted: bool) -> None:

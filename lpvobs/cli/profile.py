@@ -3,19 +3,14 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from lpvobs.cli.common import JsonOption, guarded, print_json, say
+from lpvobs.cli.common import guarded, print_json, say
+from lpvobs.cli.options import JsonOption, file_argument, file_option
 
 
 @guarded
 def profile(
-    source: Annotated[
-        Path, typer.Argument(readable=False, metavar="SOURCE", help="A CSV, Parquet, MAT or MDF4 recording.")
-    ],
-    out: Annotated[
-        Path | None, typer.Option(readable=False, metavar="TOML", help="The profile to write; else it is printed.")
-    ] = None,
+    source: Annotated[Path, file_argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording.")],
+    out: Annotated[Path | None, file_option("TOML", "The profile to write; else it is printed.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.

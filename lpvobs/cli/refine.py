@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, say
-from lpvobs.cli.trace import MapOption, content, show
+from lpvobs.cli.common import guarded, leave, print_json, progress, say
+from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument, file_option
+from lpvobs.cli.trace import content, show
 
 if TYPE_CHECKING:
     from lpvobs.api.pooled import Traced
@@ -14,16 +13,15 @@ if TYPE_CHECKING:
 
 @guarded
 def refine(
-    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
     logs: LogsArgument,
-    out: Annotated[Path, typer.Option(readable=False, metavar="REFINED.h5", help="The refined result to write.")],
+    out: Annotated[Path, file_option("REFINED.h5", "The refined result to write.")],
     hold_out: Annotated[
         list[Path] | None,
-        typer.Option(
+        file_option(
+            "LOG",
+            "A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
             "--hold-out",
-            readable=False,
-            metavar="LOG",
-            help="A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
         ),
     ] = None,
     freeze_map: MapOption = None,

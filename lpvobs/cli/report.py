@@ -5,32 +5,24 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, say, table, visible
+from lpvobs.cli.common import guarded, print_json, say, table, visible
+from lpvobs.cli.options import JsonOption, file_argument, file_option
 
 
 @guarded
 def report(
-    result: Annotated[Path, typer.Argument(readable=False, metavar="RESULT.h5", help="A result of estimate.")],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
     further: Annotated[
         list[Path] | None,
-        typer.Argument(
-            readable=False,
-            metavar="[LOG|RESULT]...",
-            help="Logs that the results were made from (time series), and further results.",
-        ),
+        file_argument("[LOG|RESULT]...", "Logs that the results were made from (time series), and further results."),
     ] = None,
-    html: Annotated[
-        Path | None, typer.Option(readable=False, metavar="FILE", help="Write one self-contained page.")
-    ] = None,
+    html: Annotated[Path | None, file_option("FILE", "Write one self-contained page.")] = None,
     gate: Annotated[
         list[str] | None,
         typer.Option(metavar="EXPR", help="metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
     ] = None,
     junit: Annotated[
-        Path | None,
-        typer.Option(
-            readable=False, metavar="FILE", help="Write every gate's verdict on every log as JUnit XML, for CI systems."
-        ),
+        Path | None, file_option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -2,7 +2,8 @@
 
 import typer
 
-from lpvobs.cli.common import JsonOption, guarded, print_json, progress, say, table
+from lpvobs.cli.common import guarded, print_json, progress, say, table
+from lpvobs.cli.options import JsonOption
 
 VERDICTS = {True: "pass", False: "FAIL"}
 

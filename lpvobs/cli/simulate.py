@@ -5,16 +5,8 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.choices import CYCLES, offer
-from lpvobs.cli.common import (
-    ConfigOption,
-    JsonOption,
-    chosen_config,
-    guarded,
-    print_json,
-    progress,
-    say,
-)
+from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say
+from lpvobs.cli.options import CYCLES, ConfigOption, JsonOption, file_option, offer
 
 
 @guarded
@@ -27,13 +19,12 @@ def simulate(
             help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
         ),
     ],
-    out: Annotated[Path, typer.Option(readable=False, metavar="LOG.parquet", help="The log to write.")],
+    out: Annotated[Path, file_option("LOG.parquet", "The log to write.")],
     effects: Annotated[
         Path | None,
-        typer.Option(
-            readable=False,
-            metavar="TOML",
-            help="What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
+        file_option(
+            "TOML",
+            "What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
             "another error surface: configs/surfaces.",
         ),
     ] = None,

@@ -5,25 +5,15 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import (
-    ConfigOption,
-    JsonOption,
-    chosen_config,
-    guarded,
-    print_json,
-    progress,
-    table,
-)
+from lpvobs.cli.common import chosen_config, guarded, print_json, progress, table
+from lpvobs.cli.options import ConfigOption, JsonOption, file_argument, file_option
 
 
 @guarded
 def synth_gain(
-    out: Annotated[Path, typer.Option(readable=False, metavar="GAIN.h5", help="The gain to write.")],
+    out: Annotated[Path, file_option("GAIN.h5", "The gain to write.")],
     logs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            readable=False, metavar="[LOG]...", help="Logs whose range the gain is to cover, patterns, or folders."
-        ),
+        list[Path] | None, file_argument("[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.")
     ] = None,
     published: Annotated[
         str | None,

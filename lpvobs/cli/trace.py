@@ -4,33 +4,20 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from lpvobs.cli.common import JsonOption, LogsArgument, guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
+from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument
 
 if TYPE_CHECKING:
     from lpvobs.api.pooled import Traced
     from lpvobs.discovery.outcome import Finding, Trace
 
-MapOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--freeze-map/--free-map",
-        help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
-    ),
-]
 WIDTH = 80
 MOST_SHOWN = 6
 
 
 @guarded
 def trace(
-    result: Annotated[
-        Path,
-        typer.Argument(
-            readable=False, metavar="RESULT.h5", help="A result of estimate or refine; its /trace is written."
-        ),
-    ],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate or refine; its /trace is written.")],
     logs: LogsArgument,
     freeze_map: MapOption = None,
     as_json: JsonOption = False,

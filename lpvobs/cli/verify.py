@@ -3,14 +3,13 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from lpvobs.cli.common import JsonOption, guarded, print_json
+from lpvobs.cli.common import guarded, print_json
+from lpvobs.cli.options import JsonOption, file_argument
 
 
 @guarded
 def verify(
-    gain: Annotated[Path, typer.Argument(readable=False, metavar="GAIN.h5", help="A gain made by synth-gain.")],
+    gain: Annotated[Path, file_argument("GAIN.h5", "A gain made by synth-gain.")],
     as_json: JsonOption = False,
 ) -> None:
     """Prove the certificate of a gain again, in exact arithmetic and without the solver.

@@ -9,7 +9,7 @@ import pytest
 
 from lpvobs.api.estimate import METHODS
 from lpvobs.api.export import FORMATS
-from lpvobs.cli import choices
+from lpvobs.cli import options
 from lpvobs.ingest.profiles import shipped
 from lpvobs.simulation.cycles import TABLES
 
@@ -66,7 +66,7 @@ def test_a_script_for_every_shell(command, shell, word):
 
 
 def test_what_is_offered_is_what_is_taken():
-    assert set(choices.CYCLES) == set(TABLES)
-    assert set(choices.METHODS) == set(METHODS)
-    assert set(choices.FORMATS) == set(FORMATS)
-    assert set(choices.PROFILES) == set(shipped())
+    assert set(options.CYCLES) == set(TABLES)
+    assert set(options.METHODS) == set(METHODS)
+    assert set(options.FORMATS) == set(FORMATS)
+    assert set(options.PROFILES) == set(shipped())

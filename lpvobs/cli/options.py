@@ -1,0 +1,53 @@
+"""What verbs take: options that several share, and what shells offer behind them.
+
+The offers are written out, because a shell does not wait until the libraries behind them are loaded.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+CYCLES = ("etc", "etc_part1", "ftp75", "ftp75_cold", "nedc", "whtc", "wltc")
+METHODS = ("observer", "published", "ekf", "batch")
+FORMATS = ("dcm", "csv", "netcdf")
+PROFILES = ("kit-obd", "liu-ice")
+
+
+def offer(names: tuple[str, ...]) -> Callable[[str], list[str]]:
+    """Return a function that completes one of the names; where none fits, shells complete files."""
+
+    def fitting(incomplete: str) -> list[str]:
+        return [name for name in names if name.startswith(incomplete)]
+
+    return fitting
+
+
+def file_option(metavar: str, told: str, *names: str) -> Any:
+    """Return an option for a file; whoever reads it says what is wrong with it."""
+    return typer.Option(*names, readable=False, metavar=metavar, help=told)
+
+
+def file_argument(metavar: str, told: str) -> Any:
+    """Return the same without a name before it."""
+    return typer.Argument(readable=False, metavar=metavar, help=told)
+
+
+ConfigOption = Annotated[
+    Path | None,
+    file_option(
+        "TOML",
+        "Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
+        "--config",
+    ),
+]
+LogsArgument = Annotated[list[Path], file_argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
+MapOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--freeze-map/--free-map",
+        help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
+    ),
+]
