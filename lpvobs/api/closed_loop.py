@@ -1,7 +1,6 @@
 """`trace` and `refine`: from a stored result and logs to the effects that its model lacks, and to the refined model."""
 
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +10,10 @@ import numpy as np
 
 from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
-from lpvobs.api.refined_map import estimate_refined, expect_cascade, refined_model, sensor_state
+from lpvobs.api.refined_map import expect_cascade
 from lpvobs.api.search_start import Start, start_of
 from lpvobs.discovery.held_out import Comparison
-from lpvobs.discovery.known_effects import KnownEffect, Span, from_off
+from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, nominal_map, refine
 from lpvobs.discovery.residual import MapPrior, free_map
@@ -23,120 +22,23 @@ from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
-from lpvobs.io.results.hdf import changing, reading
+from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.portraits import write_leftover, write_portrait, write_ranking
-from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import (
     StoredRefinement,
     read_refinement,
     write_comparison,
     write_refinement,
-    write_sensor_state,
     write_structure,
 )
-from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, refuse_replaced, update, write_result
-from lpvobs.io.safety.atomic import replacing
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
 from lpvobs.records import Log
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
 
 
 @dataclass(frozen=True)
-class Sources:
-    """What to work on.
-
-    Attributes
-    ----------
-    result : Path
-    logs, hold_out : sequence of Path
-        Logs to learn from, and logs that only the error is judged on.
-    freeze_map : bool or None
-        Whether the stored map stands. None decides: it stands on logs that did not make it, and is estimated jointly on those
-        that did.
-    """
-
-    result: Path
-    logs: Sequence[Path]
-    hold_out: Sequence[Path] = ()
-    freeze_map: bool | None = None
-
-
-def trace_result(sources: Sources, progress: Callable[[float], None]) -> Traced:
-    """Trace the residual of a stored model on logs, and write `/trace` into the result.
-
-    A log that cannot be used is left out and named. `progress` takes the fraction done.
-
-    Raises
-    ------
-    DataError
-        If the result cannot be used, or no log can.
-    UsageError
-        If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
-    """
-    closed = _close(sources, progress)
-
-    def change(file: h5py.File) -> None:
-        if "trace" in file:
-            del file["trace"]
-        closed.write_trace(file)
-
-    update(closed.stored, change)
-    return closed.traced
-
-
-def refine_result(sources: Sources, out: Path, progress: Callable[[float], None]) -> Traced:
-    """Add the effects that the logs prove to a stored model, estimate again, write the refined model.
-
-    Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
-    those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
-    Arguments and errors as for `trace_result`; NotProven where an effect adds a state and the larger observer is not proven.
-    """
-    closed = _close(sources, lambda share: progress(0.95 * share), anew=True)
-    stored, found = closed.stored, closed.refinement
-    if not found.trace.findings:
-        with replacing(out) as temporary:
-            shutil.copyfile(sources.result, temporary)
-            refuse_replaced(stored)
-    elif closed.frozen:
-        _write_beside(sources.result, out, closed)
-    else:
-        _write_anew(out, closed)
-    progress(1.0)
-    return closed.traced
-
-
-def _write_beside(result: Path, out: Path, closed: "_Closed") -> None:
-    """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
-    stored, found = closed.stored, closed.refinement
-    proven = sensor_state(refined_model(closed.engine, stored.gain, found.known_effects, closed.constants), stored.gain)
-    with changing(result, out) as file:
-        for group in ("trace", "refinement"):
-            if group in file:
-                del file[group]
-        closed.write(file, found.known_effects)
-        if proven is not None:
-            write_sensor_state(file["refinement"], proven, stored.gain)
-        refuse_replaced(stored)
-
-
-def _write_anew(out: Path, closed: "_Closed") -> None:
-    """Write the map that the observer finds with the effects in the model, and the effects."""
-    stored, air_path = closed.stored, closed.engine.air_path
-    effects = tuple(from_off(effect) for effect in closed.refinement.known_effects)
-    seen = estimate_refined(closed.engine, stored.gain, effects, closed.constants, closed.used)
-    provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
-
-    def further(file: h5py.File) -> None:
-        closed.write(file, effects)
-        closed.engine.write(file)
-        if seen.sensor_state is not None:
-            write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
-
-    write_result(out, air_path, seen.estimate, seen.summaries, stored.gain, provenance, further)
-
-
-@dataclass(frozen=True)
-class _Closed:
+class Closed:
     """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
 
     stored: StoredResult
@@ -177,7 +79,9 @@ class _Closed:
         return json.dumps(head | self.refinement.trace.as_json(refined=refined))
 
     def write_trace(self, file: h5py.File) -> None:
-        """Write `/trace` into a result that has none."""
+        """Write `/trace` in place of the one that is there."""
+        if "trace" in file:
+            del file["trace"]
         found = self.refinement
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
@@ -219,18 +123,45 @@ class _Closed:
         return replace(effect, spans=effect.spans + tuple(without))
 
 
-def _close(sources: Sources, progress: Callable[[float], None], anew: bool = False) -> _Closed:
-    path = sources.result
+def close(
+    path: Path,
+    learn: Sequence[Path],
+    judge: Sequence[Path],
+    freeze_map: bool | None,
+    progress: Callable[[float], None],
+    anew: bool = False,
+) -> Closed:
+    """Return what logs hold that the model of a result lacks.
+
+    Parameters
+    ----------
+    path : Path
+        The result.
+    learn, judge : sequence of Path
+        Logs to learn from, and logs that only the error is judged on. One that cannot be used is left out and named.
+    freeze_map : bool or None
+        Whether the stored map stands. None decides: it stands on logs that did not make it, and is estimated jointly on those
+        that did.
+    progress : callable
+        Takes the fraction done.
+    anew : bool
+        Whether a map would be made that replaces the stored one.
+
+    Raises
+    ------
+    DataError
+        If the result cannot be used, or no log can.
+    UsageError
+        If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
+    """
     stored = read_result(path)
     engine = known_engine(stored)
     with reading(path, KIND, REMEDY) as file:
         refined = read_refinement(file)
-    (used, refused), (unseen, refused_unseen) = (
-        usable(paths, engine.read) for paths in (sources.logs, sources.hold_out)
-    )
+    (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
     logs, hold_out = contents(used), contents(unseen)
     _refuse_copies([*logs, *hold_out])
-    frozen = _stands(stored, logs, anew) if sources.freeze_map is None else sources.freeze_map
+    frozen = _stands(stored, logs, anew) if freeze_map is None else freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
     model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
@@ -239,7 +170,7 @@ def _close(sources: Sources, progress: Callable[[float], None], anew: bool = Fal
     found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out)
     if found.trace.verdict == "unexplained":
         _refuse_slow(logs)
-    return _Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
+    return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
 
 
 def _refuse_slow(logs: Sequence[Log]) -> None:

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable
 
-from lpvobs.api.closed_loop import Sources, trace_result
+from lpvobs.api.closed_loop import close
 from lpvobs.api.files import File, Progress, silent, some_logs, updating
 from lpvobs.api.pooled import Traced
+from lpvobs.io.results.results import update
 
 
 def trace(
@@ -37,4 +38,6 @@ def trace(
     """
     paths = some_logs(logs)
     with updating(result) as path:
-        return trace_result(Sources(path, paths, (), freeze_map), progress or silent)
+        closed = close(path, paths, (), freeze_map, progress or silent)
+        update(closed.stored, closed.write_trace)
+    return closed.traced
