@@ -12,21 +12,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.signals import at, instants, values_at
-from lpvobs.discovery.thresholds import (
-    EVERY,
-    GUARD,
-    HALF_WIDTH,
-    LEAST_DRIVEN,
-    LEAST_SAMPLES,
-    MOST_INSTANTS,
-    PAUSE,
-    SPACING,
-    STRETCH,
-    TRANSIENT,
-    WIDE,
-    WIDER,
-)
 from lpvobs.engines.blocks import Blocks, block_length, blocks_along, transience_of
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.residual_model import ResidualModel
@@ -48,8 +35,10 @@ class Places:
 
 def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Places:
     """Return instants, each seen in two views, with their class of transience."""
-    spacing = SPACING * max(1.0, sum(lasting(log) for log in logs) / SPACING / MOST_INSTANTS)
-    views = [_view(model, log, spacing, wide * HALF_WIDTH) for log in logs]
+    spacing = thresholds.SPACING * max(
+        1.0, sum(lasting(log) for log in logs) / thresholds.SPACING / thresholds.MOST_INSTANTS
+    )
+    views = [_view(model, log, spacing, wide * thresholds.HALF_WIDTH) for log in logs]
     signals = _joined(model, logs, views)
     apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
@@ -67,7 +56,7 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     middle = blocks.time + clock[0]
     of_log = np.searchsorted(begin, middle, side="right") - 1
     for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
-        if count * blocks.length < LEAST_DRIVEN:
+        if count * blocks.length < thresholds.LEAST_DRIVEN:
             raise DataError(
                 f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more"
             )
@@ -118,12 +107,12 @@ class _View:
 
 
 def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> _View:
-    if len(log) < 2 * LEAST_SAMPLES:
+    if len(log) < 2 * thresholds.LEAST_SAMPLES:
         raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
-    least = max(1.0, 0.5 * LEAST_SAMPLES * float(np.median(np.diff(log.time))) / HALF_WIDTH)
-    time = instants(log, spacing, least * WIDER * HALF_WIDTH)  # the same instants for all widths
+    least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
+    time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
     half_width *= least
-    if time.size * spacing < LEAST_DRIVEN:
+    if time.size * spacing < thresholds.LEAST_DRIVEN:
         raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
     value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
     return _View(time, half_width, value, rate)
@@ -131,7 +120,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
 
 def starts(logs: Sequence[Log]) -> Array:
     """Return where each log begins on the common clock [s]."""
-    lengths = [log.time[-1] - log.time[0] + PAUSE for log in logs]
+    lengths = [log.time[-1] - log.time[0] + thresholds.PAUSE for log in logs]
     return np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
 
 
@@ -160,7 +149,7 @@ def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -
     @lru_cache(maxsize=8)
     def slow(channel: str) -> Array:
         rates = [
-            at(log, log[channel][None], view.time, max(WIDE, 2.0 * view.half_width))[1]
+            at(log, log[channel][None], view.time, max(thresholds.WIDE, 2.0 * view.half_width))[1]
             for log, view in zip(logs, views, strict=True)
         ]
         return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
@@ -201,9 +190,9 @@ def kept_back(places: Places) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     used, judged = [], []
     for i in np.unique(places.of_log):
         time = places.time[places.of_log == i]
-        into = (time - time[0]) / STRETCH
-        kept = np.floor(into).astype(np.int64) % EVERY == EVERY // 2
-        inside = np.abs(into - np.floor(into) - 0.5) * STRETCH <= 0.5 * STRETCH - GUARD
+        into = (time - time[0]) / thresholds.STRETCH
+        kept = np.floor(into).astype(np.int64) % thresholds.EVERY == thresholds.EVERY // 2
+        inside = np.abs(into - np.floor(into) - 0.5) * thresholds.STRETCH <= 0.5 * thresholds.STRETCH - thresholds.GUARD
         used.append(~kept)
         judged.append(kept & inside)
     return np.concatenate(used), np.concatenate(judged)
@@ -223,4 +212,4 @@ def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
         calm = 0.5 * (signals[name][:K] + signals[name][K:])
         change = (calm[after] - calm[before]) / np.maximum(signals.time[after] - signals.time[before], 1e-9)
         total += (change / max(float(np.std(calm)), 1e-9)) ** 2
-    return np.searchsorted(np.quantile(total, TRANSIENT), total).astype(float)
+    return np.searchsorted(np.quantile(total, thresholds.TRANSIENT), total).astype(float)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.signal
-import scipy.stats
 from numpy.typing import NDArray
 
 from lpvobs.discovery.known_effects import own_time
@@ -13,7 +12,8 @@ from lpvobs.discovery.leftover import block_sums
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import COLOURED, LAGS
+from lpvobs.discovery.thresholds import LAGS
+from lpvobs.discovery.whiteness import correlation, times_noise
 from lpvobs.records import Array, Log
 
 MOST_COLUMNS = 500
@@ -147,27 +147,13 @@ def cross_correlations(residual: Array, first: NDArray[np.int64], signals: Mappi
     """
     sums = block_sums(residual, first)
     counts = np.diff(np.append(first, residual.shape[1]))
-    tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
-    times = float(scipy.stats.norm.isf(0.5 * COLOURED / tests))
     found = np.zeros((2, len(signals), 2 * LAGS + 1))
     for s, values in enumerate(signals.values()):
         mean = np.add.reduceat(values, first) / counts
         for at, lag in enumerate(range(-LAGS, LAGS + 1)):
-            pairs = [_correlation(row, mean, lag) for row in sums]
+            pairs = [correlation(row, mean, lag) for row in sums]
             found[:, s, at] = max(pairs, key=lambda pair: abs(pair[0]))
-    return found[0], times * found[1]
-
-
-def _correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
-    """Return the correlation of x with y `lag` blocks earlier, and its standard deviation for noise of x's own variance."""
-    if x.size <= abs(lag) + 2:
-        return 0.0, 0.0
-    a, b = (x[lag:], y[: y.size - lag]) if lag >= 0 else (x[:lag], y[-lag:])
-    a, b = a - a.mean(), b - b.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    if size <= 0.0:
-        return 0.0, 0.0
-    return float(a @ b) / size, float(np.sqrt((a**2) @ (b**2))) / size
+    return found[0], times_noise(found[0].size * sums.shape[0]) * found[1]
 
 
 def _signals(problem: Problem) -> dict[str, Array]:

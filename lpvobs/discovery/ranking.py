@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import Curve, channel_candidates
 from lpvobs.discovery.evidence import (
     Candidate,
@@ -17,16 +18,6 @@ from lpvobs.discovery.evidence import (
 )
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import (
-    ALWAYS,
-    LEAST_LENGTH,
-    LEAST_SHARE,
-    LOOKED_AT,
-    PROVEN,
-    SHORTLIST,
-    SIGNIFICANT,
-    TIE,
-)
 from lpvobs.engines.effects import Effect
 
 
@@ -38,7 +29,7 @@ def uneven_share(candidate: Candidate, problem: Problem) -> float:
 def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
     """Return the most promising effects, best first; the leading ones on their best intervals."""
     free = linear.problem.prior.free
-    if not intervals or linear.problem.first.size < 3 * LEAST_LENGTH:
+    if not intervals or linear.problem.first.size < 3 * thresholds.LEAST_LENGTH:
         expected = {e: first_order_gain(linear, e) for e in effects if not (free and e.in_map)}
         return sorted((fit_candidate(linear, e) for e in most_promising(expected)), key=score, reverse=True)
     expected = {e: _first_order_gain_of_intervals(linear, e, free and e.in_map) for e in effects}
@@ -46,7 +37,7 @@ def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> l
     for effect in most_promising(expected):
         absorbed = free and effect.in_map
         whole = fit_candidate(linear, effect)
-        if len(found) < SHORTLIST:
+        if len(found) < thresholds.SHORTLIST:
             found.append(with_best_interval(linear, whole, not absorbed))
         elif not absorbed:
             found.append(whole)
@@ -60,7 +51,7 @@ def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate
     tied = [
         c
         for c in ranked
-        if score(c) > score(first) - TIE and (c.term.begin, c.term.end) == (first.term.begin, first.term.end)
+        if score(c) > score(first) - thresholds.TIE and (c.term.begin, c.term.end) == (first.term.begin, first.term.end)
     ]
     head = min(tied, key=lambda c: order.index(c.id))
     return [head, *(c for c in ranked if c is not head)]
@@ -68,7 +59,7 @@ def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate
 
 def most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
     """Return the effects with the largest gain to first order, best first."""
-    return sorted(expected, key=lambda effect: expected[effect], reverse=True)[:LOOKED_AT]
+    return sorted(expected, key=lambda effect: expected[effect], reverse=True)[: thresholds.LOOKED_AT]
 
 
 def _first_order_gain_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> float:
@@ -93,17 +84,17 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
     Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience alone.
     """
     always = bool(linear.problem.levels) and candidate.changes == 0
-    return candidate.gain >= least_gain(linear.problem) * (ALWAYS if always else 1.0)
+    return candidate.gain >= least_gain(linear.problem) * (thresholds.ALWAYS if always else 1.0)
 
 
 def least_gain(problem: Problem) -> float:
     """Return the smallest gain that is relevant."""
-    return max(LEAST_SHARE * 0.5 * problem.data, PROVEN)
+    return max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN)
 
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate is both relevant and significant."""
-    return is_relevant(candidate, linear) and p_value(candidate, tried(linear.problem)) < SIGNIFICANT
+    return is_relevant(candidate, linear) and p_value(candidate, tried(linear.problem)) < thresholds.SIGNIFICANT
 
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:

@@ -8,14 +8,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, mean_flow, starts, stretches
-from lpvobs.discovery.thresholds import (
-    BLOCK,
-    COARSE,
-    MOST_BLOCKS,
-    MOST_LEVELS,
-    WIDER,
-)
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
 from lpvobs.engines.residual_model import Level, ResidualModel
@@ -213,7 +207,7 @@ def lay_out(
     grid: Grid,
     prior: MapPrior,
     logs: Sequence[Log],
-    coarse: float = COARSE,
+    coarse: float = thresholds.COARSE,
     wide: float = 1.0,
 ) -> Problem:
     """Return the problem of one or more logs.
@@ -224,7 +218,10 @@ def lay_out(
         If a log has no stretch that is long enough.
     """
     places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
-    length = max(BLOCK, np.ceil(places.time.size * places.spacing / MOST_BLOCKS / BLOCK) * BLOCK)
+    length = max(
+        thresholds.BLOCK,
+        np.ceil(places.time.size * places.spacing / thresholds.MOST_BLOCKS / thresholds.BLOCK) * thresholds.BLOCK,
+    )
     block = stretches(places, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     used, judged = kept_back(places)
@@ -259,7 +256,7 @@ def lay_out(
         used=used,
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else mean_flow(places),
-        wider=lambda: lay_out(model, grid, prior, logs, coarse, WIDER).with_all(),
+        wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
 
@@ -272,6 +269,6 @@ def _usable(values: Array) -> bool:
 def _steadied(log: Log, name: str, time: Array) -> Array:
     known = np.isfinite(log.auxiliary[name])
     at, values = log.time[known], log.auxiliary[name][known]
-    if np.unique(values).size <= MOST_LEVELS:  # a switch has no value between its levels
+    if np.unique(values).size <= thresholds.MOST_LEVELS:  # a switch has no value between its levels
         return np.asarray(values[np.clip(np.searchsorted(at, time, side="right") - 1, 0, at.size - 1)])
     return np.interp(time, at, values)

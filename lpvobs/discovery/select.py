@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import scipy.stats
 
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
@@ -26,17 +27,6 @@ from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again,
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import best_of, is_proven, is_relevant, most_promising, tried, uneven_share
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import (
-    AGAIN,
-    INDISTINGUISHABLE,
-    MOST_EFFECTS,
-    MOST_STRUCTURE,
-    MOST_UNEVEN,
-    REST,
-    STRETCH,
-    STRUCTURE_LEFT,
-    WEAKEST,
-)
 
 
 @dataclass(frozen=True)
@@ -112,8 +102,8 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
     before = linear = fit(problem)
     ranking: list[Candidate] = []
     accepted: list[Named] = []
-    for step in range(MOST_EFFECTS):
-        progress(0.05 + 0.85 * step / MOST_EFFECTS)
+    for step in range(thresholds.MOST_EFFECTS):
+        progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
         found, curve = best_of(linear)
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
@@ -129,7 +119,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
             break
         linear, accepted = choose_all_again(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
-    uneven = any(uneven_share(c, problem) > MOST_UNEVEN for c, _ in accepted)
+    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c, _ in accepted)
     goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
     apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
     if uneven or goes or apart or _structure_remains(before, linear):
@@ -169,9 +159,9 @@ def structure(linear: Linear) -> float:
 def _structure_remains(before: Linear, after: Linear) -> bool:
     """Return whether the residual has a structure in time that the named effects do not explain."""
     left = structure(after)
-    if left < MOST_STRUCTURE * 0.5 * after.problem.data:
+    if left < thresholds.MOST_STRUCTURE * 0.5 * after.problem.data:
         return False
-    return after is before or left > STRUCTURE_LEFT * structure(refit(after, ()))
+    return after is before or left > thresholds.STRUCTURE_LEFT * structure(refit(after, ()))
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:
@@ -185,8 +175,8 @@ def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Prob
     Its gain is then small beside theirs, and it has no single size, or it both begins and ends.
     """
     most = max((c.gain for c, _ in accepted), default=0.0)
-    little = candidate.gain < min(AGAIN * most, REST * 0.5 * problem.data)
-    return little and (candidate.changes > 1 or uneven_share(candidate, problem) > MOST_UNEVEN)
+    little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
+    return little and (candidate.changes > 1 or uneven_share(candidate, problem) > thresholds.MOST_UNEVEN)
 
 
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
@@ -194,7 +184,7 @@ def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]
     while accepted:
         accepted = [(in_place(linear, i, c), curve) for i, (c, curve) in enumerate(accepted)]
         weakest = int(np.argmin([wald(c) for c, _ in accepted]))
-        if wald(accepted[weakest][0]) >= WEAKEST:
+        if wald(accepted[weakest][0]) >= thresholds.WEAKEST:
             break
         accepted = [item for i, item in enumerate(accepted) if i != weakest]
         terms = [t for i, t in enumerate(linear.terms) if i != weakest]
@@ -216,12 +206,12 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
     return any(
-        (c.id == candidate.id and candidate.gain > AGAIN * c.gain)
+        (c.id == candidate.id and candidate.gain > thresholds.AGAIN * c.gain)
         or (
             c.term.effect.place == candidate.term.effect.place
             and c.changes > 0
             and stops
-            and (candidate.gain > AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
+            and (candidate.gain > thresholds.AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
         )
         for c, _ in accepted
     )
@@ -229,7 +219,7 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
 
 def _separate_in_time(one: Term, other: Term) -> bool:
     """Return whether two terms of one place act at different times, farther apart than the error of an onset."""
-    apart = one.end + STRETCH < other.begin or other.end + STRETCH < one.begin
+    apart = one.end + thresholds.STRETCH < other.begin or other.end + thresholds.STRETCH < one.begin
     return bool(apart and one.effect.place == other.effect.place)
 
 
@@ -260,4 +250,4 @@ def _fits_as_well(best: Candidate, other: Candidate, per_coarse: int) -> bool:
     difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
     ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
-    return max(statistics) <= INDISTINGUISHABLE and other.gain > 0.5 * best.gain
+    return max(statistics) <= thresholds.INDISTINGUISHABLE and other.gain > 0.5 * best.gain

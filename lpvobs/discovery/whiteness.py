@@ -98,26 +98,29 @@ def periodogram_distance(x: Array) -> float:
 
 
 def _followed(sums: Array, signals: Mapping[str, Array]) -> dict[str, float]:
-    tests = max(1, len(signals) * sums.shape[0] * (2 * LAGS + 1))
-    limit = float(scipy.stats.norm.isf(0.5 * COLOURED / tests))
+    limit = times_noise(len(signals) * sums.shape[0] * (2 * LAGS + 1))
     found = {}
     for name, values in signals.items():
-        strongest = max(
-            (correlation(row, values, lag, limit) for row in sums for lag in range(-LAGS, LAGS + 1)), key=abs
-        )
+        pairs = [correlation(row, values, lag) for row in sums for lag in range(-LAGS, LAGS + 1)]
+        strongest = max((r for r, noise in pairs if abs(r) > limit * noise), key=abs, default=0.0)
         if abs(strongest) > NOTABLE:
             found[name] = strongest
     return dict(sorted(found.items(), key=lambda item: -abs(item[1])))
 
 
-def correlation(x: Array, y: Array, lag: int, limit: float) -> float:
-    """Return the correlation of x with y `lag` blocks earlier, zero where noise of x's own variance would give as much."""
+def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
+    """Return the correlation of x with y `lag` blocks earlier, and its standard deviation for noise of x's own variance."""
+    if x.size <= abs(lag) + 2:
+        return 0.0, 0.0
     a, b = (x[lag:], y[: y.size - lag]) if lag >= 0 else (x[:lag], y[-lag:])
     a, b = a - a.mean(), b - b.mean()
-    size = np.sqrt((a @ a) * (b @ b))
-    spread = np.sqrt((a**2) @ (b**2))
-    product = float(a @ b)
-    return product / size if size > 0.0 and abs(product) > limit * spread else 0.0
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return (float(a @ b) / size, float(np.sqrt((a**2) @ (b**2))) / size) if size > 0.0 else (0.0, 0.0)
+
+
+def times_noise(tests: int) -> float:
+    """Return how many standard deviations a correlation must have to count, where so many are looked at."""
+    return float(scipy.stats.norm.isf(0.5 * COLOURED / max(1, tests)))
 
 
 def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
