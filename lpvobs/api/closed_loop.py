@@ -186,14 +186,11 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
 
 def _refuse_copies(logs: Sequence[Log]) -> None:
     """Raise for two logs of the same bytes, or of the same name."""
-    for i, log in enumerate(logs):
-        for other in logs[:i]:
-            if log.sha256 == other.sha256:
-                raise UsageError(
-                    f"{log.name}: same bytes as {other.name}; the same drive would count twice, leave one out"
-                )
-            if log.name == other.name:
-                raise UsageError(f"{log.name}: two logs of this name; results keep logs by name, rename one")
+    for log, other in ((log, other) for i, log in enumerate(logs) for other in logs[:i]):
+        if log.sha256 == other.sha256:
+            raise UsageError(f"{log.name}: same bytes as {other.name}; the same drive would count twice, leave one out")
+        if log.name == other.name:
+            raise UsageError(f"{log.name}: two logs of this name; results keep logs by name, rename one")
 
 
 def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:

@@ -20,56 +20,6 @@ SOURCES = ("map", "extrapolation")
 
 
 @dataclass(frozen=True)
-class Request:
-    """What to export, and how.
-
-    Attributes
-    ----------
-    format : str
-        `dcm`, `csv` or `netcdf`.
-    source : str
-        `map` or `extrapolation`; empty: the extrapolation if the result has one.
-    only_estimated : bool
-        Leave extrapolated nodes out: old values there if `old` is given.
-    old : Path or None
-        A DCM file with the map as it was; its axes, units and kind are kept.
-    name : str
-        Label of the map.
-    kind : str
-        `KENNFELD` or `GRUPPENKENNFELD`; empty: the old map's, else KENNFELD.
-    digits : int
-        Significant digits of text; netCDF keeps every number as it is.
-    """
-
-    format: str
-    source: str = ""
-    only_estimated: bool = False
-    old: Path | None = None
-    name: str = "delta_W_c"
-    kind: str = ""
-    digits: int = 7
-
-    def __post_init__(self) -> None:
-        for option, value, known in (
-            ("--format", self.format, FORMATS),
-            ("--values", self.source or "map", SOURCES),
-            ("--kind", self.kind or "KENNFELD", KINDS),
-        ):
-            if value not in known:
-                raise UsageError(f"{option} {value}: expected {' or '.join(known)}")
-        if not NAME.fullmatch(self.name):
-            raise UsageError(
-                f"--name {self.name}: expected letters, digits, '_', '.', '[' or ']', a letter or '_' first"
-            )
-        if not 2 <= self.digits <= 17:
-            raise UsageError(f"--digits {self.digits}: expected 2 to 17 significant digits")
-        if self.kind and self.format != "dcm":
-            raise UsageError(f"--kind {self.kind}: only a DCM has kinds of maps; leave it out for {self.format}")
-        if self.format == "dcm" and self.only_estimated and self.old is None:
-            raise UsageError("--only-estimated: a DCM has a value everywhere; say with --old OLD.dcm which ones stay")
-
-
-@dataclass(frozen=True)
 class Exported:
     """What was written, and what it changes; `changes` is None without an old file."""
 
@@ -135,48 +85,60 @@ def export(
     DataError
         If the result or the old file cannot be used, or a DCM would have empty nodes.
     """
-    before = None if old is None else as_path(old)
-    request = Request(file_format, values, only_estimated, before, name, kind.upper(), digits)
+    kind, before = kind.upper(), None if old is None else as_path(old)
+    _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
     with writing(out, [result, before]) as target:
-        return _exported(as_path(result), target, request)
+        path = as_path(result)
+        surface = read_surface(path, values)
+        known = None if before is None else _old_map(before, name, kind, surface)
+        if known is not None:
+            surface = onto(surface, known.x, known.y)
+        surface = keep_old(surface, None if known is None else known.values, only_estimated)
+        comments = _comments(path, surface, before)
+        if file_format == "csv":
+            write_csv(target, surface, digits)
+        elif file_format == "netcdf":
+            write_netcdf(target, surface, comments)
+        else:
+            kind = kind or (known.item.kind if known else "KENNFELD")
+            comments.insert(2, f"numbers rounded to {digits} significant digits")
+            write_dcm(target, as_dcm(surface, name, kind, known), digits, comments)
+    return Exported(surface, None if known is None else changes(surface, known, digits))
 
 
-def _exported(result: Path, out: Path, request: Request) -> Exported:
-    surface = read_surface(result, request.source)
-    old = _old(request, surface)
-    if old is not None:
-        surface = onto(surface, old.x, old.y)
-    surface = keep_old(surface, None if old is None else old.values, request.only_estimated)
-    comments = _comments(result, surface, request)
-    if request.format == "csv":
-        write_csv(out, surface, request.digits)
-    elif request.format == "netcdf":
-        write_netcdf(out, surface, comments)
-    else:
-        kind = request.kind or (old.item.kind if old else "KENNFELD")
-        write_dcm(out, as_dcm(surface, request.name, kind, old), request.digits, comments)
-    return Exported(surface, None if old is None else changes(surface, old, request.digits))
+def _refuse_contradictions(
+    file_format: str, values: str, only_estimated: bool, old: Path | None, name: str, kind: str, digits: int
+) -> None:
+    for option, value, known in (
+        ("--format", file_format, FORMATS),
+        ("--values", values or "map", SOURCES),
+        ("--kind", kind or "KENNFELD", KINDS),
+    ):
+        if value not in known:
+            raise UsageError(f"{option} {value}: expected {' or '.join(known)}")
+    if not NAME.fullmatch(name):
+        raise UsageError(f"--name {name}: expected letters, digits, '_', '.', '[' or ']', a letter or '_' first")
+    if not 2 <= digits <= 17:
+        raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
+    if kind and file_format != "dcm":
+        raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
+    if file_format == "dcm" and only_estimated and old is None:
+        raise UsageError("--only-estimated: a DCM has a value everywhere; say with --old OLD.dcm which ones stay")
 
 
-def _old(request: Request, surface: Surface) -> OldMap | None:
-    if request.old is None:
-        return None
-    item = read_dcm_map(request.old, request.name)
-    if item.kind not in KINDS and not request.kind:
-        raise DataError(
-            f"{request.old}: map '{item.name}' is a {item.kind}, expected {' or '.join(KINDS)}; say which: --kind"
-        )
-    return understood(request.old, item, surface)
+def _old_map(path: Path, name: str, kind: str, surface: Surface) -> OldMap:
+    item = read_dcm_map(path, name)
+    if item.kind not in KINDS and not kind:
+        raise DataError(f"{path}: map '{item.name}' is a {item.kind}, expected {' or '.join(KINDS)}; say which: --kind")
+    return understood(path, item, surface)
 
 
-def _comments(result: Path, surface: Surface, request: Request) -> list[str]:
+def _comments(result: Path, surface: Surface, old: Path | None) -> list[str]:
     """Return what a file says of its origin; nothing that depends on the day or the machine."""
     lines = [
         f"lpvobs export of /{surface.source} from {result.name}, sha256 {file_digest(result)}",
         "error of the mass air flow sensor, reading minus truth",
     ]
-    if request.format == "dcm":
-        lines.append(f"numbers rounded to {request.digits} significant digits")
-    if request.old is not None:
-        lines.append(f"axes, and values where none is new, from {request.old.name}, sha256 {file_digest(request.old)}")
+    if old is not None:
+        lines.append(f"axes, and values where none is new, from {old.name}, sha256 {file_digest(old)}")
     return lines

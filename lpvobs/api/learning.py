@@ -1,6 +1,7 @@
 """The air path of a configuration with what healthy logs show of its engine."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -27,10 +28,8 @@ def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
     """Return the logs that can be read."""
     logs = []
     for path in paths:
-        try:
+        with suppress(DataError):
             logs.append(read_log(path, config.engine_path().channels, config.policies))
-        except DataError:
-            continue
     return logs
 
 

@@ -19,15 +19,7 @@ from lpvobs.report.discovered import sentences
 from lpvobs.report.driving import drive_rows, plan_of
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.residual import Picture, picture, residual_sections
-from lpvobs.report.tables import (
-    Table,
-    bounds_table,
-    coefficient_tables,
-    gain_line,
-    grams,
-    percent,
-    report_rows,
-)
+from lpvobs.report.tables import Table, bounds_table, coefficient_tables, gain_line, grams, percent, report_rows
 
 TEMPLATE = "report.html.j2"
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")

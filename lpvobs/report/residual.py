@@ -24,6 +24,9 @@ from lpvobs.report.tables import Table
 
 MOST_LOGS = 6
 """Logs whose residual is drawn over time; the tables have all."""
+WHITENESS = (
+    "Whiteness of the residual: sums over blocks, their effective number, portmanteau test, cumulated periodogram"
+)
 TITLES = {"refine": "refined", "trace": "traced"}
 
 
@@ -59,26 +62,17 @@ def residual_sections(view: ResultView, number: int) -> list[ResidualSection]:
 
 
 def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
-    effects = effect_rows(found)
-    if effects is not None:
-        yield effects, "Effects, with 90 % intervals"
-    yield error_rows(found), "Residual on data held out"
     for rows, title in (
+        (effect_rows(found), "Effects, with 90 % intervals"),
+        (error_rows(found), "Residual on data held out"),
         (balance_rows(found), "Balances where the effects act: rms of the relative residual"),
         (day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),
         (lost_rows(found), "What missing channels take away"),
+        (ranking_rows(found), "Every candidate alone against the model as it was"),
+        (whiteness_rows(found), WHITENESS),
     ):
         if rows is not None:
             yield rows, title
-    ranking = ranking_rows(found)
-    if ranking is not None:
-        yield ranking, "Every candidate alone against the model as it was"
-    tests = whiteness_rows(found)
-    if tests is not None:
-        yield (
-            tests,
-            "Whiteness of the residual: sums over blocks, their effective number, portmanteau test, cumulated periodogram",
-        )
 
 
 def _pictures(found: Discovered, result: str, name: str) -> Iterator[Picture]:

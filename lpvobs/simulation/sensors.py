@@ -19,26 +19,21 @@ def measure(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> dict[str
 
 
 class Quality(NamedTuple):
-    """Standard deviation of a sensor's white noise and the step to which it rounds, in the channel's unit."""
+    """Standard deviation of a sensor's white noise, shape () or (N,), and the step to which it rounds, in the channel's unit."""
 
-    spread: float
+    spread: float | Array
     step: float
 
 
-def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:
-    """Return the readings, shape (N,), of a sensor that the configuration does not describe."""
-    return _recorded(name, values, np.asarray(quality.spread), quality.step, seed)
-
-
 def _reading(name: str, values: Array, sensors: Sensors, seed: int) -> Array:
+    spread: float | Array = getattr(sensors, name, 0.0)
     if name == "W_maf":
         spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
-    else:
-        spread = np.asarray(getattr(sensors, name, 0.0))
-    return _recorded(name, values, spread, getattr(sensors.quantisation, name, 0.0), seed)
+    return read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
 
 
-def _recorded(name: str, values: Array, spread: Array, step: float, seed: int) -> Array:
+def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:
+    """Return the readings of a sensor, shape (N,)."""
     stream = np.random.Generator(np.random.PCG64([seed, zlib.crc32(name.encode())]))
-    noisy = values + spread * stream.standard_normal(values.size)
-    return np.asarray(np.round(noisy / step) * step if step > 0 else noisy)
+    noisy = values + quality.spread * stream.standard_normal(values.size)
+    return np.asarray(np.round(noisy / quality.step) * quality.step if quality.step > 0 else noisy)

@@ -24,16 +24,7 @@ from lpvobs.engines.effects import (
 )
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
-from lpvobs.engines.throttled.balances import (
-    BALANCES,
-    LACKS,
-    Imbalances,
-    blur,
-    by_curves,
-    by_reading,
-    further,
-    shown,
-)
+from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, blur, by_curves, by_reading, further, shown
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import MOVING
 from lpvobs.engines.throttled.taught import beyond

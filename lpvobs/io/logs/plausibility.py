@@ -70,7 +70,7 @@ def _usable(
     keep = np.isfinite(time)
     dropped = {"time": int(np.count_nonzero(~keep))}
     for name, column in values.items():
-        possible = (column >= channels[name].low) & (column <= channels[name].high)  # False for NaN
+        possible = _possible(column, channels[name])
         dropped[name] = int(np.count_nonzero(~possible))
         keep &= possible
     return keep, dropped
@@ -255,15 +255,13 @@ def _saturated(column: Array, channel: Channel) -> NDArray[np.int64]:
     top = column.max()
     at_top = column == top
     count = int(np.count_nonzero(at_top))
-    if count < max(SATURATED_RUN, SATURATED_SHARE * column.size) or count == column.size:
-        return np.empty(0, dtype=np.int64)
-    below = np.count_nonzero((column >= top - 0.02 * (top - column.min())) & ~at_top)
-    if count < PILED * below or channel.still > MOST_STILL_AT_TOP:
+    below = int(np.count_nonzero((column >= top - 0.02 * (top - column.min())) & ~at_top))
+    enough = count >= max(SATURATED_RUN, SATURATED_SHARE * column.size, PILED * below)
+    if not enough or count == column.size or channel.still > MOST_STILL_AT_TOP:
         return np.empty(0, dtype=np.int64)
     start, stop = _runs(column)
     held = (column[start] == top) & (stop - start >= SATURATED_RUN)
-    if np.count_nonzero(held) < 2:  # once may be a hold of the recorder
-        return np.empty(0, dtype=np.int64)
+    held &= np.count_nonzero(held) > 1  # once may be a hold of the recorder
     return _samples(zip(start[held], stop[held], strict=True))
 
 

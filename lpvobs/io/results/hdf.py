@@ -77,27 +77,20 @@ def creating(target: Path) -> Iterator[h5py.File]:
 
     It grows in memory and is written by Python: where the disk is full, HDF5 itself would end the process.
     """
-    with replacing(target) as temporary:
-        with h5py.File(temporary.name, "w", driver="core", backing_store=False) as file:
-            yield file
-            image = _image(file)
-        temporary.write_bytes(sealed(image))
+    with changing(None, target) as file:
+        yield file
 
 
 @contextmanager
-def changing(source: Path, target: Path) -> Iterator[h5py.File]:
+def changing(source: Path | None, target: Path) -> Iterator[h5py.File]:
     """Yield a copy of an HDF5 file for changes; it takes the target's place, sealed, when the block ends without an error."""
     with replacing(target) as temporary:
-        with h5py.File(source, "r+", driver="core", backing_store=False) as file:
+        name, mode = (temporary.name, "w") if source is None else (source, "r+")
+        with h5py.File(name, mode, driver="core", backing_store=False) as file:
             yield file
-            image = _image(file)
+            file.flush()
+            image = bytes(file.id.get_file_image())
         temporary.write_bytes(sealed(image))
-
-
-def _image(file: h5py.File) -> bytes:
-    """Return the bytes of a file in memory."""
-    file.flush()
-    return bytes(file.id.get_file_image())
 
 
 def is_hdf5(path: Path) -> bool:
