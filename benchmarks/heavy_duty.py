@@ -1,0 +1,109 @@
+"""The truck engine on its own cycle: map, clean drives, effects that nobody declared: `python benchmarks/heavy_duty.py [SEEDS]`.
+
+Twenty seeds by default. The seed draws the noise and, in the second row, every constant that has a tolerance; noise alone changes
+little, and a few seeds show that.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from common import CONFIG, altered, markdown, publish
+
+import lpvobs
+from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.parquet import write_log
+from lpvobs.simulation.effects import CatalogueEffect
+from lpvobs.simulation.simulate import simulate
+
+HEAVY = CONFIG.with_name("heavy-duty.toml")
+FEW = 5
+UNDECLARED = (
+    CatalogueEffect("maf.lag", 0.1),
+    CatalogueEffect("maf.gain", 1.06, onset=600.0),
+    CatalogueEffect("leak.intake", 6e-5, onset=300.0),
+    CatalogueEffect("egr.area", 0.75),
+    CatalogueEffect("compressor.flow", 0.95),
+    CatalogueEffect("p_im.gain", 1.02),
+)
+"""Sizes that a workshop would look for; areas four times those of the car, for four times the flow."""
+
+
+def drawn(config: Config, seed: int) -> DieselEngine:
+    """Return an engine whose constants lie anywhere within their tolerance."""
+    rng = np.random.default_rng(seed)
+    factors = {name: 1.0 + rng.uniform(-tolerance, tolerance) for name, tolerance in config.estimate.tolerance.items()}
+    return altered(config.engine, factors)
+
+
+def drive(path: Path, config: Config, engine: DieselEngine, seed: int, *effects: CatalogueEffect) -> Path:
+    """Write a WHTC at 100 samples a second."""
+    if config.simulation is None:
+        raise ValueError("the configuration has no simulation")
+    made = simulate(engine, config.simulation, "whtc", seed=seed, effects=effects)
+    write_log(path, made.channels, made.units)
+    return path
+
+
+def clean(folder: Path, config: Config, gain: Path, seeds: int, exact: bool) -> list[str]:
+    """Return the row of drives on which nothing has happened."""
+    errors, floors, verdicts = [], [], []
+    for seed in range(1, seeds + 1):
+        engine = config.engine if exact else drawn(config, seed)
+        log, result = drive(folder / "clean.parquet", config, engine, seed), folder / "map.h5"
+        metrics = lpvobs.estimate(HEAVY, log, result, gain=gain).summaries[0].metrics
+        if metrics is None:
+            raise ValueError("a simulated log has its references")
+        errors.append(100 * metrics.mean_relative_error)
+        floors.append(100 * metrics.floor_mean_relative_error)
+        verdicts.append(lpvobs.trace(result, log).found.verdict)
+        print(f"seed {seed}: {errors[-1]:.2f} %, floor {floors[-1]:.2f} %, {verdicts[-1]}", file=sys.stderr)
+    half = 1.645 * np.std(errors, ddof=1) / np.sqrt(seeds)
+    mean = float(np.mean(errors))
+    return [
+        "exact" if exact else "drawn within their tolerance",
+        f"{mean:.2f} ({mean - half:.2f} to {mean + half:.2f})",
+        f"{max(errors):.2f}",
+        f"{np.mean(floors):.2f}",
+        f"{verdicts.count('none')} of {seeds}",
+    ]
+
+
+def faulty(folder: Path, config: Config, gain: Path) -> list[list[str]]:
+    """Return a row for every effect, against the map of a clean drive of the same engine, whose constants are drawn."""
+    rows = []
+    for seed, effect in enumerate(UNDECLARED, start=101):
+        engine, result = drawn(config, seed), folder / "nominal.h5"
+        lpvobs.estimate(HEAVY, drive(folder / "nominal.parquet", config, engine, seed), result, gain=gain)
+        log = drive(folder / "faulty.parquet", config, engine, seed + 100, effect)
+        found = lpvobs.trace(result, log).found
+        named = "; ".join(
+            f"{one.id} {p.value:.4g} ({p.ci90[0]:.4g} to {p.ci90[1]:.4g})"
+            for one in found.findings
+            for p in one.parameters.values()
+        )
+        rows.append([f"{effect.id} {effect.value:g}", found.verdict, named or "-"])
+        print(*rows[-1], file=sys.stderr)
+    return rows
+
+
+def main(seeds: int) -> None:
+    """Print and keep the tables."""
+    config = load_config(HEAVY)[0]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        gain = folder / "gain.h5"
+        lpvobs.synth_gain(HEAVY, out=gain)
+        rows = [clean(folder, config, gain, min(seeds, FEW), True), clean(folder, config, gain, seeds, False)]
+        effects = faulty(folder, config, gain)
+    text = "WHTC at 100 samples a second; mean relative error of the map with the 90 % interval of the mean.\n\n"
+    text += markdown(["constants", "error, %", "worst, %", "floor, %", "`trace`: none"], rows)
+    text += "\n\n## Effects that nobody declared\n\nAgainst the map of a clean drive; constants drawn within their tolerance.\n\n"
+    text += markdown(["effect", "verdict", "named, with 90 % interval"], effects)
+    publish("heavy_duty", f"The truck engine, seeds 1 to {seeds}", text, "python benchmarks/heavy_duty.py")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
