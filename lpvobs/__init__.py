@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from lpvobs.api.read_map import read_map
     from lpvobs.api.refine import refine
     from lpvobs.api.simulate import simulate
+    from lpvobs.api.simulate_bench import simulate_bench
     from lpvobs.api.synth_gain import synth_gain
     from lpvobs.api.trace import trace
     from lpvobs.api.verify import verify
@@ -33,6 +34,7 @@ __all__ = [
     "read_map",
     "refine",
     "simulate",
+    "simulate_bench",
     "synth_gain",
     "trace",
     "verify",

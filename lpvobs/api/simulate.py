@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
-from lpvobs.io.configuration.config import Effects, load_config, load_effects
+from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
 from lpvobs.io.logs.parquet import write_log
 from lpvobs.kinds import Count, Seconds
-from lpvobs.simulation.plants import PLANTS
+from lpvobs.simulation.plants import PLANTS, Simulator
 from lpvobs.simulation.simulate import SimulatedLog
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOutput:
-    """A log that was driven."""
+    """A log that was driven, or a table of stationary points, each of which was recorded for 30 s."""
 
     log: str
     samples: Count
@@ -70,17 +70,9 @@ def simulate(
     The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.
     """
     with writing(out, [config, cycle, effects]) as target:
-        configuration, _ = load_config(as_path(config))
-        plant = configuration.kind.plant
-        if not plant:
-            able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
-            raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
-        if configuration.simulation is None:
-            raise UsageError(
-                f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
-            )
+        configuration, plant = plant_of(config)
         wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
-        log = PLANTS[plant].run(
+        log = plant.run(
             configuration.engine,
             configuration.simulation,
             cycle,
@@ -93,3 +85,17 @@ def simulate(
         )
         write_log(target, log.channels, log.units)
     return log
+
+
+def plant_of(config: File) -> tuple[Config, Simulator]:
+    """Return a configuration and what simulates its engine; raises UsageError where nothing does."""
+    configuration, _ = load_config(as_path(config))
+    plant = configuration.kind.plant
+    if not plant:
+        able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
+        raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
+    if configuration.simulation is None:
+        raise UsageError(
+            f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
+        )
+    return configuration, PLANTS[plant]

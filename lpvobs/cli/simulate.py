@@ -7,19 +7,27 @@ import typer
 
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say
 from lpvobs.cli.options import CYCLES, ConfigOption, JsonOption, file_option, offer
+from lpvobs.errors import UsageError
 
 
 @guarded
 def simulate(
+    out: Annotated[Path, file_option("FILE", "The log or table to write.")],
     cycle: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME|CSV",
             autocompletion=offer(CYCLES),
             help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
         ),
-    ],
-    out: Annotated[Path, file_option("LOG.parquet", "The log to write.")],
+    ] = None,
+    bench: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet.",
+        ),
+    ] = None,
     effects: Annotated[
         Path | None,
         file_option(
@@ -28,8 +36,8 @@ def simulate(
             "another error surface: configs/surfaces.",
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.")] = 100.0,
-    seed: Annotated[int, typer.Option(help="Of sensor noise and road; same seed, same bytes.")] = 1,
+    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Samples per second.", show_default="100")] = None,
+    seed: Annotated[int, typer.Option(help="Of sensor noise, road, points; same seed, same bytes.")] = 1,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -38,13 +46,22 @@ def simulate(
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
 
     With a leak: add --effects configs/effects/leak_intake.toml
+
+    A bench table: lpvobs simulate --config configs/diesel.toml --bench 100 --out bench.csv
     """
+    config = chosen_config(config)
+    if bench is not None:
+        _bench(config, bench, out, seed, [name for name, given in _others(cycle, effects, rate) if given], as_json)
+        return
+    if cycle is None:
+        raise UsageError("neither --cycle nor --bench; name a cycle, or how many stationary points")
     from lpvobs.api.simulate import SimulateOutput
     from lpvobs.api.simulate import simulate as drive
 
-    config = chosen_config(config)
     with progress(f"simulating {cycle}") as report:
-        log = drive(config, cycle, out, effects=effects, rate=rate, seed=seed, progress=report)
+        log = drive(
+            config, cycle, out, effects=effects, rate=100.0 if rate is None else rate, seed=seed, progress=report
+        )
     time = log.channels["time"]
     duration = float(time[-1] - time[0])
     if as_json:
@@ -52,3 +69,28 @@ def simulate(
         print_json("simulate", driven)
     else:
         say(f"{out}: {time.size} samples, {duration:.0f} s")
+
+
+def _others(cycle: str | None, effects: Path | None, rate: float | None) -> list[tuple[str, bool]]:
+    """Return the options that belong to a cycle, and whether each was given."""
+    return [("--cycle", cycle is not None), ("--effects", effects is not None), ("--rate", rate is not None)]
+
+
+def _bench(config: Path, points: int, out: Path, seed: int, refused: list[str], as_json: bool) -> None:
+    """Write a bench table and say so; options of a cycle are refused."""
+    from lpvobs.api.simulate import SimulateOutput
+    from lpvobs.api.simulate_bench import simulate_bench
+
+    if refused:
+        raise UsageError(
+            f"--bench goes without {' and '.join(refused)}: what belongs to a cycle has no place at rest; leave it out"
+        )
+    with progress(f"simulating {points} points") as report:
+        table = simulate_bench(config, points, out, seed=seed, progress=report)
+    if as_json:
+        print_json(
+            "simulate",
+            SimulateOutput(log=str(out), samples=points, duration=table.duration, channels=tuple(table.channels)),
+        )
+    else:
+        say(f"{out}: {points} stationary points")

@@ -8,11 +8,12 @@ from lpvobs.simulation.parameters import SimulationParameters
 
 if TYPE_CHECKING:
     from lpvobs.simulation.simulate import SimulatedLog
+    from lpvobs.simulation.stationary import BenchTable
 
 
 @dataclass(frozen=True)
 class Simulator:
-    """A plant that drives cycles.
+    """A plant that drives cycles and stands on a test bench.
 
     Attributes
     ----------
@@ -20,10 +21,13 @@ class Simulator:
         Record of the configuration's `[simulation]`.
     run : callable
         Takes what `lpvobs.simulation.simulate.simulate` takes, from the configuration's `[engine]` on.
+    bench : callable
+        Takes what `lpvobs.simulation.stationary.bench` takes.
     """
 
     parameters: type
     run: Callable[..., "SimulatedLog"]
+    bench: Callable[..., "BenchTable"]
 
 
 def _nine_states(*arguments: Any, **options: Any) -> "SimulatedLog":
@@ -33,4 +37,11 @@ def _nine_states(*arguments: Any, **options: Any) -> "SimulatedLog":
     return simulate(*arguments, **options)
 
 
-PLANTS: Mapping[str, Simulator] = {"nine states": Simulator(SimulationParameters, _nine_states)}
+def _nine_states_at_rest(*arguments: Any, **options: Any) -> "BenchTable":
+    """Load the plant only when it runs."""
+    from lpvobs.simulation.stationary import bench
+
+    return bench(*arguments, **options)
+
+
+PLANTS: Mapping[str, Simulator] = {"nine states": Simulator(SimulationParameters, _nine_states, _nine_states_at_rest)}

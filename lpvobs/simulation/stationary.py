@@ -1,0 +1,198 @@
+"""The engine on a test bench: stationary operating points over its whole range, with a reference meter of the air flow."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.errors import DataError, UsageError
+from lpvobs.records import Array
+from lpvobs.simulation.control import Commands, targets_of
+from lpvobs.simulation.derivative import derivative, flows
+from lpvobs.simulation.integrate import Course, Samples, drive, inputs_at, runge_kutta
+from lpvobs.simulation.parameters import FullLoad, SimulationParameters
+from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, T_IM, U_VGT, Plant, plant_of, resting_state
+from lpvobs.simulation.sensors import measure
+from lpvobs.simulation.structure.slow import FREE, wall_temperature
+
+UNITS = {
+    "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
+    "T_im": "K", "T_em": "K", "p_amb": "Pa", "T_amb": "K", "W_reference": "kg/s", "sd_W_reference": "kg/s",
+    "W_egr_reference": "kg/s", "W_f": "kg/s",
+}  # fmt: skip
+MOST_POINTS = 1000
+READ = ("n_e", "u_delta", "p_im", "p_em", "omega_t", "T_im", "T_em")
+"""What sensors with noise read; positions and surroundings are set."""
+RECORDED, RATE = 30.0, 100.0  # s and Hz, of every sensor at a point
+METER, FUEL = 0.0035, 0.0012
+"""Relative standard deviations: thermal reference meters of air state 0.3 to 0.4 % at best, fuel mass flow meters 0.12 %."""
+EGR_METER = (0.02, 2e-5)
+"""Of the EGR flow from CO2 before and behind the engine: relative, and [kg/s]."""
+APPROACH = 15.0  # s under control, until the vanes have found the point
+STILL = 1e-5  # 1/s, relative rate of the states at which a point counts as stationary
+PATIENCE = 90.0  # s
+MOST_TRIES = 2  # points that are tried for each that is wanted
+COLD, WARM = 0.3, 0.15
+"""Shares of the points whose combustion air is cold, and warm."""
+SHUT = 0.4  # share of the points with the EGR valve shut
+VANES = 30.0  # %, by which vanes are moved at most from where the control has them
+
+
+@dataclass(frozen=True)
+class BenchTable:
+    """Stationary points, each column of shape (N,), with the unit of each; no column knows more than a bench does."""
+
+    channels: dict[str, Array]
+    units: dict[str, str]
+
+    @property
+    def duration(self) -> float:
+        """For how long sensors were recorded [s]."""
+        return RECORDED * self.channels["n_e"].size
+
+
+class Point(NamedTuple):
+    """What the bench is asked for."""
+
+    n_e: float  # rpm
+    u_delta: float  # mg/cycle
+    opening: float  # of the EGR valve, 0 to 1
+    vanes: float  # %, from where the control has them
+    warmer: float  # K, combustion air over the configured temperature
+
+
+def bench(
+    engine: DieselEngine,
+    parameters: SimulationParameters,
+    points: int,
+    seed: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> BenchTable:
+    """Return a table of stationary points; sensors are averaged over 30 s, slow ones have settled.
+
+    Parameters
+    ----------
+    engine, parameters
+        As for `simulate`.
+    points : int
+        Up to 1000.
+    seed : int
+        Of noise, and of where the points lie.
+    progress : callable, optional
+        Takes the fraction done.
+
+    Raises
+    ------
+    UsageError
+        For an impossible number of points or seed.
+    DataError
+        If the engine comes to rest at fewer points than it should; where it surges, the next point takes the place of one.
+    """
+    if not 1 <= points <= MOST_POINTS:
+        raise UsageError(f"--bench {points}: expected 1 to {MOST_POINTS} points")
+    if seed < 0:
+        raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
+    plant = plant_of(engine, parameters)
+    truth: list[dict[str, float]] = []
+    for point in spread(parameters.full_load, MOST_TRIES * points, seed):
+        if len(truth) < points and (found := at_rest(engine, parameters, plant, point)) is not None:
+            truth.append(found)
+            if progress is not None:
+                progress(len(truth) / points)
+    if len(truth) < points:
+        raise DataError(
+            f"the engine comes to rest at {len(truth)} of {MOST_TRIES * points} points, expected {points}; "
+            f"take smaller amplitudes in [simulation.structure], or other set-points"
+        )
+    return BenchTable(
+        _measured({name: np.array([row[name] for row in truth]) for name in truth[0]}, parameters, seed), UNITS
+    )
+
+
+def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[Point]:
+    """Return points that fill the range evenly: speeds, loads, valve openings, vanes and air temperatures.
+
+    They follow the additive recurrence of Roberts, which any number of points leaves even: k times the powers of 1/phi, modulo
+    one, with phi^6 = phi + 1 for five dimensions.
+    """
+    phi = float(np.max(np.real(np.roots([1.0, 0.0, 0.0, 0.0, 0.0, -1.0, -1.0]))))
+    start = np.random.Generator(np.random.PCG64(seed)).random(5)
+    return [_point(full_load, *row) for row in (start + np.outer(np.arange(points), phi ** -np.arange(1.0, 6.0))) % 1.0]
+
+
+def _point(full_load: FullLoad, speed: float, load: float, valve: float, vanes: float, air: float) -> Point:
+    """Return the point of five numbers between 0 and 1; the more load, the less EGR, as on any engine."""
+    strong = [n for n, u in zip(full_load.n_e, full_load.u_delta, strict=True) if u > 0.5 * max(full_load.u_delta)]
+    n_e = full_load.idle_speed + speed * (max(strong) - full_load.idle_speed)
+    share = 0.08 + 0.92 * load
+    opening = 0.0 if valve < SHUT else (0.05 + 0.95 * (valve - SHUT) / (1.0 - SHUT)) * (1.0 - 0.6 * share)
+    if air < COLD:
+        warmer = -30.0 + 20.0 * air / COLD
+    elif air > 1.0 - WARM:
+        warmer = 5.0 + 10.0 * (air - 1.0 + WARM) / WARM
+    else:
+        warmer = -3.0 + 6.0 * (air - COLD) / (1.0 - WARM - COLD)
+    u_delta = share * float(np.interp(n_e, full_load.n_e, full_load.u_delta))
+    return Point(n_e, u_delta, opening, VANES * (2.0 * vanes - 1.0), warmer)
+
+
+def at_rest(
+    engine: DieselEngine, parameters: SimulationParameters, plant: Plant, point: Point
+) -> dict[str, float] | None:
+    """Return the true signals and flows at a point: the control finds it, then valve and vanes are fixed until nothing moves.
+
+    None where it keeps moving: a compressor that surges, which a bench does not stay in.
+    """
+    p_amb, T_amb = parameters.ambient.p_amb, parameters.ambient.T_amb + point.warmer
+    targets = targets_of(parameters, engine.geometry.n_cyl)
+    still = np.ones(round(APPROACH / targets.period) + 1)
+    W_f = 1e-6 / 120.0 * point.u_delta * point.n_e * engine.geometry.n_cyl
+    heat = parameters.combustion.q_HV * W_f / engine.geometry.V_d
+    wall = wall_temperature(targets.period, parameters.cooling.T_cool * still, heat * still)
+    course = Course(point.n_e * still, point.u_delta * still, p_amb * still, T_amb * still, wall, FREE * still)
+    x = resting_state(plant, p_amb, T_amb)
+    nothing = Samples(np.empty(0, dtype=np.int64), np.empty(0))
+    drive([(0, plant)], targets, course, nothing, parameters.step, x)
+    u_egr = point.opening * targets.egr_max
+    u_vgt = min(max(float(x[U_VGT]) + point.vanes, targets.vgt_min + 5.0), targets.vgt_max)
+    held = Commands(u_egr, u_vgt, 0.0, 0.0)
+    if not settle(plant, course, held, targets.period, parameters.step, PATIENCE, x):
+        return None
+    f = flows(plant, x, inputs_at(course, held, targets.period, 0, 0.0))
+    return {
+        "n_e": point.n_e, "u_delta": f.u_delta, "u_egr": f.u_egr, "u_vgt": x[U_VGT], "p_im": x[P_IM], "p_em": x[P_EM],
+        "omega_t": x[OMEGA_T], "T_im": x[T_IM], "T_em": f.T_em, "p_amb": p_amb, "T_amb": T_amb,
+        "W_c": f.W_c, "W_egr": f.W_egr, "W_f": f.W_f,
+    }  # fmt: skip
+
+
+@njit(cache=True)
+def settle(plant: Plant, course: Course, held: Commands, period: float, step: float, patience: float, x: Array) -> bool:
+    """Move the state x, shape (9,), on until it moves by less than `STILL`; return whether it came to that."""
+    work, rate = np.empty((6, x.size)), np.empty(x.size)
+    given = inputs_at(course, held, period, 0, 0.0)
+    for _ in range(round(patience)):
+        for _ in range(round(1.0 / step)):
+            runge_kutta(plant, course, held, period, 0, 0.0, step, x, work)
+        derivative(plant, x, given, rate)
+        if np.all(np.abs(rate) <= STILL * np.maximum(np.abs(x), 1e-2)):
+            return True
+    return False
+
+
+def _measured(truth: dict[str, Array], parameters: SimulationParameters, seed: int) -> dict[str, Array]:
+    """Return the columns of the table, each of shape (N,), from the truth."""
+    points, readings_each = truth["n_e"].size, round(RECORDED * RATE)
+    table = {name: truth[name] for name in UNITS if name in truth}
+    for name in READ:
+        readings = measure({name: np.repeat(truth[name], readings_each)}, parameters.sensors, seed)[name]
+        table[name] = readings.reshape(points, readings_each).mean(axis=1)
+    noise = np.random.Generator(np.random.PCG64([seed, points])).standard_normal((3, points))
+    table["W_reference"] = truth["W_c"] * (1.0 + METER * noise[0])
+    table["sd_W_reference"] = METER * table["W_reference"]
+    table["W_egr_reference"] = truth["W_egr"] + (EGR_METER[0] * np.abs(truth["W_egr"]) + EGR_METER[1]) * noise[1]
+    table["W_f"] = truth["W_f"] * (1.0 + FUEL * noise[2])
+    return {name: table[name] for name in UNITS}
