@@ -120,6 +120,7 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
 	$(VENV)/bin/python benchmarks/where.py
+	$(VENV)/bin/python benchmarks/heavy_duty.py
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)
