@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvobs.api.files import File, updating
-from lpvobs.io.results.results import StoredResult, add_extrapolation, read_result
+from lpvobs.io.results.axes import axes_of
+from lpvobs.io.results.extrapolations import write_extrapolation
+from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.kinds import Fraction
 from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
 from lpvobs.report.outputs import QuadraticOutput
@@ -50,5 +52,5 @@ def fill(result: File) -> tuple[StoredResult, QuadraticFit, float]:
         covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
         fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
         held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
-        add_extrapolation(stored, fitted, held)
+        update(stored, lambda file: write_extrapolation(file, axes_of(file), stored.grid, fitted, held))
     return replace(stored, extrapolation=fitted), fitted, held

@@ -190,13 +190,12 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1)
     widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
     most = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     return "\n\n".join(
-        "\n".join("  ".join(_cell(line, column, widths) for column in block).rstrip() for line in lines)
+        "\n".join(
+            "  ".join(line[c].rjust(widths[c]) if c else line[c].ljust(widths[c]) for c in block).rstrip()
+            for line in lines
+        )
         for block in folded(widths, labels, most)
     )
-
-
-def _cell(line: Sequence[str], column: int, widths: Sequence[int]) -> str:
-    return line[column].ljust(widths[0]) if column == 0 else line[column].rjust(widths[column])
 
 
 def folded(widths: Sequence[int], labels: int, most: int | None) -> list[list[int]]:

@@ -135,7 +135,8 @@ def own_time(problem: Problem, logs: Sequence[Log]) -> Array:
 
 def stored_curve(curve: Curve, problem: Problem) -> Curve:
     """Return a fitted curve as it is kept: its rates per second."""
-    return replace(curve, knots=curve.knots / _spacing(problem)) if curve.of == "rate" else curve
+    spacing = float(np.median(np.diff(problem.time)))
+    return replace(curve, knots=curve.knots / spacing) if curve.of == "rate" else curve
 
 
 def from_off(known_effect: KnownEffect) -> KnownEffect:
@@ -200,7 +201,3 @@ def channel_at(log: Log, curve: Curve, time: Array) -> Array:
         return np.asarray(np.interp(time, log.time[known], recorded[known]))
     grid = np.arange(log.time[0], log.time[-1] + SPACING, SPACING)
     return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time[known], recorded[known])) / SPACING))
-
-
-def _spacing(problem: Problem) -> float:
-    return float(np.median(np.diff(problem.time)))

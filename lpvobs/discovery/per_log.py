@@ -54,15 +54,12 @@ def levels_of(problem: Problem, beta: Array, i: int) -> tuple[DayLevel, ...]:
     """Return what differs on the day of log i, in units."""
     q = len(problem.model.names)
     known = {effect.id for effect in problem.catalogue}
+    known |= {name for name, row in zip(problem.model.balances, problem.shown, strict=True) if row.any()}
     return tuple(
         DayLevel(level.name, float(value), level.unit, level.deviation)
         for (log, level), value in zip(problem.levels, beta[q:], strict=True)
-        if log == i and (level.name in known or _seen(problem, level.name))
+        if log == i and level.name in known
     )
-
-
-def _seen(problem: Problem, balance: str) -> bool:
-    return balance in problem.model.balances and bool(problem.shown[problem.model.balances.index(balance)].any())
 
 
 def missing_of(problem: Problem) -> Missing | None:

@@ -88,11 +88,6 @@ def _gradient(values: Array, clock: Array, segments: Sequence[tuple[int, int]]) 
     return out
 
 
-def mean_flow(places: Places) -> float:
-    """Return the mean reading of the sensor [kg/s]."""
-    return float(np.mean(np.maximum(places.signals[SENSOR], 0.0)))
-
-
 def lasting(log: Log) -> float:
     """Return how long a log lasts [s]."""
     return float(log.time[-1] - log.time[0])

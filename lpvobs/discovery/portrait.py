@@ -189,7 +189,8 @@ def _partial(linear: Linear, index: int) -> Partial:
     row = linear.project(unit)
     term = linear.terms[index]
     alone = -linear.moved(np.zeros_like(linear.residual), row)[0] / row[at]
-    regressor = -alone * (term.size - _absent(term.effect.id, linear))
+    absent = next((effect.null for effect in linear.problem.catalogue if effect.id == term.effect.id), 0.0)
+    regressor = -alone * (term.size - absent)
     residual = linear.residual[0] + regressor
     power = (regressor**2).sum(1)
     kept = power >= LEAST_PART * power.sum()
@@ -199,11 +200,6 @@ def _partial(linear: Linear, index: int) -> Partial:
     binned = np.array([[x[p].mean(), y[p].mean(), y[p].std() / np.sqrt(p.size)] for p in parts]).T
     some = np.sort(np.random.default_rng(0).permutation(x.size)[:MOST_POINTS])
     return Partial(term.effect.id, x[some], y[some], binned)
-
-
-def _absent(name: str, linear: Linear) -> float:
-    """Return the size that stands for no effect."""
-    return next((effect.null for effect in linear.problem.catalogue if effect.id == name), 0.0)
 
 
 def _edges(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

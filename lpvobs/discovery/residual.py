@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, mean_flow, starts, stretches
+from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
 from lpvobs.engines.residual_model import Level, ResidualModel
@@ -255,7 +255,7 @@ def lay_out(
         shown=shown,
         used=used,
         judged=judged,
-        flow=1.0 if model.unit == "kg/s" else mean_flow(places),
+        flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
         wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )

@@ -66,10 +66,6 @@ def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") ->
     return Stamps(convert(numbers.values, unit, "s"), numbers.unreadable)
 
 
-def _text(item: object) -> str:
-    return "" if item is None else str(item)
-
-
 def seconds_of_day(text: str) -> float:
     """Return the seconds since midnight of h:mm, h:mm:ss or h:mm:ss.sss, NaN for anything else.
 
@@ -89,7 +85,7 @@ def _clock(data: "pa.Array | pa.ChunkedArray") -> Stamps:
     """Return times of day as seconds that go on past midnight: a step back of more than half a day is the next day."""
     slabs, unreadable = [np.empty(0)], 0
     for start in range(0, len(data), SLAB):  # as Python's own text, all of a long recording would not fit into memory
-        words = [_text(item) for item in data.slice(start, SLAB).to_pylist()]
+        words = ["" if item is None else str(item) for item in data.slice(start, SLAB).to_pylist()]
         slabs.append(np.array([seconds_of_day(word) for word in words]))
         unreadable += sum(1 for word, value in zip(words, slabs[-1], strict=True) if word.strip() and np.isnan(value))
     time = np.concatenate(slabs)

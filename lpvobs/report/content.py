@@ -151,15 +151,12 @@ def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog
     pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
     first = pairs[0][0].stored
     drive = None if given is None else _drive(air_path_of(first), first.grid, given)
-    corrections = tuple(
-        Correction(view, log, None if drive is None else _along(view.stored, drive)) for view, log in pairs
-    )
+    estimates = [
+        None if drive is None else view.stored.grid.interpolate(view.stored.theta, drive.fuel, drive.speed)
+        for view, _ in pairs
+    ]
+    corrections = tuple(Correction(*pair, estimate) for pair, estimate in zip(pairs, estimates, strict=True))
     return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
-
-
-def _along(result: StoredResult, drive: Drive) -> Array:
-    """Return the estimated error along a drive, shape (N,) [kg/s]."""
-    return result.grid.interpolate(result.theta, drive.fuel, drive.speed)
 
 
 def _drive(air_path: type[AirPath], grid: Grid, given: LoadedLog) -> Drive:

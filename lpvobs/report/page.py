@@ -55,7 +55,7 @@ def page(report: Report) -> str:
             *sentences([(v.name, v.discovered) for v in report.results]),
         ],
         summary=report_rows(named),
-        cycles=[_cycle(cycle, number) for number, cycle in enumerate(report.cycles)],
+        cycles=[Section(each.title, tuple(_pictures(each, f"c{number}"))) for number, each in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
@@ -132,10 +132,6 @@ def _remarks(report: Report) -> list[str]:
     """Return what is to be said of the printed surfaces beside those of the results."""
     kinds = [ENGINES[view.stored.air_path] for view in report.results if view.stored.extrapolation is not None]
     return list(dict.fromkeys(kind.published.remark for kind in kinds if kind.published is not None))
-
-
-def _cycle(cycle: CycleView, number: int) -> Section:
-    return Section(cycle.title, tuple(_pictures(cycle, f"c{number}")))
 
 
 def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:

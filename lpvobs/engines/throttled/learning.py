@@ -114,7 +114,7 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
     """Return for each balance a first guess of its curve, and the rows of what is believed of deviations from it."""
     nodes = engine.curves
     area = _by_node(joined[0])
-    eta_vol = np.full(joined[1].shape[1], _by_level(joined[1]))
+    eta_vol = np.full(joined[1].shape[1], 1.0 / np.median(joined[1].sum(1)))  # one level, which fits best in the median
     fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
     curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
     shapes = (
@@ -126,11 +126,6 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
         (guess, np.vstack([rough / curvature, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
         for guess, curvature, (rough, slope) in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
     ]
-
-
-def _by_level(columns: Array) -> float:
-    """Return the constant value of a curve that fits best in the median."""
-    return float(1.0 / np.median(columns.sum(1)))
 
 
 def _injector(m_f: Array, columns: Array) -> Array:

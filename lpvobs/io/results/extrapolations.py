@@ -1,12 +1,11 @@
 """The filled map and its quadratic in a result, in HDF5."""
 
 import math
-from dataclasses import dataclass
 
 import h5py
 
 from lpvobs.io.results.axes import Axes, grid_layout
-from lpvobs.io.results.hdf import text, write_group
+from lpvobs.io.results.hdf import Field, text, write_group
 from lpvobs.io.results.mapping import Item, Layout, fields, read
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
@@ -14,19 +13,7 @@ from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
 GROUP = "extrapolation"
 
 
-@dataclass(frozen=True)
-class _Coverage:
-    outer_coverage: float
-
-
-COVERAGE = Layout(
-    _Coverage,
-    {
-        "outer_coverage": Item(
-            "1", "share of outer estimated nodes inside their 90 % interval when fitted without them", gaps=True
-        )
-    },
-)
+OUTER = "share of outer estimated nodes inside their 90 % interval when fitted without them"
 
 
 def quadratic_layout(axes: Axes) -> Layout[QuadraticFit]:
@@ -67,17 +54,13 @@ def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Quadrat
         ]
     )
     contents = fields(grid_layout(axes), grid) | fields(quadratic_layout(axes), fitted, {"coefficient": COEFFICIENTS})
-    contents |= fields(COVERAGE, _Coverage(outer_coverage))
-    group = write_group(file, GROUP, contents)
+    group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, "1", OUTER)})
     for name in ("coefficients", "coefficients_standard_error"):
         group[name].attrs["coefficient_units"] = units
 
 
-def read_extrapolation(file: h5py.File, axes: Axes) -> QuadraticFit | None:
-    """Return what `/extrapolation` holds, None where it is not there."""
-    return read(file[GROUP], quadratic_layout(axes)) if GROUP in file else None
-
-
-def read_outer_coverage(file: h5py.File) -> float:
-    """Return how often the quadratic holds at outer nodes, NaN where there is none."""
-    return read(file[GROUP], COVERAGE).outer_coverage if GROUP in file else math.nan
+def read_extrapolation(file: h5py.File, axes: Axes) -> tuple[QuadraticFit | None, float]:
+    """Return what `/extrapolation` holds, and how often it is right at outer nodes; None and NaN where it is not there."""
+    if GROUP not in file:
+        return None, math.nan
+    return read(file[GROUP], quadratic_layout(axes)), float(file[GROUP]["outer_coverage"][()])

@@ -13,7 +13,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.results.agreement import read_agreement
 from lpvobs.io.results.axes import Axes, axes_of, grid_layout
-from lpvobs.io.results.extrapolations import read_extrapolation, read_outer_coverage, write_extrapolation
+from lpvobs.io.results.extrapolations import read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
 from lpvobs.io.results.log_summaries import LogSummary, read_log_summary, write_log
@@ -84,14 +84,6 @@ def write_result(
             further(file)
 
 
-def add_extrapolation(stored: StoredResult, fitted: QuadraticFit, outer_coverage: float) -> None:
-    """Write `/extrapolation` into a result, all or nothing; `/map` stays as it is.
-
-    `outer_coverage` is the share of outer estimated nodes that the quadratic of the others predicts within their interval.
-    """
-    update(stored, lambda file: write_extrapolation(file, axes_of(file), stored.grid, fitted, outer_coverage))
-
-
 def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
     """Apply a change to a copy of a result that then takes its place.
 
@@ -134,6 +126,7 @@ def read_result(path: Path) -> StoredResult:
         for name, layout in _layouts(*axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
+        extrapolation, outer_coverage = read_extrapolation(file, axes)
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
@@ -143,8 +136,8 @@ def read_result(path: Path) -> StoredResult:
             **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
             logs=tuple(read_log_summary(file, name) for name in logs),
             gain=read_gain_group(file),
-            extrapolation=read_extrapolation(file, axes),
-            outer_coverage=read_outer_coverage(file),
+            extrapolation=extrapolation,
+            outer_coverage=outer_coverage,
             provenance=read_provenance(file),
             agreement=read_agreement(file),
             state=state,
