@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind thresholds docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind thresholds wrong docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -25,6 +25,7 @@ help:
 	@echo 'make test-all them and then the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
+	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
@@ -120,7 +121,10 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
 	$(VENV)/bin/python benchmarks/where.py
-	$(VENV)/bin/python benchmarks/heavy_duty.py
+
+wrong: export OPENBLAS_NUM_THREADS = 1
+wrong: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/wrong_engine.py
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)

@@ -9,6 +9,7 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
+from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_copies, refuse_empty, remove_parts
 from lpvobs.api.jobs import processors
@@ -19,7 +20,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import read_log, read_references
-from lpvobs.io.results.agreement import write_agreement
+from lpvobs.io.results.agreement import write_agreement, write_balance_agreement
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.log_summaries import summary_of
 from lpvobs.io.results.provenance import Provenance
@@ -27,6 +28,7 @@ from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
+from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Watched
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import StateGain
@@ -58,6 +60,8 @@ class EstimateOutput:
     map: NodeCounts
     scatter: Annotated[float, Meta(description="kg/s, of a node between logs")]
     agreement: Sequence[Agreement]
+    balance_agreement: BalanceAgreement
+    doubts: Annotated[Sequence[str], Meta(description="What speaks against logs or engine, a line each.")]
 
 
 def estimate(
@@ -155,6 +159,7 @@ def estimate_logs(
     write_engine = engine_writer(config, air_path, paths)
 
     def further(file: h5py.File) -> None:
+        write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
         if done.agreement:
             write_agreement(file, scatter=done.scatter, logs=done.agreement)
         if write_engine is not None:
@@ -181,12 +186,22 @@ def _one_after_another(
     progress(0.5)
     estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     refuse_empty(estimate)
+    doubts = doubts_of(config, air_path, estimate, ((log.name, _looked_into(config, air_path, log)) for _, log in logs))
     progress(0.9)
     summaries = tuple(
-        summary_of(run, metrics_of(air_path, estimate, path, log))
+        summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
         for (path, log), run in zip(logs, estimate.runs, strict=True)
     )
-    return Estimated(estimate, summaries, refused)
+    return Estimated(estimate, summaries, refused, doubts)
+
+
+def _looked_into(config: Config, air_path: AirPath, log: Log) -> BalanceSums:
+    """Return what the balances say of a log."""
+    uncertain = config.estimate.limited_to(air_path.balance_constants).tolerance
+    watched = Watched(log, air_path, config.grid(), tuple(uncertain), config.kind.suspects)
+    for _ in watched.pieces():
+        pass
+    return watched.sums
 
 
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workplace:
@@ -225,8 +240,7 @@ def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: s
 
         return make_published_gain(config) if method == "published" else make_gain(config, paths, lenient=True)[0]
     stored = read_gain(gain)
-    air_path = config.engine_path()
-    expect_engine(gain, stored, air_path.name, air_path.engine_constants())
+    expect_engine(gain, stored, config)
     expect_proven(gain, check_again(stored))
     return stored
 

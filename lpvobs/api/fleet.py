@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.api.doubts import Doubts, doubts_of
 from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.mix_ups import Suspects
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.parquet import has_references
@@ -25,6 +27,7 @@ from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
+from lpvobs.observer.balance_agreement import Watched
 from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import MapEstimate, merged
 from lpvobs.observer.parts import LogInformation, StateGain, inform
@@ -58,11 +61,14 @@ class Estimated:
         [kg/s], between logs; NaN where it is not known.
     agreement : tuple of Agreement
         Of each log with the map of all; none for a single log or a rival method.
+    doubts : Doubts
+        What speaks against logs and engine.
     """
 
     estimate: MapEstimate
     summaries: tuple[LogSummary, ...]
     refused: tuple[str, ...]
+    doubts: Doubts
     scatter: float = float("nan")
     agreement: tuple[Agreement, ...] = ()
 
@@ -79,6 +85,7 @@ class PartTask:
     policies: LogPolicies
     done: frozenset[str]
     alone: bool
+    suspects: Suspects
 
 
 @dataclass(frozen=True)
@@ -144,23 +151,30 @@ def estimate_fleet(
     store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
     with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
         alone = workplace == Workplace()
-        task = PartTask(Path(), air_path, grid, gain, settings, config.policies, store.done(), alone)
+        task = PartTask(
+            Path(), air_path, grid, gain, settings, config.policies, store.done(), alone, config.kind.suspects
+        )
         found, refusals = _parts(workers, task, paths, store, lambda f: progress(PARTS_SHARE * f))
         estimate, solution = merged(grid, store.parts(found), settings)
         refuse_empty(estimate)
+        sums = ((path.stem, store.read(sha256).balances) for sha256, path in sorted(found.items()))
+        doubts = doubts_of(config, air_path, estimate, sums)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
             scatter, agreement = agreements(grid, solution, store.parts(found), settings)
         rest = 1.0 - PARTS_SHARE
         metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(PARTS_SHARE + 0.9 * rest * f))
-    summaries = {found[run.sha256]: summary_of(run, metrics[run.sha256]) for run in estimate.runs}
+    summaries = {
+        found[run.sha256]: summary_of(run, metrics[run.sha256], doubts.ratios[run.name]) for run in estimate.runs
+    }
     compared_with_all = {item.name: item for item in agreement}
     used = [path for path in paths if path in summaries]
     return Estimated(
         estimate=estimate,
         summaries=tuple(summaries[path] for path in used),
         refused=refusals,
+        doubts=doubts,
         scatter=scatter,
         agreement=tuple(compared_with_all[path.stem] for path in used if path.stem in compared_with_all),
     )
@@ -212,10 +226,11 @@ def part_of(task: PartTask) -> PartOutcome:
         sha256 = log.sha256
         if sha256 in task.done:
             return PartOutcome(sha256)
-        part = inform(task.air_path, task.grid, task.gain, log, task.settings)
+        watched = Watched(log, task.air_path, task.grid, tuple(task.settings.tolerance), task.suspects)
+        part = inform(task.air_path, task.grid, task.gain, watched, task.settings)
     except DataError as error:
         return PartOutcome(sha256, refusal=str(error))
-    return PartOutcome(sha256, StoredPart(part, log.kept))
+    return PartOutcome(sha256, StoredPart(part, log.kept, watched.sums))
 
 
 def compared(task: MetricsTask) -> Metrics:

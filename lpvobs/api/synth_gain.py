@@ -120,7 +120,7 @@ def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> t
         gain = synthesise(problem, falling_gain=settings.falling_gain, cascade=settings.cascade, decay=settings.decay)
     except NotProven as refusal:
         raise NotProven(f"{refusal}; {_what_is_feasible(problem, settings)}") from None
-    return _stored("synthesised", air_path, settings.outputs, gain, bounds), digests
+    return _stored("synthesised", air_path, settings.outputs, gain, bounds, settings.temperatures), digests
 
 
 def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
@@ -158,13 +158,10 @@ def make_published_gain(config: Config, column: str | None = None) -> StoredGain
     if column not in printed.bounds:
         raise UsageError(f"--published {column}: unknown; expected one of {', '.join(printed.bounds)}")
     rho = dict(zip(air_path.parameter_names, printed.bounds[column], strict=False))
-    region = _region(
-        air_path,
-        rho | dict(air_path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})),
-        (),
-    )
+    temperatures = {name: (T, T) for name, T in config.published.temperatures.items()}
+    region = _region(air_path, rho | dict(air_path.rate_bounds(temperatures)), ())
     gain = certify_fixed_gain(problem_of(air_path, printed.outputs, region), printed.L, printed.epsilon)
-    return _stored(f"{printed.source}, proven on Table 1, {column}", air_path, printed.outputs, gain, {})
+    return _stored(f"{printed.source}, proven on Table 1, {column}", air_path, printed.outputs, gain, {}, temperatures)
 
 
 def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> GainProblem:
@@ -216,8 +213,12 @@ def _region(air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: 
 
 
 def _stored(
-    origin: str, air_path: AirPath, outputs: tuple[str, ...], gain: Gain, bounds: Mapping[str, Array]
+    origin: str,
+    air_path: AirPath,
+    outputs: tuple[str, ...],
+    gain: Gain,
+    bounds: Mapping[str, Array],
+    temperatures: Mapping[str, tuple[float, float]],
 ) -> StoredGain:
-    return StoredGain(
-        origin, air_path.name, dict(air_path.engine_constants()), air_path.state_names, outputs, gain, bounds
-    )
+    constants = dict(air_path.engine_constants())
+    return StoredGain(origin, air_path.name, constants, air_path.state_names, outputs, gain, bounds, temperatures)

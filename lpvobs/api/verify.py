@@ -6,38 +6,49 @@ from functools import partial
 from lpvobs.api.files import File, as_path
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
-from lpvobs.io.results.gains import StoredGain, read_gain
+from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.problem import GainProblem
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerifyOutput(Certificate):
-    """A certificate proven again, or not."""
+    """A certificate proven again, or not, and which engine and temperatures its region belongs to."""
 
     gain: str
     region: str
+    made_for: str
 
 
-def verify(gain: File) -> Certificate:
+def verify(gain: File, config: File | None = None) -> Certificate:
     """Prove a stored gain again in rational arithmetic, without the solver, and return the certificate.
+
+    Parameters
+    ----------
+    gain : path
+    config : path, optional
+        The engine that it has to be for.
 
     Raises
     ------
     NotProven
         If the stored numbers do not prove Theorem 1 on the stored region.
     DataError
-        If the file cannot be used.
+        If the file cannot be used, or is for another engine.
     """
-    _, certificate = check_stored(gain)
+    _, certificate = check_stored(gain, config)
     expect_proven(gain, certificate)
     return certificate
 
 
-def check_stored(gain: File) -> tuple[StoredGain, Certificate]:
+def check_stored(gain: File, config: File | None = None) -> tuple[StoredGain, Certificate]:
     """Return a stored gain and what came of the proof, which may be that nothing is proven; raises DataError as `verify`."""
     stored = read_gain(as_path(gain))
-    return stored, check_again(stored)
+    certificate = check_again(stored)
+    if config is not None:
+        expect_engine(as_path(gain), stored, load_config(as_path(config))[0])
+    return stored, certificate
 
 
 def expect_proven(gain: File, certificate: Certificate) -> None:

@@ -8,6 +8,9 @@ import typer
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, loading, print_json, progress, say, table
 from lpvobs.cli.options import METHODS, ConfigOption, JsonOption, LogsArgument, file_option, offer
 
+MOST_LINES = 5
+"""Doubts that are shown; of a fleet with a wrong constant every log has one."""
+
 
 @guarded
 def estimate(
@@ -71,6 +74,8 @@ def estimate(
             map=NodeCounts(nodes=found.grid.size, estimated=nodes),
             scatter=done.scatter,
             agreement=done.agreement,
+            balance_agreement=done.doubts.agreement,
+            doubts=done.doubts.says,
         )
         print_json("estimate", content)
     else:
@@ -79,9 +84,15 @@ def estimate(
             print("\n" + table(*agreement_rows(done.agreement)))
             say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
+        if done.doubts.agreement.where:
+            say(f"the balances differ by {done.doubts.agreement.ratio:.2f} times what noise and tolerances allow")
     for item in done.agreement:
         if item.disagrees:
             say(
                 f"lpvobs: {item.name}: disagrees with the map of all logs by {1e3 * item.mean_difference:+.3g} g/s on average"
             )
+    for line in done.doubts.says[:MOST_LINES]:
+        say(f"lpvobs: {line}")
+    if len(done.doubts.says) > MOST_LINES:
+        say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more, see --json")
     leave(done.refused)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Protocol
 from lpvobs.engines.channels import Channel, Recorded
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.records import Array, Log
 
@@ -216,6 +217,8 @@ class EngineKind:
     known_drive : callable, optional
         A log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a function of
         the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`.
+    suspects : Suspects
+        What its logs are tried for beyond impossible readings.
     """
 
     air_path: type[AirPath]
@@ -227,6 +230,7 @@ class EngineKind:
     plant: str = ""
     published: Published | None = None
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
+    suspects: Suspects = NONE_SUSPECTED
 
     @property
     def name(self) -> str:

@@ -25,6 +25,8 @@ class Channel:
         A channel that this one does not fall below by more than so much, in a healthy engine.
     reaches : float
         What some sample of every log reaches.
+    follows : tuple of str
+        Channels of which a connected sensor follows at least one while they move.
     """
 
     unit: str
@@ -35,6 +37,7 @@ class Channel:
     still: float = math.inf
     above: tuple[str, float] | None = None
     reaches: float = -math.inf
+    follows: tuple[str, ...] = ()
 
 
 AMBIENT: dict[str, Channel] = {

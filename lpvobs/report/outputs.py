@@ -35,6 +35,9 @@ class LogOutput:
     repeated: Count
     duration: Seconds
     share_certified: Fraction
+    balance_ratio: Annotated[
+        float, Meta(description="Disagreement of the balances over what noise and tolerances allow: about 1 or less.")
+    ]
     mean_relative_error: Fraction
     share_left_out: Fraction
     rms_ratio: Fraction

@@ -131,6 +131,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
             configuration.policies,
             frozenset(),
             True,
+            configuration.kind.suspects,
         )
         outcome = part_of(task)
         folder.keep(outcome.stored)

@@ -187,6 +187,21 @@ def _(bench):
 
 @case(
     "Samples",
+    "unplugged: `W_maf` follows neither speed nor pressure nor turbo, at zero or elsewhere",
+    "refuse",
+    IN_REFUSAL,
+)
+def _(bench):
+    noise = np.random.default_rng(1).standard_normal(N)
+    for level, spread in ((0.0, 0.0), (0.11, 0.0), (0.0, 1e-4), (0.11, 1e-4)):
+        bench.log["W_maf"] = level + spread * noise
+        bench.write().refused("'W_maf'", "unplugged", "n_e, p_im, omega_t")
+    bench.log["n_e"], bench.log["p_im"], bench.log["omega_t"] = 2000.0 + noise, 1.2e5 + noise, 8000.0 + noise
+    bench.write().kept(N)  # an engine that stands at one point on a bench gives nothing to follow
+
+
+@case(
+    "Samples",
     "saturated: piled up at the very top, in runs, three times as often as just below it (pressures, speeds, flow)",
     "drop",
     "count by channel, first time stamp",

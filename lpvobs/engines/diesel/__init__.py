@@ -7,6 +7,7 @@ from lpvobs.engines.diesel.known_drive import drive
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.engines.diesel.recorded import RECORDED
+from lpvobs.engines.diesel.suspects import SUSPECTS
 from lpvobs.engines.residual_model import DayToDay
 
 ENGINE = EngineKind(
@@ -18,4 +19,5 @@ ENGINE = EngineKind(
     plant="nine states",
     published=PUBLISHED,
     known_drive=drive,
+    suspects=SUSPECTS,
 )

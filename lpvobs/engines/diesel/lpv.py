@@ -84,7 +84,9 @@ class Diesel:
         "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
         "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", 300.0, ("T_amb", 40.0)),
         **AMBIENT,
-        "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0),
+        "W_maf": Channel(
+            "kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0, follows=("n_e", "p_im", "omega_t")
+        ),
     }
 
     @cached_property

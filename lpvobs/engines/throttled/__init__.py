@@ -6,6 +6,7 @@ from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.engines.throttled.recorded import RECORDED
+from lpvobs.engines.throttled.suspects import SUSPECTS
 from lpvobs.engines.throttled.taught import errors_of
 
 ENGINE = EngineKind(
@@ -15,4 +16,5 @@ ENGINE = EngineKind(
     example="liu-ice.toml",
     residual_model=residual_model,
     errors=errors_of,
+    suspects=SUSPECTS,
 )

@@ -58,7 +58,7 @@ class Throttled:
         "T_ic": Channel("K", 200.0, 500.0, (230.0, 420.0), "temperature before the throttle"),
         "p_im": Channel("Pa", 3e3, 6e5, (8e3, 4e5), "intake manifold pressure"),
         **AMBIENT,
-        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor"),
+        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor", follows=("n_e", "p_im", "alpha_th")),
     }
 
     def knowledge(self) -> Knowledge | None:

@@ -24,6 +24,9 @@ MOST_IMPOSSIBLE = 0.1
 """Share of a channel's readings outside its possible range that a fault of the sensor explains; more is a wrong unit."""
 MOST_BELOW = 0.02
 """Share of a channel's readings that may lie below what bounds it physically; more is a wrong unit."""
+MOVES, RESTS, DEAD = 0.05, 0.01, 0.2
+"""Standard deviation over the typical range from which on a channel moves, and to which it stands but for noise; and the
+correlation with channels that move under which it follows none."""
 FASTEST = 2e-4
 """[s] Smallest median step of a log. Times in milliseconds or minutes that are called seconds lie far from it."""
 MOVING, MOVERS = 0.3, 2
@@ -118,6 +121,7 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
         In one line that names channel, reading, expectation.
     """
     for name, channel in channels.items():
+        _refuse_dead(path, name, values, channels)
         _refuse_channel(path, name, values[name], channel)
     for name in channels:
         _refuse_below(path, name, values, channels)
@@ -177,6 +181,29 @@ def spoiled(
         ):
             if samples.size:
                 yield DefectFound(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
+
+
+def _refuse_dead(path: Path, name: str, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+    """Refuse a sensor that follows nothing although the engine moves, as one does that is unplugged."""
+    follows = channels[name].follows
+    chosen = np.logical_and.reduce([_possible(values[each], channels[each]) for each in (name, *follows)])
+    if not follows or np.count_nonzero(chosen) <= 0.5 * chosen.size:  # else another rule says why
+        return
+    column = values[name][chosen]
+    others = [values[each][chosen] for each in follows if _spread(values[each][chosen], channels[each]) > MOVES]
+    if not others or _spread(column, channels[name]) > RESTS:
+        return
+    if column.std() > 0.0 and max(abs(np.corrcoef(column, other)[0, 1]) for other in others) > DEAD:
+        return
+    raise DataError(
+        f"{path}: channel '{name}' stays at {np.median(column):.4g} {channels[name].unit} and follows none of "
+        f"{', '.join(follows)}: the sensor is unplugged or dead; connect it and record again"
+    )
+
+
+def _spread(column: Array, channel: Channel) -> float:
+    """Return the standard deviation over the width of the range in which medians lie."""
+    return float(column.std() / np.ptp(channel.typical))
 
 
 def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> None:

@@ -1,9 +1,12 @@
-"""How far each log is from the map of all: `/agreement` of a result."""
+"""How far each log is from the map of all, and how far the balances agree: `/agreement` and `/balance_agreement` of a result."""
+
+from collections.abc import Sequence
 
 import h5py
 
 from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import Item, Layout, read_rows, rows
+from lpvobs.io.results.mapping import Item, Layout, fields, read_rows, rows
+from lpvobs.observer.balance_agreement import BalanceAgreement
 from lpvobs.observer.disagreement import Agreement
 
 AGREEMENT = Layout(
@@ -19,6 +22,8 @@ AGREEMENT = Layout(
     row="log",
 )
 
+BALANCES = Layout(BalanceAgreement, {}, attributes=("ratio", "p_value", "where"))
+
 
 def write_agreement(file: h5py.File, scatter: float, logs: tuple[Agreement, ...]) -> None:
     """Write how far each log's own map is from the common one."""
@@ -29,3 +34,8 @@ def write_agreement(file: h5py.File, scatter: float, logs: tuple[Agreement, ...]
 def read_agreement(file: h5py.File) -> tuple[Agreement, ...]:
     """Return it; nothing for a result of a single log."""
     return read_rows(file["agreement"], AGREEMENT) if "agreement" in file else ()
+
+
+def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]) -> None:
+    """Write how far the balances agree, and what speaks against logs and engine, a line each."""
+    write_group(file, "balance_agreement", fields(BALANCES, found) | {"doubts": "\n".join(doubts)})

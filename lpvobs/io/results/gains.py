@@ -1,13 +1,16 @@
 """A gain with its certificate, in a file of its own and inside every result that it made."""
 
+import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
+import msgspec
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.configuration.config import Config
 from lpvobs.io.results.hdf import creating, reading, write_group
 from lpvobs.io.results.mapping import ENDS, Item, Layout, fields, read, read_rows, rows, values
 from lpvobs.io.results.provenance import Provenance
@@ -18,6 +21,7 @@ from lpvobs.synthesis.region import Region
 
 KIND = "gain"
 REMEDY = "make it with `lpvobs synth-gain`"
+Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class StoredGain:
     gain : Gain
     log_bounds : mapping of str to ndarray, shape (2, m)
         Smallest and largest scheduling parameters of each log.
+    temperatures : mapping of str to tuple of float
+        [K], ranges that the region was made for.
     """
 
     origin: str
@@ -45,6 +51,13 @@ class StoredGain:
     outputs: tuple[str, ...]
     gain: Gain
     log_bounds: Mapping[str, Array]
+    temperatures: Mapping[str, Range] = field(default_factory=dict)
+
+    def made_for(self) -> str:
+        """Return in words which engine and temperatures the region belongs to; the digest is of the engine's constants."""
+        digest = hashlib.sha256(msgspec.json.encode(self.engine, order="sorted")).hexdigest()[:12]
+        ranges = [f"{name} {low:g} to {high:g} K" for name, (low, high) in self.temperatures.items()]
+        return f"a {self.air_path} engine, constants {digest}; {', '.join(ranges) or 'temperatures unknown'}"
 
 
 @dataclass(frozen=True)
@@ -65,7 +78,7 @@ class _LogBounds:
 STORED = Layout(
     StoredGain,
     {"state": Item("1", "state", of="states")},
-    attributes=("origin", "air_path", "engine", "outputs"),
+    attributes=("origin", "air_path", "engine", "outputs", "temperatures"),
 )
 GAIN = Layout(
     Gain,
@@ -158,15 +171,21 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
     return read(group, STORED, gain=gain, log_bounds=logs)
 
 
-def expect_engine(path: Path, stored: StoredGain, air_path: str, engine: Mapping[str, float]) -> None:
-    """Raise DataError unless the gain was made for this engine."""
-    if stored.air_path != air_path:
+def expect_engine(path: Path, stored: StoredGain, config: Config) -> None:
+    """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
+    if stored.air_path != config.air_path:
         raise DataError(
-            f"{path}: gain for air path '{stored.air_path}', the configuration has '{air_path}'; {REMEDY} again"
+            f"{path}: gain for air path '{stored.air_path}', the configuration has '{config.air_path}'; {REMEDY} again"
         )
-    for name, value in engine.items():
+    for name, value in config.engine_path().engine_constants().items():
         if stored.engine.get(name) != value:
             raise DataError(
                 f"{path}: gain for another engine: {name} is {stored.engine.get(name)} there and {value:g} in the configuration; "
                 f"{REMEDY} from this configuration"
+            )
+    for name, (low, high) in stored.temperatures.items():
+        if low < high and (low, high) != config.gain.temperatures.get(name):
+            raise DataError(
+                f"{path}: gain for other temperatures: {name} is {low:g} to {high:g} K there and not in [gain.temperatures] of the "
+                f"configuration; {REMEDY} from this configuration"
             )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import nan
 
 import h5py
 
@@ -49,6 +50,8 @@ class LogSummary:
         Share of the samples inside the region that the gain's certificate covers.
     lower, upper : ndarray, shape (m,)
         Range of the scheduling parameters along the log.
+    balance_ratio : float
+        Disagreement of the balances over what is to be expected of it; NaN where there is one balance.
     metrics : Metrics or None
         None where the log has no references.
     """
@@ -66,10 +69,11 @@ class LogSummary:
     share_certified: float
     lower: Array
     upper: Array
+    balance_ratio: float
     metrics: Metrics | None
 
 
-def summary_of(run: LogRun, metrics: Metrics | None) -> LogSummary:
+def summary_of(run: LogRun, metrics: Metrics | None, balance_ratio: float = nan) -> LogSummary:
     """Return what a result keeps of a log."""
     return LogSummary(
         name=run.name,
@@ -85,6 +89,7 @@ def summary_of(run: LogRun, metrics: Metrics | None) -> LogSummary:
         share_certified=run.share_certified,
         lower=run.lower,
         upper=run.upper,
+        balance_ratio=balance_ratio,
         metrics=metrics,
     )
 
@@ -97,7 +102,18 @@ SUMMARY = Layout(
         "share_certified": Item("1", "share of samples inside the region of the certificate", gaps=True),
     },
     {"parameter": "scheduling parameter"},
-    ("sha256", "samples", "samples_read", "dropped_rows", "gaps", "repeated", "duration", "dropped", "found"),
+    (
+        "sha256",
+        "samples",
+        "samples_read",
+        "dropped_rows",
+        "gaps",
+        "repeated",
+        "duration",
+        "dropped",
+        "found",
+        "balance_ratio",
+    ),
 )
 
 

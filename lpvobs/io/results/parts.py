@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from lpvobs import __version__
 from lpvobs.errors import DataError
 from lpvobs.io.results.mapping import element_of
+from lpvobs.observer.balance_agreement import BalanceSums
 from lpvobs.observer.parts import LogInformation, StateGain
 
-FORMAT = 3
+FORMAT = 4
 ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
@@ -33,10 +34,11 @@ MOST_BYTES = 2**29
 
 @dataclass(frozen=True)
 class StoredPart:
-    """The part of a log, and which rows of its file were used, eight in a byte, slab by slab."""
+    """The part of a log, which rows of its file were used, eight in a byte, slab by slab, and what its balances say."""
 
     part: LogInformation
     kept: tuple[NDArray[np.uint8], ...]
+    balances: BalanceSums
 
 
 @dataclass(frozen=True)

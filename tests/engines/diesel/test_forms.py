@@ -11,7 +11,6 @@ from repository import CONFIGS
 
 from lpvobs.engines.diesel import forms
 from lpvobs.engines.diesel import relations as relation
-from lpvobs.engines.diesel.balances import turbine as expanded
 from lpvobs.engines.diesel.constants import COMPRESSOR_FORMS, TURBINE_FORMS, constants_of, own_constants
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import UsageError
@@ -76,15 +75,6 @@ def test_the_loss_begins_at_its_speed(truck):
     c = constants_of(truck)
     assert forms.turbine_loss(c, 0.99 * c.c_m2) == 0.0
     assert forms.turbine_loss(c, 3.0 * c.c_m2) == pytest.approx(c.c_m1 * (2.0 * c.c_m2) ** c.c_m3)
-
-
-def test_an_exhaust_without_back_pressure_has_balances(truck):
-    """As published: a factor on nothing is nothing, and divides nothing."""
-    c = constants_of(replace(truck, turbine=replace(truck.turbine, k_exhaust=0.0)))
-    for factor in (1.0, 3.0):
-        W_t, Pi_t = expanded(c, factor * c.k_exhaust, 2e5, 50.0, 700.0, 1e5)
-        assert Pi_t == 0.5
-        assert W_t == pytest.approx(relation.turbine(c, 2e5, 50.0, 700.0, 1e5)[0] * 2e5)
 
 
 def test_an_engine_has_the_constants_of_its_own_forms(truck, engine):

@@ -76,7 +76,7 @@ def test_references_come_at_the_rows_that_were_kept(write, columns, slab):
 
 
 def test_a_stretch_that_no_engine_shows_is_left_out_of_a_long_log_only(write, columns, monkeypatch):
-    columns["n_e"][100:150] = 0.0  # parked
+    columns["n_e"][100:150], columns["W_maf"][100:150] = 0.0, 1e-3  # parked
     path = write(columns)
     assert len(read_log(path, Diesel.channels, LogPolicies())) == 200  # a quarter does not move the median
     monkeypatch.setattr(reading, "SLAB", 50)

@@ -10,6 +10,7 @@ import pytest
 
 from lpvobs.errors import DataError
 from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, StoredPart, part_bytes, part_of_bytes
+from lpvobs.observer.balance_agreement import BalanceSums
 from lpvobs.observer.parts import LogInformation, LogRun
 from lpvobs.records import DefectFound, Defects
 
@@ -22,7 +23,9 @@ def part(sha256):
     defects = Defects(12, {"p_im": 2}, dropped_rows=2, findings=found)
     run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
     sums = (np.full((2, *shape), 0.1) for shape in ((4, 4), (4, 4), (4,), (7, 4)))
-    return StoredPart(LogInformation(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),))
+    shapes = ((2,), (2,), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,))
+    balances = BalanceSums(*(np.full(shape, 0.2) for shape in shapes))
+    return StoredPart(LogInformation(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),), balances)
 
 
 @pytest.fixture

@@ -1,0 +1,8 @@
+"""What the logs of a throttled engine are tried for."""
+
+from lpvobs.engines.mix_ups import Suspects, below, exchanged
+
+SUSPECTS = Suspects(
+    checks=(below("p_ic", "p_im", 0.5), below("T_ic", "T_amb", 0.9)),
+    mix_ups=tuple(exchanged(*pair) for pair in (("p_ic", "p_im"), ("p_ic", "p_amb"), ("T_ic", "T_amb"))),
+)

@@ -1,0 +1,237 @@
+"""How far the engine's balances agree, and which mistake in the log would make them agree.
+
+Every balance is a flow past the sensor that owes nothing to the sensor, so the difference of two holds neither its error nor the
+map. In a cell of the map it is noise, which visits average out, what the constants may be off within their tolerance, and what the
+model leaves out. Where it is far more, a constant is wrong, the log is of another engine, or its channels are mixed up.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.mix_ups import Channels, Suspects
+from lpvobs.errors import DataError
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.records import Array, Defects, Log, Piece, Recording
+
+BLOCK = 0.2
+"""[s] over which all channels are averaged first: noise goes, transients stay, and it costs little."""
+CHUNK = 1 << 14
+"""Blocks that are held in memory at a time."""
+LEAST_BLOCKS = 5
+"""In a cell that is compared: a second."""
+LEFT_OUT = 0.02
+"""Share of the flow that a balance may be off in a cell for what its equations leave out, constants being right."""
+DISAGREE = 2.5
+"""Ratio from which on balances disagree. 24 right drives with constants within 1 % had 1.6 at most, a displacement that is off by
+20 % had 3.4 at least, exchanged channels 3.6 (`benchmarks/results/wrong_engine.md`)."""
+MENDED = 0.5
+"""Share of the root mean square of the difference that is left, at most, where a mistake is put right. On 24 right drives each
+mistake of a diesel made it 2.8 times larger at least; with constants off by 20 % none left less than 0.6 of it."""
+
+
+@dataclass(frozen=True)
+class BalanceSums:
+    """Sums over blocks of a log in every cell of the grid; those of logs add up. D pairs of balances: the first, and each other.
+
+    Attributes
+    ----------
+    blocks : ndarray, shape (cells,)
+    reading : ndarray, shape (cells,)
+        [kg/s], of the sensor.
+    flow, difference : ndarray, shape (cells, D)
+        [kg/s], mean and difference of the balances of a pair.
+    power : ndarray, shape (D, 1 + H)
+        [kg^2/s^2], square of the difference over all cells, on the log as it is and with each of H mistakes put right.
+    slope : ndarray, shape (cells, D, q)
+        [kg/s], of the difference by the relative change of each uncertain constant.
+    visits : ndarray, shape (cells, D, 3)
+        Over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2.
+    broken : ndarray, shape (checks,)
+        Blocks in which the check is broken.
+    """
+
+    blocks: Array
+    reading: Array
+    flow: Array
+    difference: Array
+    power: Array
+    slope: Array
+    visits: Array
+    broken: Array
+
+    def __add__(self, other: "BalanceSums") -> "BalanceSums":
+        """Return the sums of two logs."""
+        return BalanceSums(**{name: value + getattr(other, name) for name, value in vars(self).items()})
+
+    def mended_by(self) -> int | None:
+        """Return which mistake, put right, makes balances agree far better; None where none does."""
+        left = np.sqrt(self.power.max(axis=0, initial=0.0))
+        best = 1 + int(np.argmin(left[1:])) if left.size > 1 else 0
+        return best - 1 if best and left[best] < MENDED * left[0] else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BalanceAgreement:
+    """How far the balances agree.
+
+    Attributes
+    ----------
+    ratio : float
+        Root mean square over the map of their difference over its standard deviation; NaN where there is one balance.
+    p_value : float
+        Of a larger one, if noise, tolerances and what the model leaves out were all there is.
+    where : mapping of str to tuple of float
+        The cell where they disagree most, by axis.
+    """
+
+    ratio: float = nan
+    p_value: float = nan
+    where: Mapping[str, tuple[float, float]]
+
+
+class Watched:
+    """A recording that is looked into while somebody else goes through it; how it is cut into pieces changes no bit of the sums."""
+
+    def __init__(
+        self, recording: Recording, air_path: AirPath, grid: Grid, uncertain: Sequence[str], suspects: Suspects
+    ):
+        self.recording, self.look = recording, (air_path, grid, tuple(uncertain), suspects)
+        self.name, self.sha256 = recording.name, recording.sha256
+        self._sums: BalanceSums | None = None
+
+    @property
+    def defects(self) -> Defects:
+        """What was found and done on reading."""
+        return self.recording.defects
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the samples in order."""
+        self._sums, rest, means = None, Channels(), Channels()
+        for piece in self.recording.pieces():
+            rest = _joined(rest, {"time": piece.time, "begins": piece.begins.astype(float), **piece.channels})
+            first = _block_starts(rest)
+            means = _joined(means, _block_means(rest, first))
+            rest = {name: column[first[-1] :].copy() for name, column in rest.items()}  # may go on in the next piece
+            while means["time"].size >= CHUNK:
+                self._add({name: column[:CHUNK] for name, column in means.items()})
+                means = {name: column[CHUNK:] for name, column in means.items()}
+            yield piece
+        if rest:
+            self._add(_joined(means, _block_means(rest, np.array([0, rest["time"].size]))))
+
+    def _add(self, means: Channels) -> None:
+        sums = sums_of(means, *self.look)
+        self._sums = sums if self._sums is None else self._sums + sums
+
+    @property
+    def sums(self) -> BalanceSums:
+        """The sums of what has been gone through; raises DataError where that is nothing."""
+        if self._sums is None:
+            raise DataError(f"log '{self.name}': no sample was gone through; expected some; record or export it again")
+        return self._sums
+
+
+def _joined(one: Channels, other: Channels) -> Channels:
+    return {name: np.concatenate((one[name], column)) if one else column for name, column in other.items()}
+
+
+def _block_starts(columns: Channels) -> NDArray[np.int64]:
+    """Return the first sample of every block; none reaches across a gap."""
+    entered = np.diff(np.floor(columns["time"] / BLOCK), prepend=-np.inf) > 0.0
+    return np.flatnonzero((columns["begins"] > 0.0) | entered)
+
+
+def _block_means(columns: Channels, first: NDArray[np.int64]) -> Channels:
+    """Return the means of all columns from each block's first sample to the next one's."""
+    if first.size < 2:
+        return {name: np.empty(0) for name in columns}
+    return {name: np.add.reduceat(v[: first[-1]], first[:-1]) / np.diff(first) for name, v in columns.items()}
+
+
+def sums_of(
+    means: Channels, air_path: AirPath, grid: Grid, uncertain: tuple[str, ...], suspects: Suspects
+) -> BalanceSums:
+    """Return the sums over blocks, from the means of their channels."""
+    flow, slope = _balances(air_path, means, uncertain)
+    difference, power = flow[1:] - flow[0], [np.sum((flow[1:] - flow[0]) ** 2, axis=1)]
+    for mix_up in suspects.mix_ups:
+        mended = mix_up.mended(means)
+        impossible = any(check.broken(mended).mean() > check.most for check in suspects.checks)
+        with np.errstate(all="ignore"):  # a mistake that is none may leave nothing possible
+            other, _ = _balances(air_path, mended, ())
+        left = np.sum((other[1:] - other[0]) ** 2, axis=1)
+        power.append(np.where(np.isfinite(left) & (not impossible), left, np.inf))
+    fuel, speed = (means[axis.channel] for axis in air_path.axes)
+    cell = cell_numbers(grid, grid.regressors(fuel, speed)[0])
+    cells = (grid.shape[0] - 1) * (grid.shape[1] - 1)
+
+    def by_cell(where: NDArray[np.int64], values: Array) -> Array:
+        total = np.zeros((cells, *values.shape[1:]))
+        np.add.at(total, where, values)
+        return total
+
+    one = np.ones(cell.size)
+    entered = np.flatnonzero(np.diff(cell, prepend=-1))
+    s, n = np.add.reduceat(difference.T, entered), np.add.reduceat(one, entered)[:, None]
+    return BalanceSums(
+        blocks=by_cell(cell, one),
+        reading=by_cell(cell, means[air_path.sensor]),
+        flow=by_cell(cell, 0.5 * (flow[1:] + flow[0]).T),
+        difference=by_cell(cell, difference.T),
+        power=np.stack(power, axis=1),
+        slope=by_cell(cell, np.moveaxis(slope[1:] - slope[0], -1, 0)),
+        visits=by_cell(cell[entered], np.stack([s * s, s * n, n * n + 0.0 * s], axis=2)),
+        broken=np.array([float(np.count_nonzero(check.broken(means))) for check in suspects.checks]),
+    )
+
+
+def _balances(air_path: AirPath, means: Channels, uncertain: tuple[str, ...]) -> tuple[Array, Array]:
+    """Return the flows of all balances [kg/s] and their slopes by the constants; states and rates are those of the means."""
+    time = means["time"]
+    rates = {name: np.gradient(means[name], time) if time.size > 1 else np.zeros(1) for name in air_path.smoothed}
+    log = Log("", "", time, means, {}, ((0, time.size),), np.arange(time.size), Defects(time.size))
+    found = air_path.balances(log, rates, uncertain)
+    return found.flow, found.slope
+
+
+def agreement(grid: Grid, sums: BalanceSums, constants_variance: Array, axes: Sequence[str]) -> BalanceAgreement:
+    """Return how far the balances agree: of the pair that does so least.
+
+    Parameters
+    ----------
+    grid : Grid
+    sums : BalanceSums
+        Of a log, or of several added up.
+    constants_variance : ndarray, shape (q,)
+        Of the relative constants that the slopes are by.
+    axes : sequence of str
+        Names of the map's axes, fuel first.
+    """
+    cells = np.flatnonzero(sums.blocks >= LEAST_BLOCKS)
+    n = sums.blocks[cells]
+    share, pairs = n / max(n.sum(), 1.0), sums.difference.shape[1]
+    worst = BalanceAgreement(where={})
+    for pair in range(pairs) if cells.size else ():
+        mean, flow, slope = (of[cells, pair].T / n for of in (sums.difference, sums.flow, sums.slope))
+        ss, sn, nn = sums.visits[cells, pair].T
+        own = np.maximum(ss - 2.0 * mean * sn + mean**2 * nn, 0.0) / n**2
+        noise = own + np.median(own * n) / n  # a cell that was visited once has none of its own
+        covariance = np.diag(noise + (LEFT_OUT * flow) ** 2) + slope.T * constants_variance @ slope
+        scale = np.sqrt(np.diag(covariance))
+        squares = share * (mean / scale) ** 2
+        # The probability of a larger sum of correlated chi-squares, as of one with the same mean, 1, and variance, twice `half`.
+        half = float(share @ (covariance / np.outer(scale, scale)) ** 2 @ share)
+        p_value = min(1.0, pairs * float(gammaincc(0.5 / half, 0.5 * squares.sum() / half)))
+        row, column = divmod(int(cells[np.argmax(squares)]), grid.fuel.size - 1)
+        ends = (grid.fuel[column : column + 2].tolist(), grid.speed[row : row + 2].tolist())
+        where = {axis: (low, high) for axis, (low, high) in zip(axes, ends, strict=True)}
+        if not worst.ratio >= (ratio := float(np.sqrt(squares.sum()))):  # the first is better than NaN
+            worst = BalanceAgreement(ratio=ratio, p_value=p_value, where=where)
+    return worst
