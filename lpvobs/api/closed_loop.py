@@ -133,6 +133,9 @@ def close(
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
+    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map and others did not,
+    and nothing says what holds; if a log is there twice.
+
     Parameters
     ----------
     path : Path
@@ -146,13 +149,6 @@ def close(
         Takes the fraction done.
     anew : bool
         Whether a map would be made that replaces the stored one.
-
-    Raises
-    ------
-    DataError
-        If the result cannot be used, or no log can.
-    UsageError
-        If some of the logs made the map and others did not, and nothing says what holds; if a log is there twice.
     """
     stored = read_result(path)
     engine = known_engine(stored)

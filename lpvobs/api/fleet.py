@@ -120,6 +120,8 @@ def estimate_fleet(
 ) -> Estimated:
     """Return the map of all logs that can be used.
 
+    Raises UsageError for two logs of the same bytes; DataError if no log can be used, or they inform no node.
+
     Parameters
     ----------
     config : Config
@@ -134,13 +136,6 @@ def estimate_fleet(
         Takes the fraction done.
     air_path : AirPath
         The engine, with what it has learned from the logs.
-
-    Raises
-    ------
-    UsageError
-        For two logs of the same bytes.
-    DataError
-        If no log can be used, or they inform no node.
     """
     refuse_copies(paths)
     grid = config.grid()

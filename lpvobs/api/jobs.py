@@ -54,18 +54,13 @@ class Workers:
     def finished(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
         """Yield the number and the result of each task as it finishes.
 
+        Raises UsageError if Dask is not installed or its scheduler cannot be reached; DataError if a worker dies with its task.
+
         Parameters
         ----------
         function : callable
             Of a module, so that other processes can import it.
         tasks : sequence
-
-        Raises
-        ------
-        UsageError
-            If Dask is not installed or its scheduler cannot be reached.
-        DataError
-            If a worker dies with its task.
         """
         if self.scheduler is not None:
             return _on_cluster(function, tasks, self.scheduler)

@@ -35,10 +35,7 @@ class Traced:
 def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:
     """Return the logs that can be used with their paths, and why the others cannot.
 
-    Raises
-    ------
-    DataError
-        If there are logs, and none can be used.
+    Raises DataError if there are logs, and none can be used.
     """
     logs: list[LogAt] = []
     refused: list[str] = []

@@ -46,6 +46,8 @@ def estimate_refined(
 ) -> RefinedEstimate:
     """Return the map from logs, by the default method.
 
+    Raises NotProven if an effect adds a state and the larger observer cannot be proven.
+
     Parameters
     ----------
     engine : KnownEngine
@@ -56,11 +58,6 @@ def estimate_refined(
         Relative deviation of constants of the engine from the configured ones.
     logs : sequence of (Path, Log)
         With their auxiliary channels.
-
-    Raises
-    ------
-    NotProven
-        If an effect adds a state and the larger observer cannot be proven.
     """
     refined = refined_model(engine, gain, effects, constants)
     air_path, grid = refined.air_path, engine.config.grid()

@@ -96,19 +96,14 @@ def synth_gain(
 def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
 
+    Raises NotProven if no gain can be proven for the region; DataError if a log cannot be used.
+
     Parameters
     ----------
     config : Config
     paths : sequence of Path
     lenient : bool
         Leave out logs that cannot be used, which whoever uses the gain will meet again.
-
-    Raises
-    ------
-    NotProven
-        If no gain can be proven for the region.
-    DataError
-        If a log cannot be used.
     """
     from lpvobs.synthesis.solve import synthesise
 
@@ -141,10 +136,7 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
 def make_published_gain(config: Config, column: str | None = None) -> StoredGain:
     """Return the gain printed for the engine, proven on a column of its bounds (the first by default) at fixed temperatures.
 
-    Raises
-    ------
-    UsageError
-        If none is printed for this engine, or no such bounds.
+    Raises UsageError if none is printed for this engine, or no such bounds.
     """
     from lpvobs.synthesis.solve import certify_fixed_gain
 

@@ -107,11 +107,7 @@ def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) ->
     """Return the effect as a term of the logs' problem.
 
     On new logs its prior is the stored value with its interval. On logs that it was estimated on, it is estimated anew without.
-
-    Raises
-    ------
-    DataError
-        If the model's effect is none that this version knows, or a log lacks the channel that it follows.
+    Raises DataError if the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
     effect = _effect(known_effect, problem.model, _on_places(problem, logs))
     if not known_effect.took_part(logs):

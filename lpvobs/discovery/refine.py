@@ -102,6 +102,8 @@ def refine(
 ) -> Refinement:
     """Return the model with the effects that the logs prove.
 
+    Raises DataError if a log is too short, or lacks a channel that an effect of the model follows.
+
     Parameters
     ----------
     model : ResidualModel
@@ -116,11 +118,6 @@ def refine(
         Effects that the model has already. They are estimated again.
     hold_out : sequence of Log
         Logs that no fit and no decision sees; the error before and after is computed on them, too.
-
-    Raises
-    ------
-    DataError
-        If a log is too short, or lacks a channel that an effect of the model follows.
     """
     lay = partial(lay_out, model, grid, prior)
     problem = lay(logs)

@@ -210,13 +210,7 @@ def lay_out(
     coarse: float = thresholds.COARSE,
     wide: float = 1.0,
 ) -> Problem:
-    """Return the problem of one or more logs.
-
-    Raises
-    ------
-    DataError
-        If a log has no stretch that is long enough.
-    """
+    """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough."""
     places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
     length = max(
         thresholds.BLOCK,

@@ -41,6 +41,8 @@ class Stamps:
 def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
     """Return a time column as seconds.
 
+    Raises ValueError if the unit is none of time, or the column holds something else.
+
     Parameters
     ----------
     data : pyarrow.Array or ChunkedArray
@@ -48,11 +50,6 @@ def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") ->
         A unit of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
     decimal : str
         Of text.
-
-    Raises
-    ------
-    ValueError
-        If the unit is none of time, or the column holds something else.
     """
     import pyarrow as pa
 

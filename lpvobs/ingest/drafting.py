@@ -48,10 +48,7 @@ class Clues:
 def draft_profile(path: Path) -> str:
     """Return the text of a profile for a recording; every line that is not a comment is meant to be right.
 
-    Raises
-    ------
-    DataError
-        If the recording cannot be read.
+    Raises DataError if the recording cannot be read.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
         seen = _look(path)

@@ -41,16 +41,13 @@ class Ingested:
 def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     """Return the log in foreign files of one drive.
 
+    Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
+
     Parameters
     ----------
     sources : sequence of Path
         Files with different channels, consecutive parts of one recording, or both. They share one clock.
     profile : Profile
-
-    Raises
-    ------
-    DataError
-        If a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
     """
     recordings = [open_recording(path, profile.source) for path in sources]
     wanted = _find_all(recordings, profile)

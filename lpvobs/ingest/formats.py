@@ -11,10 +11,7 @@ from lpvobs.ingest.recordings import MOST_COLUMNS, ForeignRecording, opened
 def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
     """Return a foreign file, opened by its format: the profile's, or the one that its first bytes show.
 
-    Raises
-    ------
-    DataError
-        If it is absent, unreadable, or larger than the memory that a source may take.
+    Raises DataError if it is absent, unreadable, or larger than the memory that a source may take.
     """
     found = sniff(path)
     recording = _opener(rules.format or found)(path, rules)

@@ -22,13 +22,7 @@ _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
 
 
 def csv_layout(path: Path) -> tuple[SourceRules, list[str]]:
-    """Return how a CSV file is laid out, and the reason of each guess.
-
-    Raises
-    ------
-    DataError
-        If its first lines are no table.
-    """
+    """Return how a CSV file is laid out, and the reason of each guess; raises DataError if its first lines are no table."""
     lines = _first_lines(path)
     delimiter = max(DELIMITERS, key=lambda sign: _width(lines, sign)[1])
     width, _ = _width(lines, delimiter)

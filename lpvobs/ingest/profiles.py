@@ -186,10 +186,7 @@ def shipped() -> dict[str, Path]:
 def load_profile(name: str) -> tuple[Profile, str, str]:
     """Return a profile by the name of a shipped one or the path of a TOML file, its name, and its text.
 
-    Raises
-    ------
-    UsageError
-        If there is none, or it has a key that nothing knows, lacks one, or holds an impossible value.
+    Raises UsageError if there is none, or it has a key that nothing knows, lacks one, or holds an impossible value.
     """
     known = shipped()
     path = known.get(name, Path(name))

@@ -102,10 +102,7 @@ class ForeignRecording(Protocol):
 def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | None:
     """Return the full name of the first wanted column that is there, None where none is; names may lack the unit.
 
-    Raises
-    ------
-    DataError
-        If a name without unit or group fits more than one column; `what` is wanted of it.
+    Raises DataError if a name without unit or group fits more than one column; `what` is wanted of it.
     """
     for name in names:
         if name in recording.heads:
@@ -150,13 +147,7 @@ def one_line(error: object) -> str:
 
 @contextmanager
 def opened(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a file to read from.
-
-    Raises
-    ------
-    DataError
-        If it cannot be read.
-    """
+    """Yield a file to read from; raises DataError if it cannot be read."""
     try:
         with path.open("rb") as stream:
             yield stream
@@ -181,10 +172,7 @@ def check_size(path: Path, needed: float) -> None:
 def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Numbers:
     """Return a column as floats, NaN for what is no number.
 
-    Raises
-    ------
-    ValueError
-        If the column holds something that is neither numbers nor text.
+    Raises ValueError if the column holds something that is neither numbers nor text.
     """
     import pyarrow as pa
     import pyarrow.compute as pc

@@ -80,6 +80,9 @@ def fit(
 ) -> QuadraticFit:
     """Fit Eq. (37) to the supported nodes and fill the others.
 
+    Raises DataError if fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not
+    determined.
+
     Parameters
     ----------
     grid : Grid
@@ -94,11 +97,6 @@ def fit(
     design : ndarray, shape (p, 6), optional
         The node values that the estimator would find if the surface were each of `scaled_terms`; by default their values at the
         nodes. They differ by the curvature of u^2 and n^2 within a cell, up to 0.1 g/s for Eq. (40).
-
-    Raises
-    ------
-    DataError
-        If fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not determined.
     """
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     X_all = scaled_terms(grid, u, n).reshape(-1, 6)

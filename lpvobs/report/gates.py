@@ -40,10 +40,7 @@ class Gate:
 def parse_gate(expression: str) -> Gate:
     """Return the gate that an expression states.
 
-    Raises
-    ------
-    UsageError
-        If it is not `metric<=number` (or with <, >=, >), or nothing is measured under that name.
+    Raises UsageError if it is not `metric<=number` (or with <, >=, >), or nothing is measured under that name.
     """
     found = SHAPE.fullmatch(expression)
     limit = _number(found["limit"]) if found else None
@@ -105,12 +102,8 @@ def judge(gates: Sequence[Gate], logs: Sequence[ReportedLog]) -> tuple[Verdict, 
 def enforce(verdicts: Sequence[Verdict]) -> None:
     """Return when every log passes every gate.
 
-    Raises
-    ------
-    NotProven
-        If a log fails a gate, even where another log could not be judged.
-    DataError
-        If a log lacks a metric that a gate asks for.
+    Raises NotProven if a log fails a gate, even where another log could not be judged; DataError if a log lacks a metric that a
+    gate asks for.
     """
     failed = [str(item) for item in verdicts if item.value is not None and not item.holds]
     missing = [str(item) for item in verdicts if item.value is None]

@@ -55,15 +55,12 @@ class Loaded:
 def load(paths: Sequence[Path]) -> Loaded:
     """Return the results and logs in files, told apart by content.
 
+    Raises DataError if a file cannot be used, or a log belongs to none of the results.
+
     Parameters
     ----------
     paths : sequence of Path
         The first is a result; the others are results or logs.
-
-    Raises
-    ------
-    DataError
-        If a file cannot be used, or a log belongs to none of the results.
     """
     first, *further = paths
     _refuse_absent(further)
@@ -83,10 +80,7 @@ def load(paths: Sequence[Path]) -> Loaded:
 def air_path_of(result: StoredResult) -> type[AirPath]:
     """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor.
 
-    Raises
-    ------
-    DataError
-        If the result is for an engine that this version does not know.
+    Raises DataError if the result is for an engine that this version does not know.
     """
     if result.air_path not in ENGINES:
         raise DataError(

@@ -54,10 +54,7 @@ def harmonised_span(full_load: FullLoad, work: Work) -> float:
 def speed_at_power(full_load: FullLoad, work: Work, share: float, first: bool) -> float:
     """Return the lowest (`first`) or highest speed [rpm] at which full load gives this share of rated power.
 
-    Raises
-    ------
-    UsageError
-        If full load gives no power.
+    Raises UsageError if full load gives no power.
     """
     curve = np.arange(full_load.n_e[0], full_load.n_e[-1], CURVE_STEP)
     power = full_load_torque(full_load, work, curve) * curve

@@ -89,10 +89,7 @@ def data_folder() -> Path:
 def load_cycle(name: str) -> SpeedCycle | EngineCycle:
     """Return a cycle by its name, or from a CSV file whose path ends in `.csv`.
 
-    Raises
-    ------
-    UsageError
-        If there is no such cycle, or the table cannot be used.
+    Raises UsageError if there is no such cycle, or the table cannot be used.
     """
     if name.lower().endswith(".csv"):
         return read_cycle(Path(name))
@@ -106,10 +103,7 @@ def load_cycle(name: str) -> SpeedCycle | EngineCycle:
 def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:
     """Return the cycle in a CSV table up to a time [s]; the columns say which kind it is.
 
-    Raises
-    ------
-    UsageError
-        If the table cannot be read, lacks a column, or holds something that is not a rising time or a finite number.
+    Raises UsageError if the table cannot be read, lacks a column, or holds something that is not a rising time or a finite number.
     """
     columns = _columns(path)
     if set(columns) >= set(ENGINE_COLUMNS):

@@ -18,7 +18,8 @@ def drawn(
 ) -> tuple[DieselEngine, dict[str, float]]:
     """Return an engine with constants drawn, and the relative deviation of each by name.
 
-    Every constant has a stream of its own: a draw of few constants gives each the deviation that a draw of all does.
+    Every constant has a stream of its own: a draw of few constants gives each the deviation that a draw of all does. Raises
+    UsageError for a name that the engine does not have, or that cannot be drawn.
 
     Parameters
     ----------
@@ -28,11 +29,6 @@ def drawn(
     seed : int
     normal : bool
         Normal with the same standard deviation, tolerance / sqrt(3), instead of uniform within the tolerance.
-
-    Raises
-    ------
-    UsageError
-        For a name that the engine does not have, or that cannot be drawn.
 
     Examples
     --------

@@ -74,6 +74,8 @@ OUTSIDE = ("channel:NAME", "unlogged")
 class CatalogueEffect:
     """One entry of the catalogue at work.
 
+    Raises UsageError for an identifier, value or span of time that cannot be meant.
+
     Attributes
     ----------
     id : str
@@ -82,11 +84,6 @@ class CatalogueEffect:
         Of its parameter, in the catalogue's unit.
     onset, end : float, optional
         [s] of the log; at work in onset <= time < end, from the first to the last sample unless given.
-
-    Raises
-    ------
-    UsageError
-        For an identifier, value or span of time that cannot be meant.
 
     Examples
     --------
@@ -155,10 +152,7 @@ def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray
 def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
     """Return the effect that one `[[effect]]` table describes.
 
-    Raises
-    ------
-    UsageError
-        For anything that is missing, unknown, or cannot be meant.
+    Raises UsageError for anything that is missing, unknown, or cannot be meant.
     """
     identifier = table.get("id")
     if not isinstance(identifier, str):

@@ -46,10 +46,7 @@ AMBIENT = {"p_amb": Quality(10.0, 10.0), "T_amb": Quality(0.05, 0.1)}
 class Auxiliary:
     """A drive on the road, and which channels of `AUXILIARY` are logged; none named: all that the cycle has.
 
-    Raises
-    ------
-    ValueError
-        For a channel that does not exist or is named twice.
+    Raises ValueError for a channel that does not exist or is named twice.
     """
 
     channels: tuple[str, ...] = ()

@@ -59,10 +59,7 @@ def scene_of(
 ) -> DriveCourse:
     """Return the scene of a cycle: in the configured air, or with the road's own where `auxiliary` is given.
 
-    Raises
-    ------
-    UsageError
-        For an unknown cycle, a cycle that it cannot drive, or a channel that it cannot have.
+    Raises UsageError for an unknown cycle, a cycle that it cannot drive, or a channel that it cannot have.
     """
     period, work, table = parameters.control.period, work_of(engine, parameters), load_cycle(cycle)
     measured, ambient = isinstance(table, SpeedCycle), parameters.ambient

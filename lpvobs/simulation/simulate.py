@@ -75,6 +75,8 @@ def simulate(
 ) -> SimulatedLog:
     """Drive the plant over a cycle and record it.
 
+    Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
+
     Parameters
     ----------
     engine : DieselEngine
@@ -94,11 +96,6 @@ def simulate(
         What has happened to engine and sensors. The control of the engine keeps its own true signals.
     auxiliary : Auxiliary, optional
         Drive on the road, where the air is not constant, and log these channels as well.
-
-    Raises
-    ------
-    UsageError
-        For an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
     """
     if not 0 < rate <= 1.0 / parameters.step:
         raise UsageError(

@@ -51,6 +51,8 @@ def check(
 ) -> Certificate:
     """Prove Theorem 1 for given numbers, or say why it does not hold.
 
+    Raises DataError numbers that are not finite, shapes that do not fit the system.
+
     Parameters
     ----------
     problem : GainProblem
@@ -64,11 +66,6 @@ def check(
     Returns
     -------
     Certificate
-
-    Raises
-    ------
-    DataError
-        Numbers that are not finite, shapes that do not fit the system.
 
     Notes
     -----

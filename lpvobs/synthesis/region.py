@@ -19,10 +19,10 @@ Point = tuple[Fraction, ...]
 class Region:
     """A box of parameters; pairs of them may be cut by "their sum is not negative".
 
-    The region is a product of blocks: intervals, and polygons for the pairs. Where a matrix inequality is affine in
-    each block while the others stand still (the diesel multiplies a_1 with rho_1, rho_2, rho_3, but never rho_2 with
-    rho_4), it may be moved to a vertex one block after the other without growing, so the vertices of the product prove
-    the whole region.
+    The region is a product of blocks: intervals, and polygons for the pairs. Where a matrix inequality is affine in each block
+    while the others stand still (the diesel multiplies a_1 with rho_1, rho_2, rho_3, but never rho_2 with rho_4), it may be moved
+    to a vertex one block after the other without growing, so the vertices of the product prove the whole region. Raises UsageError
+    bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
 
     Attributes
     ----------
@@ -32,11 +32,6 @@ class Region:
         Bounds, inclusive; equal bounds fix a parameter and do not double the vertices.
     nonnegative_sums : tuple of (str, str)
         Pairs with x + y >= 0; a parameter belongs to one pair at most.
-
-    Raises
-    ------
-    UsageError
-        Bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
 
     Examples
     --------

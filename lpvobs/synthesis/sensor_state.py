@@ -50,6 +50,8 @@ class SensorState:
 def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
     """Return the gain for four states, proven for time constants in a range.
 
+    Raises NotProven if the gain is no cascade, or no k makes V fall.
+
     Parameters
     ----------
     problem : GainProblem
@@ -60,11 +62,6 @@ def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float]
         [s], smallest and largest.
     correction : float
         [1/s], l, not negative.
-
-    Raises
-    ------
-    NotProven
-        If the gain is no cascade, or no k makes V fall.
     """
     if np.any(gain.L[:, problem.map_output] != 0.0):
         raise NotProven(

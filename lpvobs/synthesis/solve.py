@@ -48,6 +48,9 @@ def synthesise(
 ) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
+    Raises NotProven no gain was found for this region, or the one found does not pass the exact check; UsageError an epsilon
+    outside the conditions.
+
     Parameters
     ----------
     problem : GainProblem
@@ -65,13 +68,6 @@ def synthesise(
     Returns
     -------
     Gain
-
-    Raises
-    ------
-    NotProven
-        No gain was found for this region, or the one found does not pass the exact check.
-    UsageError
-        An epsilon outside the conditions.
 
     Notes
     -----
@@ -95,6 +91,9 @@ def certify_fixed_gain(
 ) -> Gain:
     """Return a given gain with P and Q that prove it on the whole region.
 
+    Raises NotProven no P, Q were found, or they do not pass the exact check; UsageError an epsilon outside the conditions;
+    DataError A gain of the wrong shape or with NaN in it.
+
     Parameters
     ----------
     problem : GainProblem
@@ -102,15 +101,6 @@ def certify_fixed_gain(
     L : ndarray, shape (n, r)
     epsilon, falling_gain
         As for `synthesise`.
-
-    Raises
-    ------
-    NotProven
-        No P, Q were found, or they do not pass the exact check.
-    UsageError
-        An epsilon outside the conditions.
-    DataError
-        A gain of the wrong shape or with NaN in it.
     """
     eps_1, eps_2 = _epsilon(epsilon, falling_gain)
     A, C = problem.matrices()

@@ -53,6 +53,8 @@ class _Balance:
 def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
     """Return what healthy logs tell of an engine.
 
+    Raises DataError if there are too few blocks with flow.
+
     Parameters
     ----------
     engine : ThrottledEngine
@@ -60,11 +62,6 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
         With every channel of the air path.
     use : sequence of ndarray of bool, optional
         For each log, which of the blocks of `blocks_of` may be used; all by default.
-
-    Raises
-    ------
-    DataError
-        If there are too few blocks with flow.
     """
     parts, transience = [], []
     for i, log in enumerate(logs):

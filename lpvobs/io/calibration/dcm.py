@@ -105,10 +105,7 @@ def _number(value: float, digits: int) -> str:
 def read_dcm_map(path: Path, name: str) -> DcmMap:
     """Return the map with this label in a DCM file; the rest of the file is passed over.
 
-    Raises
-    ------
-    DataError
-        If the file is no DCM, lacks the map, or the map is damaged.
+    Raises DataError if the file is no DCM, lacks the map, or the map is damaged.
     """
     seen: list[str] = []
     lines = _words(path)

@@ -60,13 +60,7 @@ class OldMap:
 
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
-    """Return an old map in the units and directions of the surface.
-
-    Raises
-    ------
-    DataError
-        If its units are not those of such a map.
-    """
+    """Return an old map in the units and directions of the surface; raises DataError if its units are not those of such a map."""
     for turned in (False, True):
         units = (item.unit_y, item.unit_x) if turned else (item.unit_x, item.unit_y)
         nodes = (item.y, item.x) if turned else (item.x, item.y)
@@ -88,10 +82,7 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
 def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap:
     """Return the surface as a map of a DCM file: X the speed and Y the fuel, or as the old file has them, in its units.
 
-    Raises
-    ------
-    DataError
-        If a node has no value: a DCM cannot say so.
+    Raises DataError if a node has no value: a DCM cannot say so.
     """
     empty = int(np.count_nonzero(surface.origin == NONE))
     if empty:

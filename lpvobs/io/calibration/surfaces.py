@@ -65,16 +65,13 @@ class Surface:
 def read_surface(path: Path, source: str = "") -> Surface:
     """Return the map of a result, or its extrapolation.
 
+    Raises DataError if the file is no result, or lacks what is asked for.
+
     Parameters
     ----------
     path : Path
     source : str
         `map` or `extrapolation`; empty: the extrapolation if there is one.
-
-    Raises
-    ------
-    DataError
-        If the file is no result, or lacks what is asked for.
     """
     with reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")

@@ -13,10 +13,7 @@ ENDING = ".parquet"
 def find_logs(named: Sequence[Path]) -> list[Path]:
     """Return the files meant: what a pattern matches and every Parquet file below a folder, in alphabetical order.
 
-    Raises
-    ------
-    UsageError
-        If a pattern or a folder holds no log, or a pattern means nothing.
+    Raises UsageError if a pattern or a folder holds no log, or a pattern means nothing.
     """
     found: list[Path] = []
     for path in named:

@@ -49,10 +49,7 @@ def usable_rows(
 ) -> UsableRows:
     """Return the rows that are finite, possible, later than each other and than `latest`, and neither stuck nor spiked.
 
-    Raises
-    ------
-    DataError
-        For time that runs backward, where the policies do not drop it, and for an odd rate.
+    Raises DataError for time that runs backward, where the policies do not drop it, and for an odd rate.
     """
     keep, dropped = _usable(time, values, channels)
     rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
@@ -107,6 +104,8 @@ def _increasing(
 def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
     """Refuse a log of which a channel's unit or sign must be wrong.
 
+    Raises DataError in one line that names channel, reading, expectation.
+
     Parameters
     ----------
     path : Path
@@ -114,11 +113,6 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
     values : mapping of str to ndarray of shape (N,)
         The needed channels in the contract's units, NaN where the file has none.
     channels : mapping of str to Channel
-
-    Raises
-    ------
-    DataError
-        In one line that names channel, reading, expectation.
     """
     for name, channel in channels.items():
         _refuse_dead(path, name, values, channels)
@@ -130,6 +124,8 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
 def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
     """Refuse a log most of whose samples stand alone, or that was sampled faster than any recorder does.
 
+    Raises DataError the unit of time must be wrong.
+
     Parameters
     ----------
     path : Path
@@ -137,11 +133,6 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
         [s] as said, increasing.
     gap_limit : float
         [s]
-
-    Raises
-    ------
-    DataError
-        The unit of time must be wrong.
     """
     if time.size < 2:
         return

@@ -53,6 +53,8 @@ class Slab:
 class LogFile:
     """A Parquet log as a recording; see `lpvobs.records.Recording`.
 
+    Raises DataError here, if the file is no log with these channels and units; from `pieces`, if what it holds cannot be used.
+
     Parameters
     ----------
     path : Path
@@ -61,11 +63,6 @@ class LogFile:
     policies : LogPolicies
     threads : bool
         Whether to decode columns side by side; not where other processes have the other cores.
-
-    Raises
-    ------
-    DataError
-        Here, if the file is no log with these channels and units; from `pieces`, if what it holds cannot be used.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
@@ -153,6 +150,8 @@ class LogFile:
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
     """Return the log in a Parquet file, in SI units, with defects treated as the policies say.
 
+    Raises DataError if the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
+
     Parameters
     ----------
     path : Path
@@ -161,11 +160,6 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     policies : LogPolicies
     auxiliary : bool
         Read the other numeric channels, too. References are never among them.
-
-    Raises
-    ------
-    DataError
-        If the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
     """
     file = LogFile(path, channels, policies)
     extra = further_channels(file.schema, file.units) if auxiliary else []

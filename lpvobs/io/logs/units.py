@@ -73,10 +73,7 @@ def is_broken(unit: str) -> bool:
 def convert(values: Array, unit: str, wanted: str) -> Array:
     """Return values [unit] in the wanted unit.
 
-    Raises
-    ------
-    ValueError
-        If the unit is unknown or of another dimension.
+    Raises ValueError if the unit is unknown or of another dimension.
 
     Examples
     --------

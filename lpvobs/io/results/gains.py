@@ -128,13 +128,7 @@ def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
 
 
 def read_gain(path: Path) -> StoredGain:
-    """Return a gain from its file.
-
-    Raises
-    ------
-    DataError
-        If the file is not a complete gain.
-    """
+    """Return a gain from its file; raises DataError if the file is not a complete gain."""
     with reading(path, KIND, REMEDY) as file:
         return read_gain_group(file)
 

@@ -96,10 +96,7 @@ def rows(layout: Layout[Record], records: Sequence[Record], labels: Labels | Non
 def values(group: h5py.Group, layout: Layout[Any]) -> dict[str, Any]:
     """Return the fields of a record that a group holds, by name.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        For what is not there, or not as declared; `hdf.reading` makes a DataError of it.
+    Raises KeyError, TypeError, ValueError for what is not there, or not as declared; `hdf.reading` makes a DataError of it.
     """
     names = {name: layout.field_of(name) for name in layout.items}
     found = {key: _as_field(_loaded(group, layout, name), layout.kind(key)) for name, key in names.items()}

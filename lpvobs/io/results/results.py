@@ -87,10 +87,7 @@ def write_result(
 def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
     """Apply a change to a copy of a result that then takes its place.
 
-    Raises
-    ------
-    DataError
-        If the file is no longer the one that was read.
+    Raises DataError if the file is no longer the one that was read.
     """
     refuse_replaced(stored)
     with reading(stored.path, KIND, REMEDY):
@@ -112,13 +109,7 @@ def refuse_replaced(stored: StoredResult) -> None:
 
 
 def read_result(path: Path) -> StoredResult:
-    """Return a stored result.
-
-    Raises
-    ------
-    DataError
-        If the file is not a complete result.
-    """
+    """Return a stored result; raises DataError if the file is not a complete result."""
     state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
         axes = axes_of(file)

@@ -24,13 +24,8 @@ _claims: dict[Path, int] = {}
 def replacing(target: Path) -> Iterator[Path]:
     """Yield the path of a temporary file beside `target`; on success it takes the target's place, else it is removed.
 
-    At any instant the target is absent, the old file, or the complete new one.
-
-    Raises
-    ------
-    DataError
-        If the folder does not exist or cannot be written, the target is a folder, a device or a pipe, or another process is
-        writing it.
+    At any instant the target is absent, the old file, or the complete new one. Raises DataError if the folder does not exist or
+    cannot be written, the target is a folder, a device or a pipe, or another process is writing it.
     """
     with claimed(target) as regular:
         try:
@@ -50,10 +45,7 @@ def replacing(target: Path) -> Iterator[Path]:
 def claimed(target: Path) -> Iterator[Path]:
     """Keep other processes from writing `target`, and sweep away what killed writers have left of it; yield the file meant.
 
-    Raises
-    ------
-    DataError
-        As for `replacing`.
+    Raises DataError as for `replacing`.
     """
     target = _regular(target)
     if target in _claims:  # whoever claimed it first lets it go
