@@ -18,8 +18,6 @@ class DefectFound:
     ----------
     kind : str
         `stuck`, `saturated` or `spike`.
-    channel : str
-    samples : int
     first : float
         [s], time of the first of them.
     policy : str

@@ -52,7 +52,6 @@ class Estimated:
 
     Attributes
     ----------
-    estimate : MapEstimate
     summaries : tuple of LogSummary
         What the result keeps of each log, in the order given.
     refused : tuple of str
@@ -124,14 +123,10 @@ def estimate_fleet(
 
     Parameters
     ----------
-    config : Config
     config_text : str
         Parts are kept for a run with the same configuration.
-    gain : StateGain
-    paths : sequence of Path
     out : Path
         The result to be made; parts of several logs wait beside it.
-    workplace : Workplace
     progress : callable
         Takes the fraction done.
     air_path : AirPath

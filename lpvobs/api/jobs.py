@@ -60,7 +60,6 @@ class Workers:
         ----------
         function : callable
             Of a module, so that other processes can import it.
-        tasks : sequence
         """
         if self.scheduler is not None:
             return _on_cluster(function, tasks, self.scheduler)

@@ -24,7 +24,6 @@ class KnownEngine:
 
     Attributes
     ----------
-    config : Config
     air_path : AirPath
         With what was learned.
     healthy : HealthyErrors or None

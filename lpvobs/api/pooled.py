@@ -20,7 +20,6 @@ class Traced:
 
     Attributes
     ----------
-    found : Trace
     map_frozen : bool
         Whether the map stood; otherwise it was estimated together with the effects.
     refused : tuple of str

@@ -26,8 +26,6 @@ class RefinedEstimate:
 
     Attributes
     ----------
-    estimate : MapEstimate
-    summaries : tuple of LogSummary
     sensor_state : SensorState or None
         Gain and proof of the larger observer where an effect adds a state.
     """
@@ -50,10 +48,8 @@ def estimate_refined(
 
     Parameters
     ----------
-    engine : KnownEngine
     gain : StoredGain
         Of the result that is refined.
-    effects : tuple of KnownEffect
     constants : mapping of str to float
         Relative deviation of constants of the engine from the configured ones.
     logs : sequence of (Path, Log)

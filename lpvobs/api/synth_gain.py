@@ -100,8 +100,6 @@ def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> t
 
     Parameters
     ----------
-    config : Config
-    paths : sequence of Path
     lenient : bool
         Leave out logs that cannot be used, which whoever uses the gain will meet again.
     """

@@ -21,7 +21,6 @@ class Candidate:
 
     Attributes
     ----------
-    term : Term
     gain : float
         By how much it lowers half the sum of squares, in units of the noise.
     information : float

@@ -29,7 +29,6 @@ class Span:
 
     Attributes
     ----------
-    log, sha256 : str
     begin, end : float
         [s] on the log's own time axis; infinite where it acts from the first or to the last sample, begin = end = inf where it
         does not act at all.
@@ -52,9 +51,6 @@ class KnownEffect:
 
     Attributes
     ----------
-    id, place, parameter, unit : str
-    value : float
-    ci90 : tuple of float
     spans : tuple of Span
         One for every log that it was estimated on or is known to be absent from.
     lasting : bool

@@ -19,7 +19,6 @@ class Stretch:
 
     Attributes
     ----------
-    log : str
     begin, end : float
         [s] since the start of the log.
     share : float

@@ -27,10 +27,7 @@ class Linear:
 
     Attributes
     ----------
-    problem : Problem
-    terms : tuple of Term
     theta, beta : ndarray, shapes (p,), (q,)
-    scenes : tuple of Scene
     nodes : tuple of ndarrays, shape (K, 4)
     pinned : ndarray of bool, shape (q,)
         Constants at the end of their tolerance that would leave it if they could.

@@ -52,7 +52,6 @@ class Refined:
         The last column zero.
     smoothing : float
         [s], as in the configuration.
-    effects : tuple of KnownEffect
     """
 
     model: ResidualModel

@@ -25,8 +25,6 @@ class Finding:
 
     Attributes
     ----------
-    id : str
-    parameters : mapping of str to Parameter
     onset, end : float or None
         [s] since the start of its log; None where the effect acts from the first or to the last sample.
     explained : float or None
@@ -78,7 +76,6 @@ class BalanceError:
 
     Attributes
     ----------
-    balance, unit : str
     before, after : float
         Rms of the residual without the effects (B) and with them accounted for (A).
     healthy : float or None
@@ -173,14 +170,10 @@ class LogPart:
 
     Attributes
     ----------
-    log, verdict : str
     findings : tuple of Finding
         Those of the pooled logs that act on it, with onset and end on it.
-    comparison : Comparison
     own : Whiteness or None
         Structure of what is left of its residual; None for a log that took no part.
-    balances : tuple of BalanceError
-    day : tuple of DayLevel
     missing : Missing or None
         What its channels cannot show.
     """
@@ -233,10 +226,8 @@ class Trace:
     ----------
     verdict : str
         `effect`, `none` or `unexplained`.
-    findings : tuple of Finding
     ranking : tuple of Ranked
         Best first.
-    comparison : Comparison
     white : bool
         Of the residual that is left.
     correlated_with : mapping of str to float

@@ -36,7 +36,6 @@ class Track:
 
     Attributes
     ----------
-    log : str
     time : ndarray, shape (M,)
         [s] since the start of the log, the middle of each column.
     before, after : ndarray, shape (B, 2, M)
@@ -58,7 +57,6 @@ class Partial:
 
     Attributes
     ----------
-    id : str
     regressor, residual : ndarray, shape (m,)
         [standard deviations of the noise], some of the points.
     binned : ndarray, shape (3, BINS)
@@ -77,9 +75,6 @@ class Portrait:
 
     Attributes
     ----------
-    balances : tuple of str
-    tracks : tuple of Track
-    partials : tuple of Partial
     block : float
         [s], length of the blocks whose sums are tested.
     blocks : int

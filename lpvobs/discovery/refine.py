@@ -35,7 +35,6 @@ class Refinement:
 
     Attributes
     ----------
-    trace : Trace
     theta : ndarray, shape (p_2, p_1)
         [kg/s], the map beside the effects.
     covariance : ndarray, shape (p, p)
@@ -46,7 +45,6 @@ class Refinement:
         Every effect of the model: first those that it had, estimated again, then those that were found.
     before, after : Linear
         Residual, regressors and weights of either model, for reports.
-    whiteness_before, whiteness_after : Whiteness
     """
 
     trace: Trace
@@ -106,8 +104,6 @@ def refine(
 
     Parameters
     ----------
-    model : ResidualModel
-    grid : Grid
     prior : MapPrior
         `free_map` on the logs that make the map, `nominal_map` on others.
     logs : sequence of Log

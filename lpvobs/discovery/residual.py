@@ -52,16 +52,12 @@ class Problem:
 
     Attributes
     ----------
-    model : ResidualModel
-    grid : Grid
     levels : tuple of (int, Level)
         The number of the log, and the level that differs on its day. These unknowns come after those of the engine.
     covariance : ndarray, shape (q, q)
         Prior of the engine's unknowns and of the levels of the day.
-    prior : MapPrior
     signals : Signals
         As recorded.
-    blocks : Blocks or None
     time, clock : ndarray, shape (K,)
         [s] since the start of the log, and on the common clock.
     of_log : ndarray of int, shape (K,)

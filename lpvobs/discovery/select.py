@@ -37,7 +37,6 @@ class Accepted:
     ----------
     candidate : Candidate
         Fitted beside all the others, with the final weights.
-    p_value : float
     share : float
         Of half the sum of squares before any effect.
     indistinguishable : tuple of str
@@ -64,7 +63,6 @@ class Selection:
     ----------
     verdict : str
         `effect`, `none` or `unexplained`.
-    accepted : tuple of Accepted
     before, after : Linear
         Fitted to all data once everything is decided.
     losses : Losses

@@ -27,7 +27,6 @@ class Within:
     ----------
     low, high : float
         [unit]
-    unit : str
     what : str
         The quantity, for people.
 

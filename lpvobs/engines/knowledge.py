@@ -57,7 +57,6 @@ class Knowledge:
     ----------
     curves : mapping of str to LearnedCurve
         By component.
-    numbers : mapping of str to LearnedNumber
     covariance : ndarray, shape (m, m)
         Of the relative deviations of all nodes of the curves, row by row, then of some of the numbers.
     sources : tuple of str

@@ -26,7 +26,6 @@ class Level:
     ----------
     name : str
         A balance, whose level it is, or an effect of the catalogue, of which every day has a little.
-    unit : str
     deviation : float
         Standard deviation between days, in the unit of the balance's residual or of the effect's parameter.
     """
@@ -107,7 +106,6 @@ class ResidualModel:
     blocks : bool
         Whether places are blocks of seconds. Where curves are learned, what is left is model error that lasts for seconds, and a
         sample says little that its neighbour does not; where constants are known, noise is left, and an instant counts.
-    levels : tuple of Level
     by_unknowns : callable or None
         Derivatives of the imbalances by the unknowns, shape (q, B, K), from constants, signals and blocks; None for difference
         quotients.

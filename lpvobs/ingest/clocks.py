@@ -45,7 +45,6 @@ def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") ->
 
     Parameters
     ----------
-    data : pyarrow.Array or ChunkedArray
     unit : str
         A unit of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
     decimal : str

@@ -28,7 +28,6 @@ class Ingested:
     ----------
     channels : mapping of str to ndarray, shape (M,)
         `time` first.
-    units : mapping of str to str
     record : mapping
         A `Done` as plain data; stored with the log.
     """
@@ -47,7 +46,6 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     ----------
     sources : sequence of Path
         Files with different channels, consecutive parts of one recording, or both. They share one clock.
-    profile : Profile
     """
     recordings = [open_recording(path, profile.source) for path in sources]
     wanted = _find_all(recordings, profile)

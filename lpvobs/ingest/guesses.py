@@ -34,7 +34,6 @@ class Guess:
         The file says the unit.
     unit : str
         As the file says it; else the one of its kind in which the median is typical; empty where none or several are.
-    reasons : tuple of str
     """
 
     channel: str
@@ -65,8 +64,6 @@ def guess(channel: str, column: str, head: Head, values: Array) -> Guess | None:
     ----------
     channel : str
         One of `known_channels`.
-    column : str
-    head : Head
     values : ndarray, shape (N,)
         As recorded, NaN where there is none.
     """

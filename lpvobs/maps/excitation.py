@@ -78,7 +78,6 @@ def over_nodes(grid: Grid, cells: Array) -> Array:
 
     Parameters
     ----------
-    grid : Grid
     cells : ndarray, shape (cells, 4, 4)
         Cells row by row.
     """
@@ -99,9 +98,7 @@ def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tup
 
     Parameters
     ----------
-    grid : Grid
     fuel, speed, time : ndarray, shape (N,)
-    segments : tuple of (start, stop)
     """
     p_2, p_1 = grid.shape
     gram = np.zeros((grid.size, grid.size))

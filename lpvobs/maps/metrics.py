@@ -56,7 +56,6 @@ def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Arra
 
     Parameters
     ----------
-    grid : Grid
     theta : ndarray, shape (p_2, p_1)
         [kg/s], NaN where not estimated.
     fuel, speed, reference : ndarray, shape (N,)

@@ -49,7 +49,6 @@ def plan(grid: Grid, supported: NDArray[np.bool_], excitation: Array, noise: Arr
 
     Parameters
     ----------
-    grid : Grid
     supported : ndarray of bool, shape (p_2, p_1)
         Nodes that are estimated.
     excitation : ndarray, shape (p_2 - 1, p_1 - 1)

@@ -85,7 +85,6 @@ def fit(
 
     Parameters
     ----------
-    grid : Grid
     theta : ndarray, shape (p_2, p_1)
         [kg/s]
     covariance : ndarray, shape (p, p)
@@ -144,7 +143,6 @@ def outer_coverage(
     ----------
     grid, theta, noise, supported, design
         As for `fit`.
-    level : float
     """
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     inside: list[NDArray[np.bool_]] = []

@@ -27,7 +27,6 @@ class SurfaceView:
 
     Attributes
     ----------
-    grid : Grid
     axes : tuple of MapAxis
         Fuel, speed.
     values : ndarray, shape (p_2, p_1)
@@ -50,7 +49,6 @@ class Drive:
     ----------
     time, fuel, speed, measured : ndarray, shape (N,)
         [s], the map's two inputs in their units, the sensor's reading [kg/s].
-    segments : tuple of (start, stop)
     reference, true_flow : ndarray, shape (N,), or None
         [kg/s], the sensor's true error and the true flow, where the log has them.
     surface : SurfaceView or None
@@ -96,8 +94,6 @@ class Correction:
 
     Attributes
     ----------
-    result : ResultView
-    summary : LogSummary
     estimate : ndarray, shape (N,), or None
         [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given.
     """

@@ -31,9 +31,6 @@ class Discovered:
         `refine` or `trace`.
     content : mapping
         The contract's JSON, `trace` without what comes after.
-    portrait : Portrait or None
-    ranking : tuple of Ranked
-    left : Leftover or None
     structure : mapping of str to Whiteness
         `before` and `after`.
     """

@@ -63,8 +63,6 @@ class Verdict:
 
     Attributes
     ----------
-    gate : Gate
-    result, log : str
     value : float or None
         None where the log cannot have the metric.
     """
@@ -87,13 +85,7 @@ class Verdict:
 
 
 def judge(gates: Sequence[Gate], logs: Sequence[ReportedLog]) -> tuple[Verdict, ...]:
-    """Return every gate's verdict on every log.
-
-    Parameters
-    ----------
-    gates : sequence of Gate
-    logs : sequence of ReportedLog
-    """
+    """Return every gate's verdict on every log."""
     return tuple(
         Verdict(gate, log.result, log.log, _finite(getattr(log, gate.metric))) for gate in gates for log in logs
     )

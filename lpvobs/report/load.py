@@ -22,13 +22,7 @@ from lpvobs.report.discovered import Discovered, read_discovered
 
 @dataclass(frozen=True)
 class Origin:
-    """How a result came to be, as it says itself.
-
-    Attributes
-    ----------
-    command_line : str
-    versions : mapping of str to str
-    """
+    """How a result came to be, as it says itself."""
 
     command_line: str
     versions: Mapping[str, str]

@@ -18,7 +18,6 @@ class Row:
         In `unit`; yes and no are one and zero.
     tolerance : float
         Largest difference that passes.
-    unit : str
     note : str
         What went wrong, where no number came out at all.
     """

@@ -23,10 +23,8 @@ def drawn(
 
     Parameters
     ----------
-    engine : DieselEngine
     tolerance : float or mapping of str to float
         Relative: of every constant but properties of gases, or of those named.
-    seed : int
     normal : bool
         Normal with the same standard deviation, tolerance / sqrt(3), instead of uniform within the tolerance.
 

@@ -24,7 +24,6 @@ class Kind:
     ----------
     place : str
         `plant`: the engine itself changes. `maf`: the air flow sensor. `sensor`: another one.
-    parameter, unit : str
     neutral : float
         The value that changes nothing.
     low, high : float

@@ -61,7 +61,6 @@ def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effect
         [s] since the start of the log.
     point : mapping of str to ndarray, shape (N,)
         True `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
-    effects : sequence of CatalogueEffect
     """
     for identifier, characteristic in _CHARACTERISTICS.items():
         for effect in effects:
@@ -113,7 +112,6 @@ def maf_reading(
         The sensor's own error, at the flow that passes the sensor.
     R_a : float
         [J/(kg K)]
-    effects : sequence of CatalogueEffect
     disturbances : sequence of ChannelEffect or UnloggedEffect
         Settled; they act on what the effects leave.
     pulsing : float

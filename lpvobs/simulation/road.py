@@ -86,7 +86,6 @@ def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, he
     ----------
     period : float
         [s] between two actions of the control.
-    p_0, T_0 : float
     speed : ndarray, shape (M,)
         [m/s] of the vehicle, or a likely one where the cycle has none.
     measured : bool

@@ -28,7 +28,6 @@ class DriveCourse:
 
     Attributes
     ----------
-    course : Course
     period : float
         [s] between its points.
     channels : mapping of str to ndarray, shape (M,)

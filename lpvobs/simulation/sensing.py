@@ -30,9 +30,6 @@ class Instruments:
         [J/(kg K)]
     step : float
         [s] of the integrator.
-    effects : tuple of CatalogueEffect
-    disturbances : tuple of ChannelEffect or UnloggedEffect
-    structure : Structure
     """
 
     surface: ErrorSurface

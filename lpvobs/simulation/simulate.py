@@ -52,7 +52,6 @@ class SimulatedLog:
     ----------
     channels : mapping of str to ndarray, shape (N,)
         Readings with noise, and the reference channels.
-    units : mapping of str to str
     truth : mapping of str to ndarray, shape (N,)
         Noise-free signals, flows among them; `W_maf` is the noise-free reading with the effects in it.
     """
@@ -81,7 +80,6 @@ def simulate(
     ----------
     engine : DieselEngine
         The engine as it is.
-    parameters : SimulationParameters
     cycle : str
         A name of `lpvobs.simulation.cycles`, or the path of a table.
     rate : float

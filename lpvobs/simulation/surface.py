@@ -12,7 +12,6 @@ def surface_error(surface: ErrorSurface, u_delta: Array, n_e: Array, W_c: Array)
 
     Parameters
     ----------
-    surface : ErrorSurface
     u_delta, n_e, W_c : ndarray, shape (N,)
         True fuel [mg/cycle], speed [rpm] and flow [kg/s].
     """

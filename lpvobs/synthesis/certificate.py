@@ -59,7 +59,6 @@ def check(
         n states, r outputs.
     L : ndarray, shape (n, r)
     P, Q : ndarray, shape (n, n)
-    eps_1, eps_2 : float
     falling_gain : bool
         Demand 1 - eps_1 - eps_2 > 0 instead of Eq. (28).
 

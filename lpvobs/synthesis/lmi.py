@@ -35,7 +35,6 @@ class LmiSolution:
     ----------
     P : ndarray, shape (n, n)
     L : ndarray, shape (n, r)
-    beta : float
     """
 
     P: Array
@@ -52,7 +51,6 @@ def free_gain(
     ----------
     A : ndarray, shape (N, n, n)
     C : ndarray, shape (N, r, n)
-    map_output : int
     k : float
         eps_1 eps_2.
     linked : ndarray of bool, shape (n, n + r)
@@ -88,7 +86,6 @@ def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -
         A - L C, balanced.
     L : ndarray, shape (n, r)
     C_2 : ndarray, shape (N, n)
-    map_output : int
     k : float
         eps_1 eps_2.
     """

@@ -35,7 +35,6 @@ class SensorState:
         Of V.
     tau : tuple of float
         [s], range of time constants that is covered.
-    vertices : int
     smallest_pivot : float
         Of P and of all matrices -dV, relative to their diagonals.
     """

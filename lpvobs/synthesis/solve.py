@@ -29,7 +29,6 @@ class Shrunk:
         The smallest scale for which no gain was found; None where the whole region is proven.
     problem : GainProblem
         The problem on that part.
-    gain : Gain
     """
 
     scale: float

@@ -18,7 +18,6 @@ class Air:
     ----------
     R_a : float
         [J/(kg K)]
-    gamma_a : float
     """
 
     R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]
@@ -33,7 +32,6 @@ class IntakeGeometry:
     ----------
     V_d : float
         [m^3], displacement. Where it is not known, any value of the right size: only eta_vol V_d enters.
-    n_cyl : int
     V_ic, V_im : float
         [m^3], between compressor and throttle, and behind the throttle.
     volume_tolerance : float

@@ -57,7 +57,6 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
 
     Parameters
     ----------
-    engine : ThrottledEngine
     logs : sequence of Log
         With every channel of the air path.
     use : sequence of ndarray of bool, optional

@@ -42,7 +42,6 @@ class DcmMap:
         [unit_x], [unit_y]
     values : ndarray, shape (ny, nx)
         [unit]
-    unit_x, unit_y, unit, long_name : str
     x_name, y_name : str
         Labels of the shared axes of a GRUPPENKENNFELD, else empty.
     """

@@ -26,7 +26,6 @@ class Change:
         In the units of the surface's axes.
     old, new : float
         [unit of the surface]
-    origin : str
     """
 
     x: float

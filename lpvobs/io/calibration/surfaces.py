@@ -26,7 +26,6 @@ class SurfaceAxis:
 
     Attributes
     ----------
-    name, unit, long_name : str
     nodes : ndarray, shape (K,)
         [unit], strictly increasing.
     """
@@ -69,7 +68,6 @@ def read_surface(path: Path, source: str = "") -> Surface:
 
     Parameters
     ----------
-    path : Path
     source : str
         `map` or `extrapolation`; empty: the extrapolation if there is one.
     """
@@ -112,7 +110,6 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
 
     Parameters
     ----------
-    surface : Surface
     x, y : ndarray, shapes (p2',) and (p1',)
         In the units of the surface's axes.
     """

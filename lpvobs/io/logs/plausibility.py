@@ -112,7 +112,6 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
         Named in the refusal.
     values : mapping of str to ndarray of shape (N,)
         The needed channels in the contract's units, NaN where the file has none.
-    channels : mapping of str to Channel
     """
     for name, channel in channels.items():
         _refuse_dead(path, name, values, channels)
@@ -128,7 +127,6 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
 
     Parameters
     ----------
-    path : Path
     time : ndarray, shape (N,)
         [s] as said, increasing.
     gap_limit : float
@@ -160,7 +158,6 @@ def spoiled(
         [s], increasing.
     values : mapping of str to ndarray of shape (N,)
         The needed channels, finite.
-    channels : mapping of str to Channel
     """
     for name, channel in channels.items():
         if not np.isfinite(channel.still) or time.size < 3:

@@ -57,10 +57,8 @@ class LogFile:
 
     Parameters
     ----------
-    path : Path
     channels : mapping of str to Channel
         What the engine's air path needs.
-    policies : LogPolicies
     threads : bool
         Whether to decode columns side by side; not where other processes have the other cores.
     """
@@ -154,10 +152,8 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
 
     Parameters
     ----------
-    path : Path
     channels : mapping of str to Channel
         What the engine's air path needs.
-    policies : LogPolicies
     auxiliary : bool
         Read the other numeric channels, too. References are never among them.
     """

@@ -32,12 +32,10 @@ class StoredGain:
     ----------
     origin : str
         `synthesised`, or where a published gain was printed.
-    air_path : str
     engine : mapping of str to float
         The engine's constants.
     states, outputs : tuple of str
         The measured states among the outputs; the sensor comes after them.
-    gain : Gain
     log_bounds : mapping of str to ndarray, shape (2, m)
         Smallest and largest scheduling parameters of each log.
     temperatures : mapping of str to tuple of float

@@ -38,8 +38,6 @@ class LogSummary:
 
     Attributes
     ----------
-    name, sha256 : str
-    samples, samples_read, dropped_rows, gaps, repeated : int
     duration : float
         [s]
     dropped : mapping of str to int

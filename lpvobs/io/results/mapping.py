@@ -49,7 +49,6 @@ class Layout(Generic[Record]):
 
     Attributes
     ----------
-    record : type
     items : mapping of str to Item
         By name of the dataset.
     axes : mapping of str to Item or str

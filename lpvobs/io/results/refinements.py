@@ -27,7 +27,6 @@ class StoredRefinement:
 
     Attributes
     ----------
-    effects : tuple of KnownEffect
     constants : mapping of str to float
         Relative deviation of each uncertain constant from the configured one.
     deviations : mapping of str to float
@@ -162,13 +161,10 @@ def write_refinement(
 
     Parameters
     ----------
-    file : h5py.File
-    stored : StoredRefinement
     comparisons : mapping of str to (Comparison, bool)
         By log, and of all of them, and whether nothing was fitted to it.
     whiteness : mapping of str to Whiteness
         `before` and `after`.
-    balances : sequence of str
     """
     group = write_group(file, "refinement", fields(REFINEMENT, stored))
     effects = group.create_group("effects")
