@@ -27,6 +27,7 @@ RIGHT = 50
 SPOILED = 6  # of the right drives, two of each cycle
 RATE = 20.0
 SEED = 20
+NOISE = {"p_amb": 50.0, "T_amb": 0.3}  # Pa, K: a barometer and a thermometer that stand still would betray an exchange
 WEATHER = ((98000.0, 298.0), (80000.0, 298.0), (101000.0, 268.0), (98000.0, 308.0))  # Pa, K
 Channels = dict[str, Array]
 
@@ -86,7 +87,10 @@ def right_drives() -> list[Channels]:
         parameters = replace(config.simulation, ambient=replace(config.simulation.ambient, p_amb=p_amb, T_amb=T_amb))
         cycle, surface = ("ftp75_cold", "etc_part1", "nedc")[i % 3], surfaces[i // 3 % 3]
         made = simulate(altered(config.engine, factors), parameters, cycle, RATE, seed=SEED + i, surface=surface)
-        drives.append(dict(made.channels))
+        ambient = {
+            name: made.channels[name] + sd * rng.standard_normal(made.channels[name].size) for name, sd in NOISE.items()
+        }
+        drives.append({**made.channels, **ambient})
         print(f"drive {i + 1} of {RIGHT}", file=sys.stderr)
     return drives
 

@@ -45,14 +45,15 @@ def exchanged(one: str, other: str) -> MixUp:
     return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
 
 
-def below(one: str, other: str, most: float) -> Check:
-    """Return the check that a channel is not below another for more than so large a share of the time."""
-    return Check(f"{one} is below {other}", partial(_below, one, other), most)
+def below(one: str, other: str, most: float, slack: float = 0.0) -> Check:
+    """Return the check that a channel is not by more than `slack` below another for more than so large a share of the time."""
+    far = f"more than {slack:g} " if slack else ""
+    return Check(f"{one} is {far}below {other}", partial(_below, one, other, slack), most)
 
 
 def _exchange(one: str, other: str, channels: Channels) -> Channels:
     return {**channels, one: channels[other], other: channels[one]}
 
 
-def _below(one: str, other: str, channels: Channels) -> NDArray[np.bool_]:
-    return np.asarray(channels[one] < channels[other])
+def _below(one: str, other: str, slack: float, channels: Channels) -> NDArray[np.bool_]:
+    return np.asarray(channels[one] < channels[other] - slack)
