@@ -10,14 +10,14 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_samples, opened
+from lpvobs.ingest.recordings import Column, ForeignRecording, Head, check_samples, opened
 from lpvobs.io.safety.sandbox import call, environment
 
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
@@ -43,14 +43,11 @@ MDF = Library("MDF", "lpvobs.ingest.mdf_reader", "record or export it again")
 
 
 @dataclass(frozen=True)
-class ApartRecording:
+class ApartRecording(ForeignRecording):
     """A file that another process reads; `places` is where that process finds each column."""
 
-    path: Path
     library: Library
-    heads: Mapping[str, Head]
     places: Mapping[str, Any]
-    notes: dict[str, str] = field(default_factory=dict)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
@@ -91,7 +88,7 @@ def _opened(path: Path, library: Library) -> ApartRecording:
     with _asked(path, library, None, notes) as (lines, _):
         found = list(lines)
     heads = {line["full"]: Head(line["name"], line["unit"], line["size"]) for line in found}
-    return ApartRecording(path, library, heads, {line["full"]: line["place"] for line in found}, notes)
+    return ApartRecording(path, heads, library, {line["full"]: line["place"] for line in found}, notes=notes)
 
 
 @contextmanager

@@ -6,13 +6,13 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_samples, one_line, opened, split_unit
+from lpvobs.ingest.recordings import Column, ForeignRecording, Head, check_samples, one_line, opened, split_unit
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
@@ -23,14 +23,11 @@ MOST_BROKEN = 0.01
 
 
 @dataclass(frozen=True)
-class CsvRecording:
+class CsvRecording(ForeignRecording):
     """A CSV file whose header has been read."""
 
-    path: Path
     rules: SourceRules
     encoding: str
-    heads: Mapping[str, Head]
-    notes: dict[str, str] = field(default_factory=dict)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
@@ -166,7 +163,7 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
             key += "#"
         heads[key] = Head(bare, unit.strip().strip("[]") or inside)
     notes = {} if encoding == rules.encoding else {"encoding": f"not {rules.encoding}: read as {encoding}"}
-    return CsvRecording(path, rules, encoding, heads, notes)
+    return CsvRecording(path, heads, rules, encoding, notes=notes)
 
 
 def _first_lines(path: Path, count: int) -> list[bytes]:

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, Head, check_size, one_line, split_unit
+from lpvobs.ingest.recordings import Column, ForeignRecording, Head, check_size, one_line, split_unit
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -16,13 +16,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ParquetRecording:
+class ParquetRecording(ForeignRecording):
     """A Parquet file whose schema has been read; `sizes` [bytes] is what each column takes when it is read."""
 
-    path: Path
-    heads: Mapping[str, Head]
     sizes: Mapping[str, int]
-    notes: Mapping[str, str] = field(default_factory=dict)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored."""

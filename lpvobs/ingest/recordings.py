@@ -4,9 +4,9 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Protocol
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
@@ -80,23 +80,17 @@ class Numbers:
     example: str = ""
 
 
-class ForeignRecording(Protocol):
-    """An open foreign file."""
+@dataclass(frozen=True)
+class ForeignRecording:
+    """An open foreign file: every column by the full name that tells it from all others, and what was mended to read it at all."""
 
-    @property
-    def path(self) -> Path:
-        """The file."""
-
-    @property
-    def heads(self) -> Mapping[str, Head]:
-        """Every column by the full name that tells it from all others."""
-
-    @property
-    def notes(self) -> Mapping[str, str]:
-        """What had to be mended to read the file at all."""
+    path: Path
+    heads: Mapping[str, Head]
+    notes: dict[str, str] = field(default_factory=dict, kw_only=True)
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return the columns with these full names."""
+        raise NotImplementedError
 
 
 def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | None:

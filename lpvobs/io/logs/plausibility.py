@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.io.logs.policies import LogPolicies, UsableRows
-from lpvobs.records import Array, DefectFound
+from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.records import Array, DefectFound, Defects
 
 Mask = NDArray[np.bool_]
 
@@ -46,10 +46,11 @@ def usable_rows(
     channels: Mapping[str, Channel],
     policies: LogPolicies,
     latest: float = -math.inf,
-) -> UsableRows:
+) -> tuple[NDArray[np.int64], Defects]:
     """Return the rows that are finite, possible, later than each other and than `latest`, and neither stuck nor spiked.
 
-    Raises DataError for time that runs backward, where the policies do not drop it, and for an odd rate.
+    Beside them stands what was lost. Raises DataError for time that runs backward, where the policies do not drop it, and for an
+    odd rate.
     """
     keep, dropped = _usable(time, values, channels)
     rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
@@ -60,7 +61,7 @@ def usable_rows(
         dropped[finding.channel] += samples.size
         keep[rows[samples]] = False
     lost = int(keep.size - np.count_nonzero(keep))
-    return UsableRows(rows[keep[rows]], time.size, dropped, lost, repeated, tuple(findings))
+    return rows[keep[rows]], Defects(time.size, dropped, lost, repeated=repeated, findings=tuple(findings))
 
 
 def _usable(

@@ -1,15 +1,13 @@
 """What to do with the defects of a log, and the account of what was found."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.records import DefectFound, Defects
+from lpvobs.records import Defects
 
 
 @dataclass(frozen=True)
@@ -64,70 +62,43 @@ class LogPolicies:
         return {name: replace(channel, **own.get(name, {})) for name, channel in channels.items()}
 
 
-@dataclass(frozen=True)
-class UsableRows:
-    """What is left of the rows of a log or of a stretch of it, and what was taken away.
-
-    Attributes
-    ----------
-    rows : ndarray of int, shape (n,)
-    read, dropped_rows, repeated, dropped, findings
-        As in `lpvobs.records.Defects`; dropped names every channel.
-    """
-
-    rows: NDArray[np.int64]
-    read: int
-    dropped: Mapping[str, int]
-    dropped_rows: int
-    repeated: int
-    findings: tuple[DefectFound, ...]
-
-
 class SlabCounts:
     """What has been found in the slabs so far."""
 
     def __init__(self) -> None:
-        self.read, self.samples, self.dropped_rows, self.gaps, self.repeated = 0, 0, 0, 0, 0
-        self.latest = float("-inf")
-        self.dropped: dict[str, int] = {}
-        self.found: dict[tuple[str, str], DefectFound] = {}
+        self.samples, self.latest = 0, float("-inf")
+        self.defects = Defects(0)
         self.refusals: list[DataError] = []
 
-    def add(self, usable: UsableRows) -> None:
+    def add(self, found: Defects) -> None:
         """Add what a slab lost; findings of a kind and channel are counted together."""
-        self.read += usable.read
-        self.dropped_rows += usable.dropped_rows
-        self.repeated += usable.repeated
-        for name, lost in usable.dropped.items():
-            self.dropped[name] = self.dropped.get(name, 0) + lost
-        for item in usable.findings:
-            known = self.found.get((item.kind, item.channel))
-            self.found[item.kind, item.channel] = (
-                item if known is None else replace(known, samples=known.samples + item.samples)
-            )
+        old = self.defects
+        findings = {(item.kind, item.channel): item for item in old.findings}
+        for item in found.findings:
+            known = findings.get((item.kind, item.channel))
+            count = item.samples + (known.samples if known else 0)
+            findings[item.kind, item.channel] = replace(known or item, samples=count)
+        self.defects = Defects(
+            old.samples_read + found.samples_read,
+            dict(Counter(old.dropped) + Counter(found.dropped)),
+            old.dropped_rows + found.dropped_rows,
+            old.gaps + found.gaps,
+            old.repeated + found.repeated,
+            tuple(findings.values()),
+        )
 
     def leave_out(self, rows: int, refusal: DataError) -> None:
         """Add a slab that was refused."""
-        self.read += rows
-        self.dropped_rows += rows
+        self.add(Defects(rows, dropped_rows=rows))
         self.refusals.append(refusal)
-
-    @property
-    def findings(self) -> tuple[DefectFound, ...]:
-        """What is stuck, saturated or spiked."""
-        return tuple(self.found.values())
-
-    def defects(self) -> Defects:
-        """Return it as the record that results keep."""
-        dropped = {name: lost for name, lost in self.dropped.items() if lost}
-        return Defects(self.read, dropped, self.dropped_rows, self.gaps, self.repeated, self.findings)
 
     def too_few(self, path: Path) -> DataError:
         """Return what is wrong with a log of which next to nothing is left."""
-        worst = max(self.dropped, key=lambda name: self.dropped[name], default="time")
-        kinds = sorted({finding.kind for finding in self.findings if finding.channel == worst})
+        lost = self.defects.dropped
+        worst = max(lost, key=lost.__getitem__, default="time")
+        kinds = sorted({finding.kind for finding in self.defects.findings if finding.channel == worst})
         why = f" ({', '.join(kinds)})" if kinds else ""
         return DataError(
-            f"{path}: {self.samples} of {self.read} samples are usable, expected at least two; "
+            f"{path}: {self.samples} of {self.defects.samples_read} samples are usable, expected at least two; "
             f"channel '{worst}' spoils the most{why}, see `lpvobs inspect`"
         )

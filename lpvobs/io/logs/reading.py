@@ -69,7 +69,7 @@ class LogFile:
         self._state = state_of(path)
         self.schema = expect_channels(path, self.units)
         self._kept: list[NDArray[np.uint8]] = []
-        self._defects: Defects | None = None
+        self.defects = Defects(0)  # what was found and done; complete once the pieces have been read
 
     @property
     def name(self) -> str:
@@ -80,11 +80,6 @@ class LogFile:
     def sha256(self) -> str:
         """Digest of the file's bytes."""
         return file_digest(self.path)
-
-    @property
-    def defects(self) -> Defects:
-        """What was found and done; complete once the pieces have been read."""
-        return self._defects or Defects(0)
 
     @property
     def kept(self) -> tuple[NDArray[np.uint8], ...]:
@@ -108,11 +103,11 @@ class LogFile:
             mask = np.zeros(time.size, dtype=bool)
             mask[rows] = True
             self._kept.append(np.packbits(mask))
-            self._defects = seen.defects()
+            self.defects = seen.defects
             if rows.size:
                 piece = self._piece(time[rows], {name: column[rows] for name, column in values.items()}, seen)
+                self.defects = seen.defects
                 yield Slab(table, rows, piece)
-        self._defects = seen.defects()
         self._refuse_poor(slabs, seen)
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         refuse_changed(self.path, self._state)
@@ -123,19 +118,19 @@ class LogFile:
         except DataError as refusal:
             seen.leave_out(time.size, refusal)
             return np.empty(0, dtype=np.int64)
-        usable = usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
-        seen.add(usable)
-        return usable.rows
+        rows, lost = usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
+        seen.add(lost)
+        return rows
 
     def _piece(self, time: Array, channels: dict[str, Array], seen: SlabCounts) -> Piece:
         begins = np.diff(time, prepend=seen.latest) > self.policies.gap_limit
-        seen.gaps += int(np.count_nonzero(begins)) - (not np.isfinite(seen.latest))
+        seen.add(Defects(0, gaps=int(np.count_nonzero(begins)) - (not np.isfinite(seen.latest))))
         seen.samples += time.size
         seen.latest = float(time[-1])
         return Piece(time, channels, begins)
 
     def _refuse_poor(self, slabs: int, seen: SlabCounts) -> None:
-        if not seen.read:
+        if not seen.defects.samples_read:
             raise DataError(
                 f"{self.path}: the log has no rows; expected at least two samples; record or export it again"
             )
