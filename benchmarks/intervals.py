@@ -18,7 +18,7 @@ from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import fit, interval_factor
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.records import Array
-from lpvobs.simulation.surface import surface_error
+from lpvobs.simulation.readings import surface_error
 
 LEVEL = 0.90
 

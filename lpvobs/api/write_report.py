@@ -8,8 +8,7 @@ from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.errors import UsageError
 from lpvobs.io.results.results import StoredResult
 from lpvobs.report.discovered import contents, sentences
-from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
-from lpvobs.report.junit import write_junit
+from lpvobs.report.gates import Verdict, enforce, judge, parse_gate, write_junit
 from lpvobs.report.load import load
 from lpvobs.report.names import distinct
 from lpvobs.report.outputs import ReportOutput, report_output

@@ -4,23 +4,27 @@ Choices are made by leaving out blocks in turn. The error before and after that 
 are kept from every fit and every choice, or whole logs that took no part.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lpvobs.discovery import thresholds
 from lpvobs.discovery.fit import cholesky, normal_of
+from lpvobs.discovery.imbalances import Nodes, by_unknowns, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.thresholds import BLOCK, DRAWS, EVERY, FOLDS, GUARD, KNOWN, NOTHING, STRETCH, SUPPORT
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
 
 MEASURE = "rmse of the held-out residual"
 HOW = (
-    f"every {EVERY}th stretch of {STRETCH:g} s kept from all fits and choices, {GUARD:g} s at its ends left out, "
-    f"and those in which an effect begins or ends; all balances, "
-    f"each weighted by its own noise"
+    f"every {thresholds.EVERY}th stretch of {thresholds.STRETCH:g} s kept from all fits and choices, {thresholds.GUARD:g} s at "
+    f"its ends left out, and those in which an effect begins or ends; all balances, each weighted by its own noise"
+)
+HOW_WHOLE = (
+    "whole logs that no decision saw: map, constants and effects as they are, each balance weighted by its mean noise"
 )
 
 
@@ -82,9 +86,9 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     Map, constants and sizes are estimated anew without the blocks, by one step of the linear model from where it stands.
     """
     problem = linear.problem
-    fold = problem.block // problem.per_coarse % FOLDS
+    fold = problem.block // problem.per_coarse % thresholds.FOLDS
     losses, counted = np.zeros(problem.K), np.zeros(problem.K, dtype=bool)
-    for each in range(FOLDS):
+    for each in range(thresholds.FOLDS):
         out = fold == each
         own = np.where(out, linear.residual, 0.0)
         factor = cholesky(linear.normal - normal_of(linear, np.flatnonzero(out)))
@@ -99,8 +103,8 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    sound = (time >= SUPPORT) | (linear.problem.prior.standard_error < KNOWN)
-    return np.asarray(np.all(sound[nodes] | (weights < NOTHING), axis=1), dtype=bool)
+    sound = (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN)
+    return np.asarray(np.all(sound[nodes] | (weights < thresholds.NOTHING), axis=1), dtype=bool)
 
 
 def compare(before: Linear, after: Linear) -> Losses:
@@ -125,7 +129,7 @@ def undated(linear: Linear) -> NDArray[np.bool_]:
     number = np.cumsum(np.diff(problem.used.astype(np.int64), prepend=0) != 0)  # of the stretch, kept or used
     out = np.zeros(problem.K, dtype=bool)
     for edge in (edge for term in linear.terms for edge in (term.begin, term.end) if np.isfinite(edge)):
-        beside = ~problem.used & (np.abs(clock - edge) <= BLOCK)
+        beside = ~problem.used & (np.abs(clock - edge) <= thresholds.BLOCK)
         out |= ~problem.used & np.isin(number, number[beside])
     return out
 
@@ -154,7 +158,71 @@ def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, 
     sums = np.stack([np.bincount(coarse, values) for values in (lost, left)])
     sums = sums[:, sums.any(0)] if sums.any() else sums[:, :1]
     before, after = (float(scale * np.sqrt(total / max(count, 1))) for total in sums.sum(1))
-    draws = np.random.default_rng(0).integers(0, sums.shape[1], (DRAWS, sums.shape[1]))
+    draws = np.random.default_rng(0).integers(0, sums.shape[1], (thresholds.DRAWS, sums.shape[1]))
     picked = sums[:, draws].sum(-1)
     low, high = np.quantile(np.sqrt(picked[1] / np.maximum(picked[0], 1e-300)), [0.05, 0.95])
     return Comparison(before, after, after / max(before, 1e-300), (float(low), float(high)))
+
+
+def losses_on_unseen(
+    models: tuple[Linear, Linear], terms: tuple[Sequence[Term], Sequence[Term]], unseen: Problem
+) -> Losses:
+    """Return the losses of the model before and after on an unseen log.
+
+    `terms` are the effects of either model as they act on this log. Only the levels of its day are fitted, where days differ.
+    """
+    after = models[1]
+    root = after.noise.pointwise().root
+    weight = np.sqrt(np.mean((root**2).sum(1), axis=0))[:, None] * unseen.shown
+    time: Array = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p).astype(float)
+    known, losses = np.ones(unseen.K, dtype=bool), []
+    for linear, acting in zip(models, terms, strict=True):
+        raw, nodes = _with_its_levels(linear, acting, unseen, weight)
+        losses.append(((weight * raw) ** 2).sum(0))
+        known &= _informed(time, nodes, after)
+    before, left = (np.where(known, loss, 0.0) for loss in losses)
+    scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
+    return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
+
+
+def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, weight: Array) -> tuple[Array, Nodes]:
+    """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
+    q = len(unseen.model.names)
+    beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
+    for _ in range(thresholds.LEVEL_PASSES if unseen.levels else 0):
+        scenes = scenes_with(unseen, terms, beta)
+        nodes = operating_nodes(unseen, scenes)
+        each = imbalances_at(unseen, scenes, beta)
+        columns = (weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]).reshape(beta.size - q, -1)
+        raw = (weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]).ravel()
+        prior = np.diag(unseen.spread[q:] ** -2.0)
+        shared = thresholds.LEVEL_SHARE  # neighbouring places share their errors
+        step = np.linalg.solve(shared * columns @ columns.T + prior, shared * columns @ raw + prior @ beta[q:])
+        beta[q:] -= step
+    scenes = scenes_with(unseen, terms, beta)
+    nodes = operating_nodes(unseen, scenes)
+    return residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
+
+
+def pooled_losses(parts: Sequence[Losses]) -> Losses:
+    """Return the losses along several logs as one."""
+    offsets = np.cumsum([0, *(int(part.coarse.max()) + 1 for part in parts[:-1])])
+    return Losses(
+        np.concatenate([part.before for part in parts]),
+        np.concatenate([part.after for part in parts]),
+        np.concatenate([part.counted for part in parts]),
+        np.concatenate([part.coarse + shift for part, shift in zip(parts, offsets, strict=True)]),
+        parts[0].scale,
+    )
+
+
+def _informed(time: Array, nodes: tuple[NDArray[np.int64], Array], after: Linear) -> NDArray[np.bool_]:
+    """Return where the map along a log is interpolated between nodes that the model knows, shape (K,)."""
+    prior = after.problem.prior
+    stands = (
+        np.zeros(after.p, dtype=bool)
+        if prior.free
+        else np.diag(prior.precision) > thresholds.UNKNOWN * prior.precision.max()
+    )
+    informed = (time >= thresholds.SUPPORT) | stands
+    return np.asarray(np.all(informed[nodes[0]] | (nodes[1] < thresholds.NOTHING), axis=1), dtype=bool)

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lpvobs.discovery.held_out import HOW, MEASURE, Comparison
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
 from lpvobs.discovery.leftover import Leftover
-from lpvobs.discovery.unseen import HOW_WHOLE
 from lpvobs.discovery.whiteness import Whiteness
 
 

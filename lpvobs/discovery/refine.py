@@ -10,7 +10,7 @@ import scipy.linalg
 from lpvobs.discovery.evidence import in_place
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
-from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.leftover import leftover
@@ -22,7 +22,6 @@ from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Accepted, Selection, select
 from lpvobs.discovery.select import structure as time_structure
 from lpvobs.discovery.thresholds import LIKENESS, STRUCTURE_LEFT
-from lpvobs.discovery.unseen import losses_on_unseen, pooled_losses
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.clocks import MOST_BACKWARD, forward
+from lpvobs.ingest.clocks import MOST_BACKWARD, TimeBase, forward, time_base, time_column
 from lpvobs.ingest.formats import open_recording
 from lpvobs.ingest.placing import on_raster
 from lpvobs.ingest.profiles import Profile
 from lpvobs.ingest.record import SCHEMA, Done, RasterDone, SourceDone, TimeDone
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import RecordedSamples, samples_of
-from lpvobs.ingest.time_bases import TimeBase, time_base, time_column
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Array
 

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
+from lpvobs.ingest.clocks import TimeBase
 from lpvobs.ingest.layouts import refreshed
 from lpvobs.ingest.profiles import ChannelRules, Profile
 from lpvobs.ingest.record import ChannelDone, Repairs
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers
-from lpvobs.ingest.time_bases import TimeBase
 from lpvobs.io.logs.units import canonical, convert, is_broken
 from lpvobs.records import Array
 

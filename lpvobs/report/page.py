@@ -13,10 +13,10 @@ from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.safety.atomic import replacing
+from lpvobs.maps.planning import Plan, plan
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
-from lpvobs.report.driving import drive_rows, plan_of
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.residual import Picture, picture, residual_sections
 from lpvobs.report.tables import Table, bounds_table, coefficient_tables, gain_line, grams, percent, report_rows
@@ -218,3 +218,39 @@ def _quality(view: ResultView, number: int) -> Iterator[Picture]:
         figures.excitation_map(f"q{number}-pe", f"excitation, {view.name}", view.estimated, view.stored.excitation),
         "Persistency of excitation of every cell: smallest eigenvalue of the integral of Eq. (29).",
     )
+
+
+def plan_of(view: ResultView) -> Plan | None:
+    """Return what to drive next, None where the result's method says nothing of its noise.
+
+    Estimated nodes count with their noise, extrapolated ones with their error of prediction; a node without any value counts as
+    wrong by as much as the estimated ones are large.
+    """
+    stored = view.stored
+    if not stored.supported.any() or not (stored.standard_error > 0).any():
+        return None
+    usual = float(np.sqrt(np.mean(stored.theta[stored.supported] ** 2)))
+    noise = np.sqrt(np.maximum(np.diag(stored.noise), 0.0)).reshape(stored.grid.shape)
+    beyond = np.where(np.isfinite(view.deviation), view.deviation, usual)
+    deviation = np.where(stored.supported, noise, beyond)
+    return plan(stored.grid, stored.supported, stored.excitation, stored.noise, deviation)
+
+
+def drive_rows(view: ResultView, found: Plan) -> Table:
+    """Return the cells that pay best, with what is known there and how long to drive."""
+    fuel, speed = view.axes
+    grid = view.stored.grid
+    header = ["", f"{fuel.meaning} {fuel.unit}", f"{speed.meaning} {speed.unit}", "unknown now g/s"]
+    header += ["excitation so far s", "time to drive s"]
+    rows = [
+        [
+            str(number),
+            f"{grid.fuel[column]:g} to {grid.fuel[column + 1]:g}",
+            f"{grid.speed[row]:g} to {grid.speed[row + 1]:g}",
+            grams(float(found.deviation[row, column])),
+            f"{view.stored.excitation[row, column]:.2f}",
+            f"{max(found.time[row, column], 1.0):.0f}",
+        ]
+        for number, (row, column) in enumerate(found.cells, 1)
+    ]
+    return header, rows

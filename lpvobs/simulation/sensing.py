@@ -10,12 +10,11 @@ from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, with_memory
+from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, surface_error, with_memory
 from lpvobs.simulation.road import CHARGE_LAG
 from lpvobs.simulation.scene import DriveCourse
 from lpvobs.simulation.structure.amplitudes import Structure
 from lpvobs.simulation.structure.pulses import rectified
-from lpvobs.simulation.surface import surface_error
 
 
 @dataclass(frozen=True)

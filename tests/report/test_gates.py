@@ -6,8 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.report.gates import Gate, enforce, judge, parse_gate
-from lpvobs.report.junit import junit_xml, write_junit
+from lpvobs.report.gates import Gate, enforce, judge, junit_xml, parse_gate, write_junit
 
 
 def log(name, error, result="map"):

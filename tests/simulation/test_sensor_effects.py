@@ -188,7 +188,7 @@ def test_a_wrong_sensor_changes_its_own_channel_alone(
 
 @pytest.mark.parametrize("identifier", ["leak.intake", "maf.gain", "u_delta.gain", "maf.delay"])
 def test_references_are_the_surface_and_the_flow_at_the_true_operating_point(inject, config, identifier):
-    from lpvobs.simulation.surface import surface_error
+    from lpvobs.simulation.readings import surface_error
 
     size = {"leak.intake": 4e-5, "maf.gain": 1.1, "u_delta.gain": 1.2, "maf.delay": 0.5}[identifier]
     log = inject(CatalogueEffect(identifier, size))
