@@ -68,7 +68,7 @@ def residual_gas(n_e: float, p_im: float, p_em: float, r_c: float) -> float:
 def charge_heating(T_im: float, T_wall: float, crowd: float) -> float:
     """Return by which share of its temperature ports and valves heat the charge [-], less that at the point of reference.
 
-    A turbulent flow takes up the share 0.18 (W/W_0)^-0.2 of the difference to the wall (Heywood 1988, Sec. 6.2.1; Eriksson and
+    A turbulent flow takes up the share 0.18 (W/W_0)^-0.2 of the difference to the wall (Heywood 1988, Sec. 6.2; Eriksson and
     Nielsen, Modeling and Control of Engines and Drivelines, 2014, Ch. 7). Against a curve: the wall follows coolant and load
     within half a minute, which no balance sees.
     """

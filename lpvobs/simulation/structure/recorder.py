@@ -19,7 +19,7 @@ RASTERS = {
     "T_em": 0.100,
 }
 """[s] of the tasks, as measurement lists of control units have them (ASAM MCD-1 XCP); speed and fuel change with each stroke
-(Guzzella and Onder 2010, Sec. 1.3: event-based and time-based sampling)."""
+(Guzzella and Onder 2010, Ch. 3)."""
 STEPS = {
     "n_e": 0.25,
     "u_delta": 0.02,

@@ -30,7 +30,7 @@ def cooler_effectiveness(amplitude: float, configured: float, v_air: float, crow
     """Return the intercooler's effectiveness [-] at a vehicle's speed [m/s] and a flow per displacement [kg/(s m^3)].
 
     1 - exp(-NTU), NTU over the cooling air's speed to the power of one half and the charge's flow to that of -0.3 (Kays and
-    London, Compact Heat Exchangers, 1984; Eriksson and Nielsen 2014, Sec. 7.3). Against a curve: the vehicle's speed.
+    London, Compact Heat Exchangers, 1984; Eriksson and Nielsen 2014, Ch. 7). Against a curve: the vehicle's speed.
     """
     units = -log(1.0 - min(configured, 0.99))
     flow = (min(max(crowd, 4.0), 80.0) / 20.0) ** -0.3

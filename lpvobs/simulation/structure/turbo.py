@@ -28,7 +28,7 @@ class Stage(NamedTuple):
 def compressor_stage(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_amb: float, T_em: float) -> Stage:
     """Return the air through filter, compressor and intercooler.
 
-    Losses are those of incompressible restrictions, dp = k W^2 / rho (Eriksson and Nielsen 2014, Sec. 7.2; Guzzella and Onder 2010,
+    Losses are those of incompressible restrictions, dp = k W^2 / rho (Eriksson and Nielsen 2014, Ch. 7; Guzzella and Onder 2010,
     Sec. 2.3): 1.5 kPa in the filter and 4 to 6 kPa in the intercooler at high flow. Against a curve: the pressure ratio that is
     logged is not the compressor's, by an amount that follows flow and density.
     """
@@ -127,7 +127,7 @@ def turbine_area(plant: Plant, u_vgt: float, omega_t: float, T_in: float) -> flo
 
     The throat between two vanes is as the sine of their angle, 12 to 78 degrees (Watson and Janota 1982), where the model has an
     ellipse; and the rotor throws the gas back outward, which takes some of the flow at high speed (Futral and Wasserbauer, NASA
-    TN D-2792, 1965). Against a curve: turbine speed is no input of a nozzle.
+    TN D-2621, 1965). Against a curve: turbine speed is no input of a nozzle.
     """
     amplitude, c = plant.structure.turbine, plant.engine
     throat = sin((12.0 + 0.66 * min(max(u_vgt, 0.0), 100.0)) * pi / 180.0) / sin(78.0 * pi / 180.0)

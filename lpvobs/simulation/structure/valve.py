@@ -35,7 +35,7 @@ def poppet_area(opened: float) -> float:
 def pulsation(amplitude: float, n_e: float, u_delta: float, T_em: float) -> float:
     """Return the amplitude of the pulses of p_em over their mean [-], 3 to 20 %.
 
-    Load makes them, and they ring in the tract a_s / (4 l) * 30 / n_e times between two exhaust strokes (Heywood 1988, Sec. 6.7;
+    Load makes them, and they ring in the tract a_s / (4 l) * 30 / n_e times between two exhaust strokes (Heywood 1988, Sec. 6.5;
     Guzzella and Onder, Introduction to Modeling and Control of Internal Combustion Engine Systems, 2010, Ch. 2). Against a curve:
     load and speed are no inputs of a valve, and crests are some 500 rpm apart.
     """
