@@ -17,6 +17,7 @@ from lpvobs.simulation.plant import (
     Flows,
     Inputs,
     Plant,
+    compressor_flow,
     compressor_heating,
     cylinder_flow,
     cylinder_out_temperature,
@@ -30,16 +31,21 @@ from lpvobs.simulation.plant import (
 )
 from lpvobs.simulation.structure.filling import filling_factor
 from lpvobs.simulation.structure.slow import cooler_effectiveness
-from lpvobs.simulation.structure.turbo import compressor_stage, turbine_area, turbine_factor, turbine_inlet
-from lpvobs.simulation.structure.valve import PHASES, area_factor, pulsation
+from lpvobs.simulation.structure.turbo import Stage, compressor_stage, other_turbine
+from lpvobs.simulation.structure.valve import other_egr
 
 
 @njit(cache=True)
 def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
-    """Return flows, temperatures and powers for state x, shape (9,)."""
-    c, b = plant.engine, plant.body
+    """Return flows, temperatures and powers for state x, shape (9,).
+
+    The forms of another structure are called where they are at work: a call takes along all constants of the plant.
+    """
+    c, b, s = plant.engine, plant.body, plant.structure
     p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
-    W_ei = filled(plant, p_im, p_em, T_im, given)
+    W_ei = cylinder_flow(plant, p_im, given.n_e, T_im)
+    if s.wave + s.residual_gas + s.charge_heating > 0.0:
+        W_ei *= filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, W_ei / c.V_d, b.r_c)
     u_delta = max(0.0, min(given.u_demand, smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
     W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl  # Eq. (2)
     needed = W_f * b.air_fuel * b.X_Oc
@@ -48,12 +54,28 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     T_e = cylinder_out_temperature(plant, W_ei, W_f, lambda_O, p_im, p_em, T_im)
     T_em = pipe_temperature(plant, T_e, W_eo, given.T_amb)
     u_egr = valve_position(plant, x[U_EGR1], x[U_EGR2])
-    air = compressor_stage(plant, p_im, omega_t, given.p_amb, given.T_amb, T_em)
+    if s.compressor + s.pipes > 0.0:
+        air = compressor_stage(plant, p_im, omega_t, given.p_amb, given.T_amb, T_em)
+    else:
+        W_c = compressor_flow(plant, p_im, omega_t, given.p_amb, given.T_amb)
+        air = Stage(W_c, given.p_amb, p_im, given.T_amb, 1.0, 0.0)
     heating = compressor_heating(plant, air.W_c, air.p_out, air.p_in, air.T_in, air.loss)
-    W_t, P_t = expanded(plant, p_em, x[U_VGT], omega_t, T_em, W_eo, given)
+    warming = heating + air.warming + (air.T_in - given.T_amb)
+    effectiveness = b.eps_ic
+    if s.thermocouple > 0.0:
+        effectiveness = cooler_effectiveness(s.thermocouple, b.eps_ic, given.v_air, air.W_c / c.V_d)
+    if s.turbine > 0.0:
+        W_t, P_t = other_turbine(plant, p_em, x[U_VGT], omega_t, T_em, W_eo, given)
+    else:
+        W_t, Pi_t = turbine_flow(plant, p_em, x[U_VGT], T_em, given.p_amb)
+        P_t = turbine_power(plant, W_t, Pi_t, omega_t, T_em)
+    if s.egr > 0.0:
+        W_egr = other_egr(plant, p_im, p_em, u_egr, T_im, T_em, given.n_e, u_delta)
+    else:
+        W_egr = egr_flow(plant, p_im, p_em, u_egr, T_im, T_em)
     return Flows(
         air.W_c,
-        recirculated(plant, p_im, p_em, u_egr, T_im, T_em, given.n_e, u_delta),
+        W_egr,
         W_ei,
         W_f,
         W_t,
@@ -62,59 +84,10 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
         u_egr,
         T_em,
         max(0.0, W_ei * x[X_OIM] - needed) / W_eo,
-        charge_warming(plant, heating + air.warming + (air.T_in - given.T_amb), air.W_c, given.v_air),
+        (1.0 - effectiveness) * warming,
         air.W_c * c.c_pa * heating,  # Eq. (2)
         P_t,
     )
-
-
-@njit(cache=True)
-def filled(plant: Plant, p_im: float, p_em: float, T_im: float, given: Inputs) -> float:
-    """Return W_ei [kg/s], with the forms of another structure."""
-    s, W_ei = plant.structure, cylinder_flow(plant, p_im, given.n_e, T_im)
-    if s.wave == 0.0 and s.residual_gas == 0.0 and s.charge_heating == 0.0:
-        return W_ei
-    crowd = W_ei / plant.engine.V_d
-    return W_ei * filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, crowd, plant.body.r_c)
-
-
-@njit(cache=True)
-def recirculated(
-    plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float, n_e: float, u_delta: float
-) -> float:
-    """Return W_egr [kg/s]: the mean over a pulse of the exhaust pressure where the valve is of another structure."""
-    amplitude = plant.structure.egr
-    if amplitude == 0.0:
-        return egr_flow(plant, p_im, p_em, u_egr, T_im, T_em)
-    factor = area_factor(amplitude, u_egr, plant.engine.c_egr1, plant.engine.c_egr2)
-    pulse, flow = pulsation(amplitude, n_e, u_delta, T_em), 0.0
-    for phase in PHASES:
-        flow += 0.25 * egr_flow(plant, p_im, p_em * (1.0 + pulse * phase), u_egr, T_im, T_em, factor)
-    return flow
-
-
-@njit(cache=True)
-def expanded(
-    plant: Plant, p_em: float, u_vgt: float, omega_t: float, T_em: float, W_eo: float, given: Inputs
-) -> tuple[float, float]:
-    """Return the turbine's flow [kg/s] and its power times mechanical efficiency [W]."""
-    amplitude = plant.structure.turbine
-    if amplitude == 0.0:
-        W_t, Pi_t = turbine_flow(plant, p_em, u_vgt, T_em, given.p_amb)
-        return W_t, turbine_power(plant, W_t, Pi_t, omega_t, T_em)
-    T_in = turbine_inlet(amplitude, T_em, given.T_amb, W_eo / plant.engine.V_d)
-    area = turbine_area(plant, u_vgt, omega_t, T_in)
-    W_t, Pi_t = turbine_flow(plant, p_em, u_vgt, T_in, given.p_amb, area)
-    return W_t, turbine_factor(amplitude, u_vgt, given.n_e) * turbine_power(plant, W_t, Pi_t, omega_t, T_in)
-
-
-@njit(cache=True)
-def charge_warming(plant: Plant, heating: float, W_c: float, v_air: float) -> float:
-    """Return how much warmer than ambient [K] the charge leaves the intercooler, from `heating` [K] by the compressor."""
-    effectiveness, amplitude = plant.body.eps_ic, plant.structure.thermocouple
-    if amplitude > 0.0:
-        effectiveness = cooler_effectiveness(amplitude, effectiveness, v_air, W_c / plant.engine.V_d)
-    return (1.0 - effectiveness) * heating
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from lpvobs.simulation.plant import Plant, compressor_flow, vgt_area_ratio
+from lpvobs.simulation.plant import Inputs, Plant, compressor_flow, turbine_flow, turbine_power, vgt_area_ratio
 
 STEPS = 3
 """Of the secant between flow and pressure losses; they leave less than 1e-6 of the flow."""
@@ -108,6 +108,18 @@ def soaked(amplitude: float, U: float, hotter: float) -> tuple[float, float]:
     """
     heat = amplitude * 16.0 * max(hotter, 0.0) / 400.0 * exp(-U / 150.0)
     return 0.25 * heat, 0.75 * heat
+
+
+@njit(cache=True)
+def other_turbine(
+    plant: Plant, p_em: float, u_vgt: float, omega_t: float, T_em: float, W_eo: float, given: Inputs
+) -> tuple[float, float]:
+    """Return the turbine's flow [kg/s] and its power times mechanical efficiency [W]."""
+    amplitude = plant.structure.turbine
+    T_in = turbine_inlet(amplitude, T_em, given.T_amb, W_eo / plant.engine.V_d)
+    area = turbine_area(plant, u_vgt, omega_t, T_in)
+    W_t, Pi_t = turbine_flow(plant, p_em, u_vgt, T_in, given.p_amb, area)
+    return W_t, turbine_factor(amplitude, u_vgt, given.n_e) * turbine_power(plant, W_t, Pi_t, omega_t, T_in)
 
 
 @njit(cache=True)

@@ -4,9 +4,24 @@ from math import cos, exp, pi, sqrt, tanh
 
 from numba import njit
 
+from lpvobs.simulation.plant import Plant, egr_flow
+
 PHASES = (cos(0.125 * pi), cos(0.375 * pi), -cos(0.375 * pi), -cos(0.125 * pi))
 """Of a cosine; the mean over them is that over eight phases of the pulse."""
 TRACT = 0.8  # m, exhaust manifold from valve to turbine and back to the EGR valve
+
+
+@njit(cache=True)
+def other_egr(
+    plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float, n_e: float, u_delta: float
+) -> float:
+    """Return W_egr [kg/s] through another area, the mean over a pulse of the exhaust pressure."""
+    amplitude = plant.structure.egr
+    factor = area_factor(amplitude, u_egr, plant.engine.c_egr1, plant.engine.c_egr2)
+    pulse, flow = pulsation(amplitude, n_e, u_delta, T_em), 0.0
+    for phase in PHASES:
+        flow += 0.25 * egr_flow(plant, p_im, p_em * (1.0 + pulse * phase), u_egr, T_im, T_em, factor)
+    return flow
 
 
 @njit(cache=True)
