@@ -35,8 +35,8 @@ CHUNK = 2000  # actions of the control between two reports of progress
 class Course(NamedTuple):
     """What the engine is asked for, at every action of its control.
 
-    `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa], `T_amb` [K], `T_wall` [K] and `v_air` [m/s] have shape (M,) and run straight
-    between the actions.
+    All have shape (M,). `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa] and `T_amb` [K] run straight between the actions; `T_wall`
+    [K] and `v_air` [m/s] stand still.
     """
 
     n_e: Array
@@ -182,8 +182,7 @@ def inputs_at(course: Course, commands: Commands, period: float, action: int, af
     # written so that what is constant stays so to the last bit
     p_amb = course.p_amb[action] + share * (course.p_amb[action + 1] - course.p_amb[action])
     T_amb = course.T_amb[action] + share * (course.T_amb[action + 1] - course.T_amb[action])
-    T_wall = course.T_wall[action] + share * (course.T_wall[action + 1] - course.T_wall[action])
-    v_air = course.v_air[action] + share * (course.v_air[action + 1] - course.v_air[action])
+    T_wall, v_air = course.T_wall[action], course.v_air[action]  # too slow to need more
     return Inputs(n_e, u_demand, commands.u_egr, commands.u_vgt, p_amb, T_amb, T_wall, v_air)
 
 
