@@ -45,9 +45,9 @@ def exchanged(one: str, other: str) -> MixUp:
     return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
 
 
-def below(one: str, other: str, most: float, slack: float = 0.0) -> Check:
-    """Return the check that a channel is not by more than `slack` below another for more than so large a share of the time."""
-    far = f"more than {slack:g} " if slack else ""
+def below(one: str, other: str, most: float, slack: float = 0.0, unit: str = "") -> Check:
+    """Return the check that a channel is not more than `slack` [unit] below another for more than a share of the time."""
+    far = f"more than {slack:g} {unit} " if slack else ""
     return Check(f"{one} is {far}below {other}", partial(_below, one, other, slack), most)
 
 

@@ -5,7 +5,7 @@ from lpvobs.engines.mix_ups import Suspects, below, exchanged
 # On 24 simulated drives (three cycles, sea level to 2000 m, -5 to 35 degrees) p_em was below p_im for 9 % of the time at most, T_im
 # 5 K below T_amb never; with the channels exchanged for 91 and 78 % at least. On a bench a cooler may hold T_im at T_amb.
 SUSPECTS = Suspects(
-    checks=(below("p_em", "p_im", 0.5), below("T_im", "T_amb", 0.5, slack=5.0)),
+    checks=(below("p_em", "p_im", 0.5), below("T_im", "T_amb", 0.5, slack=5.0, unit="K")),
     mix_ups=tuple(
         exchanged(*pair) for pair in (("p_im", "p_em"), ("p_im", "p_amb"), ("T_im", "T_amb"), ("u_egr", "u_vgt"))
     ),
