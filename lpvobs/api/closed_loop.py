@@ -14,6 +14,7 @@ from lpvobs.api.refined_map import expect_cascade
 from lpvobs.api.search_start import Start, start_of
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
+from lpvobs.discovery.outcome import StoredOutcome, plain
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, nominal_map, refine
 from lpvobs.discovery.residual import MapPrior, free_map
@@ -75,8 +76,8 @@ class Closed:
 
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""
-        head = {"logs_used": [log.name for log in self.logs], "map_frozen": self.frozen}
-        return json.dumps(head | self.refinement.trace.as_json(refined=refined))
+        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.logs)
+        return json.dumps(plain(StoredOutcome(**found, logs_used=logs, map_frozen=self.frozen)))
 
     def write_trace(self, file: h5py.File) -> None:
         """Write `/trace` in place of the one that is there."""

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ from lpvobs.api.closed_loop import Closed, close
 from lpvobs.api.files import File, Progress, as_path, as_paths, silent, some_logs, writing
 from lpvobs.api.pooled import Traced
 from lpvobs.api.refined_map import estimate_refined, refined_model, sensor_state
+from lpvobs.api.trace import TraceOutput
 from lpvobs.discovery.known_effects import from_off
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.results.hdf import changing
@@ -17,6 +19,11 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import write_sensor_state
 from lpvobs.io.results.results import refuse_replaced, write_result
 from lpvobs.io.safety.atomic import replacing
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefineOutput(TraceOutput):
+    """What was added to the model, error before and after."""
 
 
 def refine(

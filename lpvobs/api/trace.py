@@ -1,11 +1,22 @@
 """`trace`: what the model of a result lacks."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from lpvobs.api.closed_loop import close
 from lpvobs.api.files import File, Progress, silent, some_logs, updating
 from lpvobs.api.pooled import Traced
+from lpvobs.discovery.outcome import Outcome
 from lpvobs.io.results.results import update
+from lpvobs.kinds import Refused
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraceOutput(Outcome):
+    """What the model lacks."""
+
+    map_frozen: bool
+    refused: Refused
 
 
 def trace(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say
 from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument, file_option
-from lpvobs.cli.trace import content, show
+from lpvobs.cli.trace import show
 
 if TYPE_CHECKING:
     from lpvobs.api.pooled import Traced
@@ -36,12 +36,14 @@ def refine(
 
     Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
+    from lpvobs.api.refine import RefineOutput
     from lpvobs.api.refine import refine as refine_model
 
     with progress("refining") as report:
         traced = refine_model(result, logs, out, hold_out=hold_out or (), freeze_map=freeze_map, progress=report)
     if as_json:
-        print_json("refine", content(traced, refined=True))
+        found = vars(traced.found.output(refined=True))
+        print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
     else:
         _tell(traced, out)
     leave(traced.refused)

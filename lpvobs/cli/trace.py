@@ -2,13 +2,12 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
 from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument
 
 if TYPE_CHECKING:
-    from lpvobs.api.pooled import Traced
     from lpvobs.discovery.outcome import Finding, Trace
 
 WIDTH = 80
@@ -31,25 +30,18 @@ def trace(
 
     Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
+    from lpvobs.api.trace import TraceOutput
     from lpvobs.api.trace import trace as trace_residual
 
     with progress("tracing") as report:
         traced = trace_residual(result, logs, freeze_map=freeze_map, progress=report)
     if as_json:
-        print_json("trace", content(traced, refined=False))
+        found = vars(traced.found.output(refined=False))
+        print_json("trace", TraceOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
     else:
         show(traced.found, traced.map_frozen, refined=False)
         say(f"held-out residual {1e3 * traced.found.comparison.before:.3f} g/s rms; /trace written into {result}")
     leave(traced.refused)
-
-
-def content(traced: "Traced", refined: bool) -> dict[str, Any]:
-    """Return the contract's object."""
-    return {
-        "map_frozen": traced.map_frozen,
-        "refused": list(traced.refused),
-        **traced.found.as_json(refined=refined),
-    }
 
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:
@@ -62,7 +54,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     if found.findings:
         from lpvobs.report.spoken import in_words
 
-        said = in_words([finding.as_json() for finding in found.findings])
+        said = in_words(found.as_json(refined)["effects"])
         print(textwrap.fill(visible(said), WIDTH, initial_indent="  ", subsequent_indent="  "))
     for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
         if effects:

@@ -5,11 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
-from lpvobs.discovery.outcome import Finding, LogPart, Parameter
+from lpvobs.discovery.outcome import Finding, Followed, LogPart, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.select import Accepted
@@ -33,8 +34,8 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
-        drive=term.effect.drive,
-        curve=_curve(item.curve),
+        drive=term.effect.drive if item.indistinguishable else UNSET,
+        curve=UNSET if item.curve is None else _followed(item.curve),
     )
 
 
@@ -58,7 +59,7 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
 def known_finding(known_effect: KnownEffect) -> Finding:
     """Return an effect that the model had already."""
     parameter = Parameter(known_effect.value, known_effect.unit, known_effect.ci90)
-    return Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, (), "", None)
+    return Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, ())
 
 
 def log_part(
@@ -85,13 +86,5 @@ def _since(start: float, edge: float) -> float | None:
     return edge - start if np.isfinite(edge) else None
 
 
-def _curve(curve: Curve | None) -> dict[str, object] | None:
-    if curve is None:
-        return None
-    return {
-        "channel": curve.channel,
-        "of": curve.of,
-        "changes": curve.carrier,
-        "knots": curve.knots.tolist(),
-        "values": curve.values.tolist(),
-    }
+def _followed(curve: Curve) -> Followed:
+    return Followed(curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist()))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +10,27 @@ from numpy.typing import NDArray
 from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import LARGE, LEAST_VISIT, MOST_NAMED
+from lpvobs.kinds import Finite
 from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array, Log
+
+Pair = tuple[Finite, Finite]
+When = TypedDict("When", {"log": str, "from": Finite, "to": Finite, "share": float})
+
+
+class Where(TypedDict):
+    """The cell of the map with the largest mean square, which is so many times the median cell's."""
+
+    fuel: Pair
+    speed: Pair
+    times_median_power: float
+
+
+class Frequency(TypedDict):
+    """The frequency below which half of the power lies."""
+
+    half_power_below: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -59,7 +79,7 @@ class Leftover:
     balance: str
     follows: Mapping[str, float]
 
-    def as_json(self) -> dict[str, object]:
+    def as_json(self) -> dict[str, Any]:
         """Return it for programs."""
         return {
             "when": [{"log": s.log, "from": s.begin, "to": s.end, "share": s.share} for s in self.stretches],

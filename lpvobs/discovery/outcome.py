@@ -1,12 +1,19 @@
 """The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from msgspec import UNSET, Meta, UnsetType, to_builtins
 
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
-from lpvobs.discovery.leftover import Leftover
+from lpvobs.discovery.leftover import Frequency, Leftover, When, Where
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.kinds import Finite, Fraction
+
+Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
+Onset = Annotated[float | None, Meta(description="s since the start of its log; null: from the first sample")]
+End = Annotated[float | None, Meta(description="s since the start of its log; null: to the last sample")]
 
 
 @dataclass(frozen=True)
@@ -16,6 +23,17 @@ class Parameter:
     value: float
     unit: str
     ci90: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A curve over a logged channel: what follows it, and the deviation of that at the knots."""
+
+    channel: str
+    of: str
+    changes: str
+    knots: tuple[Finite, ...]
+    values: tuple[Finite, ...]
 
 
 @dataclass(frozen=True)
@@ -33,40 +51,21 @@ class Finding:
         Corrected for all effects and intervals that were tried.
     indistinguishable : tuple of str
         Effects that explain these logs as well.
-    drive : str
+    drive : str, optional
         What kind of drive would tell them apart.
-    curve : mapping of str to list, or None
-        For a channel: what follows it, knots and values.
+    curve : Followed, optional
+        For a channel.
     """
 
     id: str
     parameters: Mapping[str, Parameter]
-    onset: float | None
-    end: float | None
-    explained: float | None
+    onset: Onset
+    end: End
+    explained: Fraction
     p_value: float | None
     indistinguishable: tuple[str, ...]
-    drive: str
-    curve: Mapping[str, Any] | None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the finding as in the contract; `drive` and `curve` are added where they say something."""
-        shown: dict[str, Any] = {
-            "id": self.id,
-            "parameters": {
-                name: {"value": p.value, "unit": p.unit, "ci90": list(p.ci90)} for name, p in self.parameters.items()
-            },
-            "onset": self.onset,
-            "end": self.end,
-            "explained": self.explained,
-            "p_value": self.p_value,
-            "indistinguishable": list(self.indistinguishable),
-        }
-        if self.indistinguishable:
-            shown["drive"] = self.drive
-        if self.curve is not None:
-            shown["curve"] = dict(self.curve)
-        return shown
+    drive: str | UnsetType = UNSET
+    curve: Followed | UnsetType = UNSET
 
 
 @dataclass(frozen=True)
@@ -83,27 +82,19 @@ class BalanceError:
         The same from medians, which ignore a few outliers.
     affected : bool
         Whether the effects move it by more than its usual error.
+    recovered : float or None
+        (B - A) / (B - N); None where it is not affected or nothing says what is healthy.
     """
 
     balance: str
-    unit: str
+    unit: Annotated[str, Meta(extra_json_schema={"enum": ["1", "kg/s"]})]
     before: float
     after: float
     healthy: float | None
     usual_before: float
     usual_after: float
     affected: bool
-
-    @property
-    def recovered(self) -> float | None:
-        """(B - A) / (B - N) with the healthy error N, None where the balance is not affected or nothing says what is healthy."""
-        if not self.affected or self.healthy is None:
-            return None
-        return (self.before - self.after) / (self.before - self.healthy)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the balance as plain data, fractions as fractions."""
-        return asdict(self) | {"recovered": self.recovered}
+    recovered: float | None
 
     def note(self) -> str:
         """Return a sentence on its error before and after."""
@@ -200,21 +191,84 @@ class LogPart:
             said.append(f"The day differs from the healthy one, which is no fault: {levels}.")
         return said + ([] if self.missing is None else self.missing.notes())
 
-    def as_json(self, refined: bool) -> dict[str, Any]:
-        """Return the contract's object for this log, and what is known of its balances and its day."""
-        shown: dict[str, Any] = {
-            "log": self.log,
-            "verdict": self.verdict,
-            "effects": [finding.as_json() for finding in self.findings],
-            "error": error_content(self.comparison, refined, HOW_WHOLE if self.own is None else HOW),
-        }
-        if self.own is not None:
-            shown["residual"] = {"white": self.own.white, "correlated_with": list(self.own.correlated_with)}
-        shown["balances"] = [item.as_json() for item in self.balances]
-        shown["day_to_day"] = [asdict(item) for item in self.day]
-        if self.missing is not None:
-            shown["missing"] = asdict(self.missing)
-        return shown
+    def output(self, refined: bool) -> "OutcomeOnLog":
+        """Return what is printed of this log."""
+        return OutcomeOnLog(
+            log=self.log,
+            verdict=self.verdict,
+            effects=self.findings,
+            error=error_output(self.comparison, refined, HOW_WHOLE if self.own is None else HOW),
+            residual=UNSET if self.own is None else ResidualOutput(self.own.white, tuple(self.own.correlated_with)),
+            balances=self.balances,
+            day_to_day=self.day,
+            missing=UNSET if self.missing is None else self.missing,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorOutput:
+    """The error before, and after where the model was refined."""
+
+    measure: Annotated[str, Meta(extra_json_schema={"const": MEASURE})]
+    unit: Annotated[str, Meta(extra_json_schema={"const": "kg/s"})]
+    before: float
+    after: float | UnsetType = UNSET
+    ratio: float | UnsetType = UNSET
+    ratio_ci90: tuple[float, float] | UnsetType = UNSET
+    held_out: str
+
+
+def error_output(comparison: Comparison, refined: bool, how: str) -> ErrorOutput:
+    """Return the contract's `error`."""
+    shown = vars(comparison) if refined else {"before": comparison.before}
+    return ErrorOutput(measure=MEASURE, unit="kg/s", **shown, held_out=how)
+
+
+@dataclass(frozen=True)
+class ResidualOutput:
+    """What is left: whether that is white noise, what it follows; where it is not, when, where and how fast it is."""
+
+    white: bool
+    correlated_with: tuple[str, ...]
+    when: tuple[When, ...] | UnsetType = UNSET
+    where: Where | UnsetType = UNSET
+    frequency: Frequency | UnsetType = UNSET
+    balance: str | UnsetType = UNSET
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutcomeOnLog:
+    """What was found on one log; nothing is said of the residual of a log held out."""
+
+    log: str
+    verdict: Verdict
+    effects: tuple[Finding, ...]
+    error: ErrorOutput
+    residual: ResidualOutput | UnsetType = UNSET
+    balances: tuple[BalanceError, ...]
+    day_to_day: tuple[DayLevel, ...]
+    missing: Missing | UnsetType = UNSET
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What was found on all logs; `known_effects` are those that the model had already."""
+
+    verdict: Verdict
+    effects: tuple[Finding, ...]
+    error: ErrorOutput
+    residual: ResidualOutput
+    known_effects: tuple[Finding, ...] | UnsetType = UNSET
+    error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
+    logs: tuple[OutcomeOnLog, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredOutcome(Outcome):
+    """What a result keeps of it."""
+
+    logs_used: tuple[str, ...]
+    map_frozen: bool
 
 
 @dataclass(frozen=True)
@@ -252,30 +306,24 @@ class Trace:
     held_out: Comparison | None
     left: Leftover | None
 
+    def output(self, refined: bool) -> Outcome:
+        """Return what is printed; `after` and what follows from it only where refined."""
+        left = {} if self.left is None else self.left.as_json()
+        return Outcome(
+            verdict=self.verdict,
+            effects=self.findings,
+            error=error_output(self.comparison, refined, HOW),
+            residual=ResidualOutput(self.white, tuple(self.correlated_with), **left),
+            known_effects=self.known_effects or UNSET,
+            error_on_held_out_logs=error_output(self.held_out, refined, HOW_WHOLE) if self.held_out else UNSET,
+            logs=tuple(part.output(refined) for part in self.logs),
+        )
+
     def as_json(self, refined: bool) -> dict[str, Any]:
-        """Return the object of the contract, without its schema; `after` and what follows from it only where refined."""
-        shown: dict[str, Any] = {
-            "verdict": self.verdict,
-            "effects": [finding.as_json() for finding in self.findings],
-            "error": error_content(self.comparison, refined, HOW),
-            "residual": {"white": self.white, "correlated_with": list(self.correlated_with)},
-        }
-        if self.left is not None:
-            shown["residual"] |= self.left.as_json()
-        if self.known_effects:
-            shown["known_effects"] = [finding.as_json() for finding in self.known_effects]
-        if self.held_out is not None:
-            shown["error_on_held_out_logs"] = error_content(self.held_out, refined, HOW_WHOLE)
-        return shown | {"logs": [part.as_json(refined) for part in self.logs]}
+        """Return the object of the contract as plain data, without its schema."""
+        return plain(self.output(refined))
 
 
-def error_content(comparison: Comparison, refined: bool, how: str) -> dict[str, Any]:
-    """Return the contract's `error`."""
-    shown: dict[str, Any] = {"measure": MEASURE, "unit": "kg/s", "before": comparison.before}
-    if refined:
-        shown |= {
-            "after": comparison.after,
-            "ratio": comparison.ratio,
-            "ratio_ci90": list(comparison.ratio_ci90),
-        }
-    return shown | {"held_out": how}
+def plain(record: object) -> dict[str, Any]:
+    """Return a record as plain data, without what is not set."""
+    return to_builtins(record, enc_hook=lambda number: number.item())  # type: ignore[no-any-return]

@@ -46,7 +46,8 @@ def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
         healthy = None if model.healthy is None else float(model.healthy.rms[b])
         B, A, usual = _rms(lost), _rms(left), _rms(left) if healthy is None else healthy
         moved = named and AFFECTED * usual < B and _rms(lost - left) > 0.5 * usual
-        found.append(BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved))
+        recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
+        found.append(BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered))
     return tuple(found)
 
 

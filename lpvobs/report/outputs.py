@@ -17,8 +17,7 @@ from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import QuadraticFit
 from lpvobs.report.names import paper_error
 
-Traced = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/traced"})]
-Refined = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/refined"})]
+StoredOutcome = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/StoredOutcome"})]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,8 +117,8 @@ class ReportedResult:
     map: MapCounts
     extrapolation: QuadraticOutput | None
     gain: ReportedGain
-    trace: Traced | UnsetType = UNSET
-    refinement: Refined | UnsetType = UNSET
+    trace: StoredOutcome | UnsetType = UNSET
+    refinement: StoredOutcome | UnsetType = UNSET
 
 
 @dataclass(frozen=True, kw_only=True)

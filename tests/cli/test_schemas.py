@@ -12,7 +12,7 @@ import lpvobs.selftest.cases
 from lpvobs.cli.main import app
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.leftover import Leftover, Stretch
-from lpvobs.discovery.outcome import BalanceError, DayLevel, Finding, LogPart, Missing, Parameter, Trace
+from lpvobs.discovery.outcome import BalanceError, DayLevel, Finding, Followed, LogPart, Missing, Parameter, Trace
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
@@ -145,7 +145,7 @@ def replaced(content, path, value):
 ERROR = Comparison(2e-4, 1e-4, 0.5, (0.4, 0.6))
 FINDING = Finding(
     "channel:T_amb", {"amplitude": Parameter(1.0, "1", (0.9, 1.1))}, 3.0, None, 0.4, 0.001, ("maf.temperature",), "a cold day",
-    {"channel": "T_amb", "of": "value", "changes": "maf.gain", "knots": [280.0, 300.0], "values": [0.0, 0.1]},
+    Followed("T_amb", "value", "maf.gain", (280.0, 300.0), (0.0, 0.1)),
 )  # fmt: skip
 LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.0), 3.0, 0.02, "filling", {"T_im": 0.4})
 
@@ -155,7 +155,7 @@ def test_what_the_chain_does_not_show(validator, verb, refined):
     """Left-over structure, effects of before, logs held out, and what a log without some channels cannot show."""
     part = LogPart(
         "drive", "effect", (FINDING,), ERROR, None,
-        (BalanceError("throttle", "1", 0.08, 0.02, 0.015, 0.07, 0.02, True),),
+        (BalanceError("throttle", "1", 0.08, 0.02, 0.015, 0.07, 0.02, True, 0.92),),
         (DayLevel("fuel", 0.01, "1", 0.02),),
         Missing(("T_ic",), ("ambient",), (("a", "b"),)),
     )  # fmt: skip

@@ -4,16 +4,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
-from found import DEFINITIONS, REFUSED, found
 
 from lpvobs.api.draft_profile import ProfileOutput
 from lpvobs.api.estimate import EstimateOutput
 from lpvobs.api.export import ExportOutput
 from lpvobs.api.extrapolate import ExtrapolateOutput
 from lpvobs.api.inspect import InspectOutput
+from lpvobs.api.refine import RefineOutput
 from lpvobs.api.simulate import SimulateOutput
 from lpvobs.api.synth_gain import SynthGainOutput
+from lpvobs.api.trace import TraceOutput
 from lpvobs.api.verify import VerifyOutput
+from lpvobs.discovery.outcome import StoredOutcome
 from lpvobs.ingest.record import IngestOutput, IngestRecord
 from lpvobs.report.outputs import ReportOutput
 from lpvobs.selftest.rows import SelftestOutput
@@ -28,40 +30,35 @@ RECORDS: Mapping[str, Any] = {
     "verify": VerifyOutput,
     "estimate": EstimateOutput,
     "extrapolate": ExtrapolateOutput,
+    "trace": TraceOutput,
+    "refine": RefineOutput,
     "export": ExportOutput,
     "report": ReportOutput,
     "selftest": SelftestOutput,
 }
-BY_HAND: Mapping[str, Mapping[str, Any]] = {
-    "trace": {"description": "What the model lacks.", **found("before", REFUSED)},
-    "refine": {
-        "description": "What was added to the model, error before and after.",
-        **found("before_after", REFUSED),
-    },
-}
-VERBS = (*RECORDS, *BY_HAND)
 
 
 def output_schema(verb: str) -> Schema:
     """Return the schema of the object that a verb prints."""
-    shape, defs = (dict(BY_HAND[verb]), {}) if verb in BY_HAND else _of_record(RECORDS[verb])
+    shape, defs = _of_record(RECORDS[verb])
     name = f"lpvobs/{verb}/1"
     shape["properties"] = {**shape["properties"], "schema": {"const": name}}
     shape["required"] = list(dict.fromkeys(["schema", *shape["required"]]))
-    every = {**DEFINITIONS, **defs}
-    needed = set(_references(shape, every))
+    needed = set(_references(shape, defs))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:{name.replace('/', ':')}",
         **shape,
         "title": f"lpvobs {verb} --json",
-        "$defs": {key: every[key] for key in sorted(needed)},
+        "$defs": {key: defs[key] for key in sorted(needed)},
     }
 
 
 def _of_record(record: Any) -> tuple[Schema, Mapping[str, Schema]]:
     """Return the schema of a record, and those of the records in it by name."""
-    (reference, _), components = msgspec.json.schema_components([record, IngestRecord], ref_template="#/$defs/{name}")
+    (reference, *_), components = msgspec.json.schema_components(
+        [record, IngestRecord, StoredOutcome], ref_template="#/$defs/{name}"
+    )
     defs = {name: _as_printed(component) for name, component in components.items()}
     return defs[reference["$ref"].rsplit("/", 1)[1]], defs
 
