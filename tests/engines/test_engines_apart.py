@@ -20,9 +20,10 @@ from lpvobs.io.configuration.config import load_config
 PACKAGE = ROOT / "lpvobs"
 PLANTS = {
     "nine states": (
-        "bench", "condition", "control", "derivative", "effects", "integrate", "parameters", "plant",
-        "readings", "road", "scene", "sensing",
-        "sensors", "simulate", "surface", "torque", "vehicle",
+        "bench", "condition", "control", "derivative", "drawing", "effects", "integrate", "parameters", "plant",
+        "readings", "road", "scene", "sensing", "sensors", "simulate", "stationary", "torque", "vehicle",
+        "structure/amplitudes", "structure/filling", "structure/pulses", "structure/recorder", "structure/slow",
+        "structure/turbo", "structure/valve",
     ),
 }  # fmt: skip
 """The files of `simulation` that are one engine's plant, with its control, its sensors and its road."""
