@@ -9,7 +9,7 @@ from numba import njit
 from lpvobs.discovery.linear import Linear, dot, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import BLURRED, OPPOSITE, SWITCH
+from lpvobs.discovery.thresholds import SWITCH
 from lpvobs.records import Array
 
 
@@ -62,18 +62,18 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
-    return float(gain[acting].sum()) > (1.0 + BLURRED) * one + least_gain(linear.problem)
+    return float(gain[acting].sum()) > one + least_gain(linear.problem)
 
 
 def _cancels(linear: Linear, one: int, other: int) -> bool:
-    """Return whether one term, while it acts, changes the residual opposite to the other."""
+    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
     whole = residual_with(linear, linear.terms)
     a, b = (
         linear.whiten(whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]))
         for j in (one, other)
     )
     b = b * np.any(a != 0.0, axis=(0, 1))
-    return bool(dot(a, b) < -OPPOSITE * np.sqrt(max(dot(a, a) * dot(b, b), 0.0)))
+    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
 
 
 @njit(cache=True)

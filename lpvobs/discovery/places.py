@@ -20,6 +20,9 @@ from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
+LEAST_DRIVEN = 3.0 * thresholds.STRETCH
+"""[s] Driving without a gap that a log must hold."""
+
 
 @dataclass(frozen=True)
 class Places:
@@ -56,7 +59,7 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     middle = blocks.time + clock[0]
     of_log = np.searchsorted(begin, middle, side="right") - 1
     for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
-        if count * blocks.length < thresholds.LEAST_DRIVEN:
+        if count * blocks.length < LEAST_DRIVEN:
             raise DataError(
                 f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more"
             )
@@ -107,7 +110,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
     least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
     time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
     half_width *= least
-    if time.size * spacing < thresholds.LEAST_DRIVEN:
+    if time.size * spacing < LEAST_DRIVEN:
         raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
     value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
     return _View(time, half_width, value, rate)

@@ -17,11 +17,9 @@ from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Ranked, Trace
 from lpvobs.discovery.per_log import shown_by
-from lpvobs.discovery.ranking import is_proven
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Accepted, Selection, select
-from lpvobs.discovery.select import structure as time_structure
-from lpvobs.discovery.thresholds import LIKENESS, STRUCTURE_LEFT
+from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -184,19 +182,7 @@ def _selected(
     selection = select(_holding(problem, base.terms), lambda share: progress(0.1 + 0.8 * share))
     after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
     before = refit(after, after.terms[: len(known)]) if selection.accepted else after
-    if _explained_already(selection, after):
-        selection = replace(selection, verdict="none")
     return selection, before, after
-
-
-def _explained_already(selection: Selection, after: Linear) -> bool:
-    """Return whether the structure left in time is within what named effects may leave.
-
-    The search asks that of the effects that it finds. Here the effects were in the model before the search began.
-    """
-    if selection.verdict != "unexplained" or is_proven(selection.ranking[0], selection.before):
-        return False
-    return time_structure(after) <= STRUCTURE_LEFT * time_structure(refit(after, ()))
 
 
 def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:

@@ -120,7 +120,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
     uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c, _ in accepted)
     goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
     apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
-    if uneven or goes or apart or _structure_remains(before, linear):
+    if uneven or goes or apart or _structure_remains(linear):
         return "unexplained", [], before, ranking
     return "effect" if accepted else "none", accepted, linear, ranking
 
@@ -154,12 +154,9 @@ def structure(linear: Linear) -> float:
     return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
 
 
-def _structure_remains(before: Linear, after: Linear) -> bool:
+def _structure_remains(linear: Linear) -> bool:
     """Return whether the residual has a structure in time that the named effects do not explain."""
-    left = structure(after)
-    if left < thresholds.MOST_STRUCTURE * 0.5 * after.problem.data:
-        return False
-    return after is before or left > thresholds.STRUCTURE_LEFT * structure(refit(after, ()))
+    return structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * linear.problem.data
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:
