@@ -134,8 +134,8 @@ def close(
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
-    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map and others did not,
-    and nothing says what holds; if a log is there twice.
+    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not, and
+    nothing says what holds, or if a log is there twice.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def make_report(
 ) -> Reported:
     """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for.
 
-    Raises DataError, UsageError as `write_report`, but a gate that fails is a verdict.
+    Raises DataError and UsageError as `write_report` does; a gate that fails is a verdict.
     """
     conditions = list(dict.fromkeys(parse_gate(expression) for expression in gates))
     if junit is not None and not conditions:

@@ -51,7 +51,7 @@ def check(
 ) -> Certificate:
     """Prove Theorem 1 for given numbers, or say why it does not hold.
 
-    Raises DataError numbers that are not finite, shapes that do not fit the system.
+    Raises DataError for numbers that are not finite, and for shapes that do not fit the system.
 
     Parameters
     ----------

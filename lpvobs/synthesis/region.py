@@ -22,7 +22,7 @@ class Region:
     The region is a product of blocks: intervals, and polygons for the pairs. Where a matrix inequality is affine in each block
     while the others stand still (the diesel multiplies a_1 with rho_1, rho_2, rho_3, but never rho_2 with rho_4), it may be moved
     to a vertex one block after the other without growing, so the vertices of the product prove the whole region. Raises UsageError
-    bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
+    for bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
 
     Attributes
     ----------
@@ -84,8 +84,7 @@ class Region:
     def scaled(self, s: float, centre: Sequence[float]) -> "Region":
         """Return the region with its box drawn towards a point inside, s = 1 the whole of it, s = 0 the point.
 
-        Cuts stay where they are, so the regions are nested in s. Raises UsageError for a centre outside or s outside
-        [0, 1].
+        Cuts stay where they are, so the regions are nested in s. Raises UsageError for a centre outside or s outside [0, 1].
         """
         if not 0.0 <= s <= 1.0:
             raise UsageError(f"region: scale is {s:g}, expected 0 to 1")

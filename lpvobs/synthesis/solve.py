@@ -47,7 +47,7 @@ def synthesise(
 ) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
-    Raises NotProven no gain was found for this region, or the one found does not pass the exact check; UsageError an epsilon
+    Raises NotProven if no gain was found for this region, or the one found does not pass the exact check; UsageError for an epsilon
     outside the conditions.
 
     Parameters
@@ -90,8 +90,8 @@ def certify_fixed_gain(
 ) -> Gain:
     """Return a given gain with P and Q that prove it on the whole region.
 
-    Raises NotProven no P, Q were found, or they do not pass the exact check; UsageError an epsilon outside the conditions;
-    DataError A gain of the wrong shape or with NaN in it.
+    Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the conditions;
+    DataError for a gain of the wrong shape or with NaN in it.
 
     Parameters
     ----------
@@ -135,8 +135,7 @@ def largest_feasible(
 ) -> Shrunk:
     """Return the largest part of the region, drawn towards `centre`, for which a gain is proven; by bisection.
 
-    The parts are nested, so what proves one proves every smaller one. Raises NotProven where not even the centre has a
-    gain.
+    The parts are nested, so what proves one proves every smaller one. Raises NotProven where not even the centre has a gain.
     """
 
     def attempt(scale: float) -> tuple[GainProblem, Gain]:

@@ -124,7 +124,7 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
 def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
     """Refuse a log most of whose samples stand alone, or that was sampled faster than any recorder does.
 
-    Raises DataError the unit of time must be wrong.
+    Raises DataError: the unit of time must be wrong.
 
     Parameters
     ----------

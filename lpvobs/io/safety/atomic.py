@@ -45,7 +45,7 @@ def replacing(target: Path) -> Iterator[Path]:
 def claimed(target: Path) -> Iterator[Path]:
     """Keep other processes from writing `target`, and sweep away what killed writers have left of it; yield the file meant.
 
-    Raises DataError as for `replacing`.
+    Raises DataError as `replacing` does.
     """
     target = _regular(target)
     if target in _claims:  # whoever claimed it first lets it go
