@@ -62,10 +62,6 @@ def check(
     falling_gain : bool
         Demand 1 - eps_1 - eps_2 > 0 instead of Eq. (28).
 
-    Returns
-    -------
-    Certificate
-
     Notes
     -----
     Eq. (27), (28), (33). Departure from the paper: none in the conditions; with `falling_gain` a stronger one, because

@@ -64,10 +64,6 @@ def synthesise(
     epsilon : tuple of float, optional
         eps_1, eps_2. By default equal, 0.49 times the bound of their sum: no pair of that sum has a larger product.
 
-    Returns
-    -------
-    Gain
-
     Notes
     -----
     Eq. (27), (28), (33). The paper does not say which of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
