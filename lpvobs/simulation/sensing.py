@@ -1,7 +1,7 @@
 """From the plant's course to the truth at the samples and to what noise-free sensors show of it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,19 @@ class Instruments:
     disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
     structure: Structure
 
+    def settled(self, truth: Mapping[str, Array], duration: float) -> "Instruments":
+        """Return the same with everything filled in that the drive decides of the disturbances."""
+        found = (
+            item.settled(truth[item.channel]) if isinstance(item, ChannelEffect) else item.settled(duration)
+            for item in self.disturbances
+        )
+        return replace(self, disturbances=tuple(found))
+
+    def maf(self, point: Mapping[str, Array], time: Array) -> Array:
+        """Return what the air flow sensor shows at a point [kg/s], before its lag, delay and noise, shape (N,)."""
+        element = self.structure.maf_element
+        return maf_reading(point, time, self.surface, self.R_a, self.effects, self.disturbances, element)
+
 
 def sense(
     instruments: Instruments, scene: DriveCourse, samples: Samples, recorded: Array, trail: Array
@@ -59,42 +72,15 @@ def sense(
     if scene.channels:
         charge = truth["T_amb"] + truth["warming"]
         truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)
-    disturbances = settled(instruments.disturbances, truth, scene.duration)
-    truth["W_maf"] = _maf(instruments, truth, time, disturbances)
+    instruments = instruments.settled(truth, scene.duration)
+    truth["W_maf"] = instruments.maf(truth, time)
     shown = {
         name: reading(name, values, time, instruments.effects) for name, values in truth.items() if name != "W_maf"
     }
     shown["W_maf"] = truth["W_maf"]
     if trail.shape[0] > 0:
-        shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown), disturbances)
+        shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown))
     return truth | {"W_maf": shown["W_maf"]}, shown
-
-
-def settled(
-    disturbances: Sequence[ChannelEffect | UnloggedEffect], truth: Mapping[str, Array], duration: float
-) -> list[ChannelEffect | UnloggedEffect]:
-    """Return disturbances with everything filled in that this drive decides."""
-    return [
-        found.settled(truth[found.channel]) if isinstance(found, ChannelEffect) else found.settled(duration)
-        for found in disturbances
-    ]
-
-
-def _maf(
-    instruments: Instruments,
-    point: Mapping[str, Array],
-    time: Array,
-    disturbances: Sequence[ChannelEffect | UnloggedEffect],
-) -> Array:
-    return maf_reading(
-        point,
-        time,
-        instruments.surface,
-        instruments.R_a,
-        instruments.effects,
-        disturbances,
-        instruments.structure.maf_element,
-    )
 
 
 def _with_trail(
@@ -103,7 +89,6 @@ def _with_trail(
     samples: Samples,
     trail: Array,
     sampled: tuple[Array, Mapping[str, Array], Mapping[str, Array]],
-    disturbances: Sequence[ChannelEffect | UnloggedEffect],
 ) -> dict[str, Array]:
     """Return what sensors with a memory show at the samples, from the trail at every step of the integrator.
 
@@ -111,7 +96,7 @@ def _with_trail(
     """
     step, (times, truth, direct) = instruments.step, sampled
     time = np.linspace(0.0, (trail.shape[0] - 1) * step, trail.shape[0])
-    drivers = {found.channel for found in disturbances if isinstance(found, ChannelEffect)}
+    drivers = {found.channel for found in instruments.disturbances if isinstance(found, ChannelEffect)}
     point = {
         **dict(zip(TRAIL, trail.T, strict=True)),
         **{name: np.interp(time, times, truth[name]) for name in drivers},
@@ -121,7 +106,7 @@ def _with_trail(
     for channel, prefix in (("W_maf", "maf."), ("T_im", "T_im.")):
         slow = [found for found in instruments.effects if found.id in WITH_MEMORY and found.id.startswith(prefix)]
         if slow:
-            values = _maf(instruments, point, time, disturbances) if channel == "W_maf" else point[channel]
+            values = instruments.maf(point, time) if channel == "W_maf" else point[channel]
             remembered = at_samples(with_memory(values, step, slow), samples, step)
             at_work = np.any([found.at(times) for found in slow], axis=0)
             late[channel] = np.where(at_work, remembered, direct[channel])
