@@ -11,6 +11,7 @@ import h5py
 import pytest
 from repository import DIESEL, ROOT
 from robust.defects import Bench
+from robust.samples import lenient
 
 from lpvobs.api.estimate import estimate_logs
 from lpvobs.api.extrapolate import extrapolate
@@ -37,7 +38,9 @@ def hostile(samples, tmp_path_factory):
     log, result = folder / f"{EVIL[:28]}.parquet", folder / "<b onmouseover=alert(3)>.h5"
     shutil.move(bench.path, log)
     config, text = load_config(DIESEL)
-    estimate_logs(config, text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None)
+    estimate_logs(
+        lenient(config), text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None
+    )
     extrapolate(result)
     with changing(result, result) as file:
         file["provenance"].attrs["command_line"] = EVIL + CONTROLS
