@@ -93,7 +93,7 @@ def test_a_logged_channel_is_named(closed, clean, misread):
     calm = np.interp(clean.time, knots, rng.standard_normal(knots.size))
     found = closed(misread(clean, clean["W_maf"] * (1.0 + 0.05 * heat), {"heat": heat, "calm": calm}))
     assert found.trace.findings[0].id == "channel:heat"
-    assert found.trace.findings[0].curve["channel"] == "heat"
+    assert found.trace.findings[0].curve.channel == "heat"
 
 
 @pytest.fixture(scope="module")
