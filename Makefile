@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind thresholds wrong docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -125,6 +125,11 @@ bench: $(VENV)/.ready
 wrong: export OPENBLAS_NUM_THREADS = 1
 wrong: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/wrong_engine.py
+
+as-it-is: export OPENBLAS_NUM_THREADS = 1
+as-it-is: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/engine_as_it_is.py constants
+	$(VENV)/bin/python benchmarks/engine_as_it_is.py structure
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)

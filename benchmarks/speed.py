@@ -25,14 +25,14 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import compare
 from lpvobs.observer import ekf
-from lpvobs.observer.cells import no_sums
-from lpvobs.observer.estimate import calmed, estimate_default, operating_point
+from lpvobs.observer.estimate import Point, calmed, estimate_default, operating_point
 from lpvobs.observer.parts import inform
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import BLOCK
 from lpvobs.observer.step import Sample, local_step
+from lpvobs.observer.windows import Columns, no_moments
 from lpvobs.records import Array, Log
 from lpvobs.simulation.simulate import simulate
 
@@ -103,7 +103,7 @@ def kernels(config: Config, log: Log) -> list[list[str]]:
         "recursion with smoothing and all scheduling": least(with_scheduling, N, 3 * ROUNDS),
         "both balances and their slopes": least(lambda: engine.balances(calm, rates, tuple(settings.tolerance)), N),
         "default method, all of it": least(
-            lambda: inform(engine, config.grid(), gain, log, _limited(config)), len(log), 3
+            lambda: inform(engine, config.grid(), gain, log, _limited(config), _point(config).unknowns), len(log), 3
         ),
         "Kalman filter, 3 + 195 states, all nodes correlated": least(lambda: filtered(full, point), N, 3),
         "the same recursion in NumPy": least(lambda: plain(trajectory, part.time, point, SMALL, gain.L, 2.0), N, 1),
@@ -151,11 +151,17 @@ def rivals(config: Config) -> list[list[str]]:
 
 def _working_set(config: Config) -> int:
     """Return the bytes that the default method carries along a log."""
-    return sum(array.nbytes for array in no_sums(config.grid(), 2, len(_limited(config).tolerance)))
+    columns = Columns(config.grid().size, _point(config).unknowns.size, 2)
+    moments = no_moments(config.grid(), columns)
+    return moments.products.nbytes + moments.slow.nbytes + moments.gram.nbytes
+
+
+def _point(config: Config) -> Point:
+    return Point(Diesel(config.engine), _limited(config))
 
 
 def _limited(config: Config) -> EstimateSettings:
-    return config.estimate.limited_to(Diesel(config.engine).balance_constants)
+    return config.estimate.of_engine(Diesel(config.engine).usual_tolerance)
 
 
 def _cut(log: Log, first: int, N: int) -> Log:

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lpvobs.api.calibrate import calibrate
     from lpvobs.api.draft_profile import draft_profile
     from lpvobs.api.estimate import estimate
     from lpvobs.api.export import export
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
+    "calibrate",
     "draft_profile",
     "estimate",
     "export",

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 import verbs
 from hypothesis import settings
-from repository import DIESEL
+from repository import CONFIGS, DIESEL, short_cycle
 
 from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
 from lpvobs.engines.diesel.lpv import Diesel
@@ -192,3 +192,59 @@ def rewritten():
         pq.write_table(pa.table(table.columns, schema=pa.schema(fields)), path)
 
     return write
+
+
+@dataclass(frozen=True)
+class OtherEngine:
+    """An engine whose displacement and compressor are not the configuration's, and with waves in its intake runners."""
+
+    folder: Path
+
+    @property
+    def config(self) -> Path:
+        return self.folder / "truth.toml"
+
+    @property
+    def bench(self) -> Path:
+        return self.folder / "bench.csv"
+
+    @property
+    def drive(self) -> Path:
+        return self.folder / "drive.parquet"
+
+    @property
+    def healthy(self) -> Path:
+        return self.folder / "healthy.parquet"
+
+    @property
+    def known(self) -> Path:
+        return self.folder / "engine.h5"
+
+
+@pytest.fixture(scope="session")
+def other_engine(once) -> OtherEngine:
+    """Return 40 bench points, a drive and a short healthy one of another engine, and what `calibrate` makes of the bench."""
+
+    def make(folder: Path) -> None:
+        new = OtherEngine(folder)
+        text = DIESEL.read_text(encoding="utf-8")
+        for before, after in (
+            ("V_d = 1.910e-3", "V_d = 1.925e-3"),
+            ("R_c = 0.0245", "R_c = 0.0243"),
+            ("wave = 0.0", "wave = 1.0"),
+        ):
+            assert before in text
+            text = text.replace(before, after)
+        new.config.write_text(text, encoding="utf-8")
+        drive = ("simulate", "--config", new.config, "--rate", 20)
+        right = ("--effects", CONFIGS / "surfaces" / "zero.toml")
+        for step in (
+            ("simulate", "--config", new.config, "--bench", 40, "--out", new.bench),
+            (*drive, "--cycle", "ftp75_cold", "--out", new.drive),
+            (*drive, "--cycle", short_cycle(folder), *right, "--out", new.healthy),
+            ("calibrate", "--config", DIESEL, "--bench", new.bench, "--out", new.known),
+        ):
+            done = verbs.lpvobs(*step)
+            assert done.code == 0, f"{step}: {done.err}"
+
+    return OtherEngine(once("other_engine", make))

@@ -12,8 +12,8 @@ from repository import ROOT
 
 ROOT = ROOT / "lpvobs"
 ROOMS = (
-    "errors", "kinds", "records", "engines", "maps", "synthesis", "observer", "discovery", "simulation", "io", "ingest", "report",
-    "api", "selftest", "cli",
+    "errors", "kinds", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "simulation", "io",
+    "ingest", "report", "api", "selftest", "cli",
 )  # fmt: skip
 FORBIDDEN = {"selftest": {"report"}}
 ASKED = {"api", "selftest", "report", "errors", "cli"}
@@ -145,7 +145,8 @@ def inside_at_import(module):
 
 
 @pytest.mark.parametrize(
-    "module", [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "records")]
+    "module",
+    [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "calibration", "records")],
 )
 def test_the_numerical_core_knows_no_files(module):
     """The core runs on NumPy, SciPy and Numba alone."""

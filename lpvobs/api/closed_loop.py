@@ -11,18 +11,16 @@ import numpy as np
 from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import expect_cascade
-from lpvobs.api.search_start import Start, start_of
+from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import StoredOutcome, plain
 from lpvobs.discovery.portrait import portrait
-from lpvobs.discovery.refine import Refinement, nominal_map, refine
-from lpvobs.discovery.residual import MapPrior, free_map
+from lpvobs.discovery.refine import Refinement, refine
+from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
-from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.configuration.config import Config
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.portraits import write_leftover, write_portrait, write_ranking
 from lpvobs.io.results.refinements import (
@@ -108,7 +106,6 @@ class Closed:
             effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
             deviations=found.beta_deviation,
-            of_map=self.start.of_map if self.frozen else self.constants,
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
@@ -162,7 +159,11 @@ def close(
     if anew and not frozen:
         expect_cascade(path, stored.gain)
     model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
-    start = start_of(model, prior_of(engine.config, model, stored, frozen), refined, logs)
+    prior_map = engine.config.estimate.prior_map
+    if frozen:
+        start = nominal_start(model, known_from(stored, model, prior_map), refined, logs)
+    else:
+        start = free_start(model, free_map(engine.config.grid(), len(model.names), prior_map), refined, logs)
     known = () if refined is None else refined.effects
     found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out)
     if found.trace.verdict == "unexplained":
@@ -206,22 +207,3 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
             f"{stored.path}: made from {names}, but not from the other logs; say --freeze-map or --free-map"
         )
     return True
-
-
-def prior_of(config: Config, model: ResidualModel, stored: StoredResult, frozen: bool) -> MapPrior:
-    """Return what is known of the map before logs are looked at: the stored one where it stands, nothing otherwise."""
-    if not frozen:
-        return free_map(config.grid(), len(model.names), config.estimate.prior_map)
-    owed = config.estimate.limited_to(config.engine_path().balance_constants).tolerance
-    if stored.constants != tuple(owed) or not np.isfinite(stored.covariance).all():
-        raise DataError(
-            f"{stored.path}: map of method '{stored.method}' has no covariance over the engine's constants, which a nominal map "
-            f"needs; estimate it with the default method"
-        )
-    spread = np.array(list(owed.values())) / np.sqrt(3.0)
-    prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, spread, config.estimate.prior_map)
-    # A map owes nothing to constants of the exhaust side; where curves are learned, their nodes stand for their levels.
-    columns = dict(zip(owed, prior.sensitivity.T, strict=True))
-    nothing = np.zeros(prior.mean.size)
-    sensitivity = np.array([columns.get(name, nothing) for name in model.names]).reshape(len(model.names), -1).T
-    return replace(prior, sensitivity=sensitivity)

@@ -14,7 +14,7 @@ from lpvobs.maps.excitation import corners
 from lpvobs.observer.balance_agreement import DISAGREE, BalanceAgreement, BalanceSums, agreement
 from lpvobs.observer.estimate import MapEstimate
 
-NEXT_TO_NOTHING = 0.1
+NEXT_TO_NOTHING = 0.2
 """Share of the air flow that a connected sensor reads at least."""
 
 
@@ -31,7 +31,7 @@ def doubts_of(
     config: Config, air_path: AirPath, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]
 ) -> Doubts:
     """Return what speaks against logs and engine; raises DataError if the map is larger than a sensor can be wrong."""
-    variance = config.estimate.limited_to(air_path.balance_constants).constants_variance
+    variance = config.estimate.of_engine(air_path.usual_tolerance).constants_variance
     grid, axes = config.grid(), [axis.channel for axis in air_path.axes]
     ratios: dict[str, float] = {}
     says: list[str] = []

@@ -1,7 +1,7 @@
 """`estimate`: logs in, map and metrics out."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -9,9 +9,10 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
+from lpvobs.api.copies import refuse_copies
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
-from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_copies, refuse_empty, remove_parts
+from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty, remove_parts
 from lpvobs.api.jobs import processors
 from lpvobs.api.learning import engine_writer, learned_path
 from lpvobs.api.pooled import contents, usable
@@ -21,6 +22,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.agreement import write_agreement, write_balance_agreement
+from lpvobs.io.results.engines import CalibratedEngine, calibrated_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.log_summaries import summary_of
 from lpvobs.io.results.provenance import Provenance
@@ -33,6 +35,7 @@ from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.rivals import estimate_batch, estimate_ekf
+from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
 
@@ -50,6 +53,14 @@ class NodeCounts:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EngineUsed:
+    """Where the engine comes from."""
+
+    source: Annotated[str, Meta(description="File of the engine, or `configuration`.")]
+    calibrated: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateOutput:
     """A map, and its metrics by log."""
 
@@ -61,6 +72,7 @@ class EstimateOutput:
     scatter: Annotated[float, Meta(description="kg/s, of a node between logs")]
     agreement: Sequence[Agreement]
     balance_agreement: BalanceAgreement
+    engine: EngineUsed
     doubts: Annotated[Sequence[str], Meta(description="What speaks against logs or engine, a line each.")]
 
 
@@ -70,7 +82,9 @@ def estimate(
     out: File,
     *,
     gain: File | None = None,
+    engine: File | None = None,
     method: str = "observer",
+    constants: str | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -86,8 +100,12 @@ def estimate(
         The result to write.
     gain : path, optional
         Made by `synth_gain`; without it one is made and proven first.
+    engine : path, optional
+        Made by `calibrate` from the same configuration; without it the engine is as configured, within its tolerances.
     method : str
         `observer`; `published`: Gamma = 200 I, as in the paper; `ekf`; `batch`.
+    constants : str, optional
+        `joint` or `consider`, see `EstimateSettings`; by default as the configuration says.
     jobs : int, optional
         Logs done at the same time, one per process.
     scheduler : str, optional
@@ -116,11 +134,33 @@ def estimate(
     """
     paths = some_logs(logs)
     given = None if gain is None else as_path(gain)
-    with writing(out, [config, *paths, given]) as target:
+    calibrated = None if engine is None else as_path(engine)
+    with writing(out, [config, *paths, given, calibrated]) as target:
         configuration, text = load_config(as_path(config))
+        if constants is not None:
+            configuration = with_constants(configuration, constants, method)
         workplace = workplace_for(method, len(paths), jobs, scheduler)
         stored = gain_for(configuration, paths, given, method)
-        return estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace)
+        known = used_engine(configuration, calibrated, method)
+        return estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace, known)
+
+
+def used_engine(config: Config, engine: Path | None, method: str) -> CalibratedEngine | None:
+    """Return the calibrated engine to start from; raises UsageError for a method that knows the configured one alone."""
+    if engine is None:
+        return None
+    if method != "observer":
+        raise UsageError(f"--method {method}: takes the engine as configured; drop --engine")
+    return calibrated_engine(engine, config.engine_path())
+
+
+def with_constants(config: Config, constants: str, method: str) -> Config:
+    """Return the configuration with another choice of what becomes of the engine's constants; raises UsageError for no choice."""
+    if constants not in CONSTANTS:
+        raise UsageError(f"--constants {constants}: unknown; expected one of {', '.join(CONSTANTS)}")
+    if method != "observer":
+        raise UsageError(f"--constants: the method {method} takes the engine as configured; drop one of them")
+    return replace(config, estimate=replace(config.estimate, constants=constants))
 
 
 def estimate_logs(
@@ -132,6 +172,7 @@ def estimate_logs(
     method: str,
     progress: Progress,
     workplace: Workplace | None = None,
+    engine: CalibratedEngine | None = None,
 ) -> Estimated:
     """Estimate the map from logs and write the result.
 
@@ -150,11 +191,14 @@ def estimate_logs(
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     air_path = learned_path(config, paths)
     if method == "observer":
-        done = estimate_fleet(config, config_text, gain, paths, out, workplace or Workplace(), progress, air_path)
+        place = workplace or Workplace()
+        done = estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, engine)
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
+    if engine is not None:
+        inputs[engine.name] = engine.sha256
     provenance = Provenance(inputs, config_text)
     write_engine = engine_writer(config, air_path, paths)
 
@@ -197,7 +241,7 @@ def _one_after_another(
 
 def _looked_into(config: Config, air_path: AirPath, log: Log) -> BalanceSums:
     """Return what the balances say of a log."""
-    uncertain = config.estimate.limited_to(air_path.balance_constants).tolerance
+    uncertain = config.estimate.of_engine(air_path.usual_tolerance).tolerance
     watched = Watched(log, air_path, config.grid(), tuple(uncertain), config.kind.suspects)
     for _ in watched.pieces():
         pass

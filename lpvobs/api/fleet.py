@@ -5,7 +5,6 @@ with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,29 +12,32 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.api.copies import refuse_copies
 from lpvobs.api.doubts import Doubts, doubts_of
 from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Suspects
-from lpvobs.errors import DataError, UsageError
+from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
+from lpvobs.io.results.engines import CalibratedEngine
 from lpvobs.io.results.log_summaries import LogSummary, summary_of
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
-from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.balance_agreement import Watched
+from lpvobs.observer.beginning import Beginning
 from lpvobs.observer.disagreement import Agreement, agreements
-from lpvobs.observer.estimate import MapEstimate, merged
+from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
 from lpvobs.observer.parts import LogInformation, StateGain, inform
-from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
-PARTS_SHARE = 0.85
-"""Share of the progress for the parts of the logs; the rest compares the map with references."""
+OPENING, OPENING_SECONDS = 4, 1800.0
+"""Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""
+OPENING_SHARE, PARTS_SHARE = 0.3, 0.6
+"""Shares of the progress for these, and for the parts of all logs; the rest compares the map with references."""
 
 
 @dataclass(frozen=True)
@@ -77,23 +79,24 @@ class PartTask:
     """One log to go through, with all that this takes."""
 
     path: Path
-    air_path: AirPath
+    point: Point
     grid: Grid
     gain: StateGain
-    settings: EstimateSettings
     policies: LogPolicies
     done: frozenset[str]
     alone: bool
     suspects: Suspects
+    seconds: float = np.inf
 
 
 @dataclass(frozen=True)
 class PartOutcome:
-    """What came of a log: its part, unless that is there already, or why it cannot be used."""
+    """What came of a log: its part, unless that is there already, whether it is that of the whole, or why it cannot be used."""
 
     sha256: str
     stored: StoredPart | None = None
     refusal: str | None = None
+    whole: bool = True
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,7 @@ def estimate_fleet(
     workplace: Workplace,
     progress: Callable[[float], None],
     air_path: AirPath,
+    engine: CalibratedEngine | None = None,
 ) -> Estimated:
     """Return the map of all logs that can be used.
 
@@ -131,30 +135,44 @@ def estimate_fleet(
         Takes the fraction done.
     air_path : AirPath
         The engine, with what it has learned from the logs.
+    engine : CalibratedEngine, optional
+        What is known of it beyond the configuration.
     """
     refuse_copies(paths)
     grid = config.grid()
     known = air_path.knowledge()
     learned = "" if known is None else known.digest()
-    settings = config.estimate.limited_to(air_path.balance_constants)
-    key = run_key(config_text + learned, gain)
-    store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
+    learned += "" if engine is None else engine.sha256
     with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
-        alone = workplace == Workplace()
+        point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
+        if engine is not None:
+            point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
         task = PartTask(
-            Path(), air_path, grid, gain, settings, config.policies, store.done(), alone, config.kind.suspects
+            Path(), point, grid, gain, config.policies, frozenset(), workplace == Workplace(), config.kind.suspects
         )
-        found, refusals = _parts(workers, task, paths, store, lambda f: progress(PARTS_SHARE * f))
-        estimate, solution = merged(grid, store.parts(found), settings)
+        task, outcomes = _linearised(workers, task, sorted(paths, key=lambda path: path.stem), progress)
+        key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
+        store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
+        for outcome in outcomes.values():
+            store.keep(outcome)
+        rest = [path for path in paths if path not in outcomes]
+        task = replace(task, done=store.done())
+        outcomes |= _outcomes(workers, task, rest, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f))
+        found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
+        refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
+        if not found:
+            store.remove()
+            raise DataError("; ".join(refusals))
+        estimate, solution = merged(grid, store.parts(found), task.point)
         refuse_empty(estimate)
         sums = ((path.stem, store.read(sha256).balances) for sha256, path in sorted(found.items()))
         doubts = doubts_of(config, air_path, estimate, sums)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
-            scatter, agreement = agreements(grid, solution, store.parts(found), settings)
-        rest = 1.0 - PARTS_SHARE
-        metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(PARTS_SHARE + 0.9 * rest * f))
+            scatter, agreement = agreements(solution, store.parts(found), config.estimate.prior_map)
+        done = OPENING_SHARE + PARTS_SHARE
+        metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(done + 0.9 * (1.0 - done) * f))
     summaries = {
         found[run.sha256]: summary_of(run, metrics[run.sha256], doubts.ratios[run.name]) for run in estimate.runs
     }
@@ -170,25 +188,52 @@ def estimate_fleet(
     )
 
 
-def _parts(
-    workers: Workers, task: PartTask, paths: Sequence[Path], store: "_Store", progress: Callable[[float], None]
-) -> tuple[dict[str, Path], tuple[str, ...]]:
-    """Have the parts of all logs in the store; return the logs by digest, and why others were left out."""
+def _linearised(
+    workers: Workers, task: PartTask, paths: Sequence[Path], progress: Callable[[float], None]
+) -> tuple[PartTask, dict[Path, PartOutcome]]:
+    """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
+
+    Logs that cannot be used make room for others.
+    """
+    opening = replace(task, seconds=OPENING_SECONDS)
+    found: dict[Path, PartOutcome] = {}
+    for turn in range(PASSES):
+        waiting = [path for path in paths if path not in found]
+        while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
+            found |= _outcomes(workers, opening, waiting[:lack], None, partial(_told, progress, turn))
+            waiting = waiting[lack:]
+        parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
+        if not parts:
+            break
+        estimate, _ = merged(task.grid, sorted(parts, key=lambda part: part.run.sha256), opening.point)
+        moved = opening.point.moved(estimate.engine)
+        if moved is opening.point:
+            break
+        opening = replace(opening, point=moved)
+        found = {path: outcome for path, outcome in found.items() if outcome.stored is None}
+    return replace(task, point=opening.point), {path: outcome for path, outcome in found.items() if outcome.whole}
+
+
+def _told(progress: Callable[[float], None], turn: int, done: float) -> None:
+    progress(OPENING_SHARE * (turn + done) / PASSES)
+
+
+def _outcomes(
+    workers: Workers,
+    task: PartTask,
+    paths: Sequence[Path],
+    keep: Callable[[PartOutcome], None] | None,
+    progress: Callable[[float], None],
+) -> dict[Path, PartOutcome]:
+    """Go through logs; what comes of each is handed to `keep`, and forgotten but for its digest."""
+    found: dict[Path, PartOutcome] = {}
     tasks = [replace(task, path=path) for path in paths]
-    found: dict[str, Path] = {}
-    refused: dict[int, str] = {}
     for count, (number, outcome) in enumerate(workers.finished(part_of, tasks), 1):
-        if outcome.refusal is not None:
-            refused[number] = outcome.refusal
-        else:
-            store.keep(outcome)
-            found[outcome.sha256] = paths[number]
+        if keep is not None and outcome.refusal is None:
+            keep(outcome)
+        found[paths[number]] = outcome if keep is None else replace(outcome, stored=None)
         progress(count / len(tasks))
-    refusals = tuple(refused[number] for number in sorted(refused))
-    if not found:
-        store.remove()
-        raise DataError("; ".join(refusals))
-    return found, refusals
+    return found
 
 
 def refuse_empty(estimate: MapEstimate) -> None:
@@ -212,15 +257,18 @@ def part_of(task: PartTask) -> PartOutcome:
     """Go through one log; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""
     try:
-        log = LogFile(task.path, task.air_path.channels, task.policies, threads=task.alone)
+        point = task.point
+        air_path = point.air_path
+        log = LogFile(task.path, air_path.channels, task.policies, threads=task.alone)
         sha256 = log.sha256
         if sha256 in task.done:
             return PartOutcome(sha256)
-        watched = Watched(log, task.air_path, task.grid, tuple(task.settings.tolerance), task.suspects)
-        part = inform(task.air_path, task.grid, task.gain, watched, task.settings)
+        beginning = Beginning(log, task.seconds)
+        watched = Watched(beginning, point.configured, task.grid, tuple(point.settings.tolerance), task.suspects)
+        part = inform(air_path, task.grid, task.gain, watched, point.settings, point.unknowns)
     except DataError as error:
         return PartOutcome(sha256, refusal=str(error))
-    return PartOutcome(sha256, StoredPart(part, log.kept, watched.sums))
+    return PartOutcome(sha256, StoredPart(part, log.kept, watched.sums), whole=not beginning.goes_on)
 
 
 def compared(task: MetricsTask) -> Metrics:
@@ -230,28 +278,6 @@ def compared(task: MetricsTask) -> Metrics:
         pieces = list(read())
         return compare_pieces(task.grid, task.theta, lambda: pieces)  # type: ignore[arg-type, return-value]
     return compare_pieces(task.grid, task.theta, read)  # type: ignore[arg-type]
-
-
-def refuse_copies(paths: Sequence[Path]) -> None:
-    """Raise for two logs of the same bytes, which would count twice; only files of the same size are looked into."""
-    by_size: dict[int, list[Path]] = {}
-    for path in paths:
-        with suppress(OSError):
-            by_size.setdefault(path.stat().st_size, []).append(path)
-    for same in by_size.values():
-        seen: dict[str, Path] = {}
-        for path in same if len(same) > 1 else ():
-            if not path.is_file():
-                continue
-            try:
-                digest = file_digest(path)
-            except OSError:  # whoever reads it tells why it cannot be
-                continue
-            if digest in seen:
-                raise UsageError(
-                    f"{path}: same bytes as {seen[digest]}; the same drive would count twice, leave one out"
-                )
-            seen[digest] = path
 
 
 def _metrics(

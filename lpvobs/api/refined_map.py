@@ -13,10 +13,12 @@ from lpvobs.discovery.observed import Refined, observed
 from lpvobs.errors import DataError
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.log_summaries import LogSummary, summary_of
-from lpvobs.observer.estimate import MapEstimate, of_parts
-from lpvobs.observer.parts import inform_observed
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.estimate import MapEstimate, Point, of_parts
+from lpvobs.observer.parts import LogInformation, inform_observed
 from lpvobs.records import Log
 from lpvobs.synthesis.problem import GainProblem
+from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
@@ -57,20 +59,22 @@ def estimate_refined(
     """
     refined = refined_model(engine, gain, effects, constants)
     air_path, grid = refined.air_path, engine.config.grid()
-    settings = engine.config.estimate.limited_to(air_path.balance_constants)
-    parts = [
-        inform_observed(
-            grid, gain.gain.region, observed(refined, log, tuple(settings.tolerance)), settings.constants_variance
-        )
-        for _, log in logs
-    ]
-    estimate = of_parts(grid, parts, settings)
+    settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
+    point = Point(engine.air_path, settings, {name: constants.get(name, 0.0) for name in settings.tolerance})
+    parts = [_part(refined, point, grid, gain.gain.region, log) for _, log in logs]
+    estimate = of_parts(grid, parts, point)
     refuse_empty(estimate)
     summaries = tuple(
         summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(logs, estimate.runs, strict=True)
     )
     return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
+
+
+def _part(refined: Refined, point: Point, grid: Grid, region: Region, log: Log) -> LogInformation:
+    """Return what a log says of the map beside the effects."""
+    seen = observed(refined, log)
+    return inform_observed(refined.air_path, grid, region, log, seen, point.settings, point.unknowns)
 
 
 def expect_cascade(path: Path, gain: StoredGain) -> None:

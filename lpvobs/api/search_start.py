@@ -1,18 +1,40 @@
-"""The engine's unknowns in a refined model: where a search starts from, and what comes of several refinements."""
+"""Where a search starts: the map and the engine as the stored model has them, and what comes of several refinements."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lpvobs.discovery.refine import nominal_map
 from lpvobs.discovery.residual import MapPrior
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.errors import DataError
+from lpvobs.io.results.engine_found import EngineOfMap
 from lpvobs.io.results.refinements import StoredRefinement
-from lpvobs.records import Log
+from lpvobs.io.results.results import StoredResult
+from lpvobs.records import Array, Log
 
 LEAST_LEFT = 1.0 / 3.0
-"""Share of a prior's standard deviation that refinements leave at least. Their own interval is of a model that is linear
-around its optimum, and of noise that is less independent than it assumes."""
+"""Share of a prior's standard deviation that an estimate or a refinement leaves at least. Their own interval is of a model that is
+linear around its optimum, and of noise that is less independent than it assumes."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """The stored model before other logs are looked at.
+
+    Attributes
+    ----------
+    prior : MapPrior
+    constants : mapping of str to float
+        Relative deviation from the configured value, of each unknown of the model that the map goes with.
+    covariance : ndarray, shape (q, q)
+        Of all unknowns of the model, relative to where they are found.
+    """
+
+    prior: MapPrior
+    constants: Mapping[str, float]
+    covariance: Array
 
 
 @dataclass(frozen=True)
@@ -27,39 +49,88 @@ class Start:
         The map as it is there.
     constants : mapping of str to float
         Their relative deviation from the configured or learned ones.
-    of_map : mapping of str to float
-        The same of those that the stored map was estimated with.
     """
 
     model: ResidualModel
     prior: MapPrior
-    constants: Mapping[str, float]
-    of_map: Mapping[str, float]
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def total(self, found: Mapping[str, float]) -> dict[str, float]:
         """Return deviations from this start as deviations from the configured or learned values."""
         return {name: (1.0 + self.constants.get(name, 0.0)) * (1.0 + b) - 1.0 for name, b in found.items()}
 
 
-def start_of(model: ResidualModel, prior: MapPrior, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
-    """Return where the search on logs starts.
+def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> Known:
+    """Return a stored map that stands, and the engine that it was estimated with.
+
+    With S = cov(map, constants) cov(constants)^-1 the map is theta + S (beta - found) + error. Constants that are no unknowns of
+    the model are as configured there, so everything is conditional on that. The others keep their covariance, and `LEAST_LEFT` of
+    their tolerance on top of it. Where curves are learned, their nodes stand for their levels, and the map owes them nothing.
+
+    Raises
+    ------
+    DataError
+        If the method of the map does not tell of the engine.
+    """
+    found = stored.engine
+    if found is None or found.constants != stored.constants or not np.isfinite(stored.covariance).all():
+        raise DataError(
+            f"{stored.path}: map of method '{stored.method}' has no covariance over the engine's constants, which a nominal map "
+            f"needs; estimate it with the default method"
+        )
+    prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, found.covariance, prior_map)
+    deviation, own, conditional = _of_model(found, model.names)
+    moved = deviation - found.deviation
+    relative = conditional / np.outer(1.0 + deviation, 1.0 + deviation)[np.ix_(own, own)]
+    covariance, S = model.covariance.copy(), np.zeros((prior.mean.size, len(model.names)))
+    place = [model.names.index(found.constants[i]) for i in own]
+    covariance[np.ix_(place, place)] = relative + np.diag((LEAST_LEFT * model.spread[place]) ** 2)
+    S[:, place] = prior.sensitivity[:, own]
+    constants = {found.constants[i]: float(deviation[i]) for i in own}
+    return Known(replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S), constants, covariance)
+
+
+def _of_model(found: EngineOfMap, names: Sequence[str]) -> tuple[Array, list[int], Array]:
+    """Return the deviations where constants that are none of `names` are as configured, which ones are, and their covariance."""
+    own = [i for i, name in enumerate(found.constants) if name in names]
+    others = [i for i, name in enumerate(found.constants) if name not in names]
+    C = found.covariance
+    answer = np.linalg.lstsq(C[np.ix_(others, others)], C[np.ix_(others, own)], rcond=None)[0].T
+    deviation = found.deviation.copy()
+    deviation[own] -= answer @ found.deviation[others]
+    deviation[others] = 0.0
+    return deviation, own, C[np.ix_(own, own)] - answer @ C[np.ix_(others, own)]
+
+
+def free_start(model: ResidualModel, prior: MapPrior, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
+    """Return where the search on logs starts that make the map anew.
 
     Logs that have not told of the effects of a refined model begin with its constants, and with what it left of their tolerance;
-    on logs that have, all is estimated from the configured ones anew, so that nothing counts twice. Either way a map that stands is
-    moved to these constants by its sensitivity to them.
+    on logs that have, all is estimated from the configured ones anew, so that nothing counts twice.
     """
-    if refined is None:
-        return Start(model, prior, {}, {})
-    moved: dict[str, float] = {}
-    left: dict[str, float] = {}
-    if not any(effect.took_part(logs) for effect in refined.effects):
-        moved = {name: refined.constants.get(name, 0.0) for name in model.names}
-        own = dict(zip(model.names, model.spread.tolist(), strict=True))
-        left = {
-            name: float(np.clip(refined.deviations.get(name, width), LEAST_LEFT * width, width))
-            for name, width in own.items()
-        }
-    shift = np.array([moved.get(name, 0.0) - refined.of_map.get(name, 0.0) for name in model.names])
-    if not prior.free:
-        prior = replace(prior, mean=prior.mean + prior.sensitivity @ shift)
-    return Start(model.restarted(moved, left), prior, moved, refined.of_map)
+    if refined is None or any(effect.took_part(logs) for effect in refined.effects):
+        return Start(model, prior)
+    moved, covariance = _refined_constants(model, refined)
+    return Start(model.restarted(moved, covariance), prior, moved)
+
+
+def nominal_start(model: ResidualModel, known: Known, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
+    """Return where the search starts on logs that are judged by a map that stands: at the constants that it was estimated with.
+
+    Logs that have not told of the effects of a refined model begin with its constants, and the map is moved there by its
+    sensitivity to them.
+    """
+    if refined is None or any(effect.took_part(logs) for effect in refined.effects):
+        return Start(model.restarted(known.constants, known.covariance), known.prior, known.constants)
+    moved, covariance = _refined_constants(model, refined)
+    shift = np.array([moved[name] - known.constants.get(name, 0.0) for name in model.names])
+    prior = replace(known.prior, mean=known.prior.mean + known.prior.sensitivity @ shift)
+    return Start(model.restarted(moved, covariance), prior, moved)
+
+
+def _refined_constants(model: ResidualModel, refined: StoredRefinement) -> tuple[dict[str, float], Array]:
+    """Return deviations of the constants of a refined model, and what it left of their covariance."""
+    widths = dict(zip(model.names, model.spread.tolist(), strict=True))
+    left = [np.clip(refined.deviations.get(name, width), LEAST_LEFT * width, width) for name, width in widths.items()]
+    share = np.array(left) / model.spread
+    return {name: refined.constants.get(name, 0.0) for name in model.names}, model.covariance * np.outer(share, share)

@@ -20,7 +20,8 @@ from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.results.gains import StoredGain, write_gain
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.kinds import Finite
-from lpvobs.observer.parts import RangeSeen, calm_log
+from lpvobs.observer.log_run import RangeSeen
+from lpvobs.observer.parts import calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
@@ -171,7 +172,7 @@ def log_bounds(
             # as the estimate sees it: noise widens no range
             for stretch in stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
                 parameters = air_path.trajectory(calm_log(stretch), config.gain.outputs).parameters
-                seen.see(stretch.time, stretch.steps, parameters)
+                seen.see(parameters)
         except DataError:
             if not lenient:
                 raise

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, loading, print_json, progress, say, table
-from lpvobs.cli.options import METHODS, ConfigOption, JsonOption, LogsArgument, file_option, offer
+from lpvobs.cli.options import CONSTANTS, METHODS, ConfigOption, JsonOption, LogsArgument, file_option, offer
 
 MOST_LINES = 5
 """Doubts that are shown; of a fleet with a wrong constant every log has one."""
@@ -19,6 +19,10 @@ def estimate(
     gain: Annotated[
         Path | None, file_option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
     ] = None,
+    engine: Annotated[
+        Path | None,
+        file_option("ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."),
+    ] = None,
     method: Annotated[
         str,
         typer.Option(
@@ -27,6 +31,15 @@ def estimate(
             help="observer; published: Gamma = 200 I as in the paper; ekf; batch.",
         ),
     ] = "observer",
+    constants: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=offer(CONSTANTS),
+            help="joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and "
+            "widen the intervals. By default as the configuration says.",
+        ),
+    ] = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -53,7 +66,7 @@ def estimate(
     """
     with loading():
         load_compiler()
-        from lpvobs.api.estimate import EstimateOutput, NodeCounts
+        from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
         from lpvobs.api.estimate import estimate as estimate_map
         from lpvobs.report.outputs import LogOutput, log_fields
         from lpvobs.report.tables import agreement_rows, log_rows
@@ -61,7 +74,16 @@ def estimate(
     config = chosen_config(config)
     with progress("estimating") as report:
         done = estimate_map(
-            config, logs, out, gain=gain, method=method, jobs=jobs, scheduler=scheduler, progress=report
+            config,
+            logs,
+            out,
+            gain=gain,
+            engine=engine,
+            method=method,
+            constants=constants,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=report,
         )
     found, summaries = done.estimate, done.summaries
     nodes = int(found.supported.sum())
@@ -75,6 +97,7 @@ def estimate(
             scatter=done.scatter,
             agreement=done.agreement,
             balance_agreement=done.doubts.agreement,
+            engine=EngineUsed(source="configuration" if engine is None else str(engine), calibrated=engine is not None),
             doubts=done.doubts.says,
         )
         print_json("estimate", content)

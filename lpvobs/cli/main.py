@@ -27,6 +27,7 @@ VERBS = {
     "ingest": "Make a log of a foreign recording.",
     "profile": "Draft a profile for ingest by looking at a recording.",
     "inspect": "Show channels, units, ranges and defects of logs.",
+    "calibrate": "Find an engine's constants and corrections from bench points and healthy logs.",
     "synth-gain": "Find the observer gain and prove it.",
     "verify": "Prove a gain again, without the solver.",
     "estimate": "Estimate the error map of the sensor from logs.",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision
 from lpvobs.discovery.linear import Linear
-from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
 
 

@@ -11,7 +11,7 @@ from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import LARGE, LEAST_VISIT, MOST_NAMED
 from lpvobs.kinds import Finite
-from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array, Log
 
 Pair = tuple[Finite, Finite]

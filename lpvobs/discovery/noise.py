@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import AT_ONCE, FIRST_NOISE, LEAST_IN_CELL, MOST_STRETCHED, SHORT, SLOW, TRANSIENT
 from lpvobs.engines.healthy import TAIL
-from lpvobs.observer.balance_errors import cell_numbers
+from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
 
 Nodes = tuple[NDArray[np.int64], Array]

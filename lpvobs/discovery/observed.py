@@ -24,10 +24,10 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.estimate import calmed
-from lpvobs.observer.parts import Observed, operating_point
+from lpvobs.observer.estimate import calmed, steps_of
+from lpvobs.observer.parts import Observed, operating_point, signals_for
 from lpvobs.observer.recursion import observe
-from lpvobs.observer.smoothing import smooth
+from lpvobs.observer.smoothing import CALM, smooth
 from lpvobs.records import Array, Log
 
 LAGS = ("maf.lag",)
@@ -72,11 +72,8 @@ class Refined:
         return float(max(0.0, 1.0 / (BLUR * self.smoothing) - 1.0 / slowest))
 
 
-def observed(refined: Refined, log: Log, uncertain: Sequence[str] = ()) -> Observed:
-    """Return what a log says of the map beside the effects: the reading less the flow of every balance, and where it is read.
-
-    `uncertain` names constants that the slopes of the flows are taken by.
-    """
+def observed(refined: Refined, log: Log) -> Observed:
+    """Return what a log says of the map beside the effects: the reading less the flow of every balance, and where it is read."""
     right = corrected(refined, log)
     air_path = refined.air_path
     calm, rates = calmed(air_path, right, refined.smoothing)
@@ -88,11 +85,21 @@ def observed(refined: Refined, log: Log, uncertain: Sequence[str] = ()) -> Obser
     point = operating_point(air_path, right)
     run = observe(trajectory, log.time, log.segments, point, nowhere, refined.L, 0.0, first, np.zeros(nowhere.size))
     seen = replace(calm, channels={**calm.channels, **dict(zip(air_path.state_names, run.x.T, strict=True))})
-    balances = air_path.balances(seen, rates, uncertain)
+    calmer = _calmer(air_path, right, CALM * refined.smoothing)
     _, further = added(refined, seen, rates)
-    z = right[air_path.sensor] - (balances.flow + further)
-    found = Observed(right, trajectory.parameters, point, z, balances.slope)
-    return _behind_sensor(refined, found) if refined.lags else found
+    z = right[air_path.sensor] - (air_path.balances(seen, rates, (), calmer).flow + further)
+    taken = {name: right[name] - column for name, column in calmer.items()}
+    signals = signals_for(air_path).stacked(seen.channels, rates, taken, steps_of(log))
+    found = Observed(log.time, steps_of(log), trajectory.parameters, point, z, signals)
+    return _behind_sensor(refined, right, found) if refined.lags else found
+
+
+def _calmer(air_path: AirPath, log: Log, half_width: float) -> dict[str, Array]:
+    """Return the channels that steep relations read, through their window."""
+    if not air_path.calmed:
+        return {}
+    columns = np.stack([log[name] for name in air_path.calmed])
+    return dict(zip(air_path.calmed, smooth(log.time, columns, log.segments, half_width)[0], strict=True))
 
 
 def corrected(refined: Refined, log: Log) -> Log:
@@ -148,9 +155,8 @@ def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log
     return signals
 
 
-def _behind_sensor(refined: Refined, seen: Observed) -> Observed:
+def _behind_sensor(refined: Refined, log: Log, seen: Observed) -> Observed:
     """Return the correction of the sensor's state in place of reading less flow, with the map's inputs delayed by the same lag."""
-    log = seen.log
     tau = np.zeros(len(log))
     for effect in refined.lags:
         span = effect.span_on(log)

@@ -61,7 +61,7 @@ class Refinement:
         return self.after.terms
 
 
-def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Array, prior_map: float) -> MapPrior:
+def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
     """Return a stored map as what is known before other logs.
 
     Parameters
@@ -72,14 +72,14 @@ def nominal_map(theta: Array, covariance: Array, sensitivity: Array, spread: Arr
         [kg^2/s^2], noise and constants together, as stored.
     sensitivity : ndarray, shape (q, p_2, p_1)
         [kg/s], NaN where not estimated.
-    spread : ndarray, shape (q,)
-        Standard deviation of the relative error of each constant.
+    constants : ndarray, shape (q, q)
+        Covariance of the relative errors of the constants beside this map.
     prior_map : float
         [kg/s], standard deviation of a node that is not estimated.
     """
     known = np.isfinite(theta).ravel()
-    S = np.nan_to_num(sensitivity.reshape(len(spread), known.size).T)
-    noise = covariance - (S * spread**2) @ S.T
+    S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
+    noise = covariance - S @ constants @ S.T
     noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(np.where(known, LIKENESS**2, prior_map**2))
     values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
     precision = (vectors / np.maximum(values, LIKENESS**2)) @ vectors.T

@@ -4,11 +4,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+import numpy as np
+
 from lpvobs.engines.channels import Channel, Recorded
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array, Log
 
 
@@ -84,6 +87,14 @@ class AirPath(Protocol):
         Needed channels, the sensor under test among them.
     smoothed : tuple of str
         Measured states and temperatures that enter the scheduling parameters.
+    calmed : tuple of str
+        Those that a steep relation reads: for it they go through a wider window.
+    balance_names : tuple of str
+        Those of `balances`.
+    components : tuple of Component
+        Corrections that parts of the engine may need.
+    measured_parts : tuple of MeasuredPart
+        Flows inside the engine that a bench may measure.
     axes : tuple of MapAxis
         Inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes).
     sensor : str
@@ -101,6 +112,10 @@ class AirPath(Protocol):
     name: ClassVar[str]
     channels: ClassVar[Mapping[str, Channel]]
     smoothed: ClassVar[tuple[str, ...]]
+    calmed: ClassVar[tuple[str, ...]]
+    balance_names: ClassVar[tuple[str, ...]]
+    components: ClassVar[tuple[Component, ...]]
+    measured_parts: ClassVar[tuple[MeasuredPart, ...]]
     axes: ClassVar[tuple[MapAxis, MapAxis]]
     sensor: ClassVar[str]
     state_names: ClassVar[tuple[str, ...]]
@@ -117,8 +132,8 @@ class AirPath(Protocol):
         """Return every constant of the engine by name."""
 
     @property
-    def balance_constants(self) -> tuple[str, ...]:
-        """The engine constants that a balance depends on."""
+    def usual_tolerance(self) -> Mapping[str, float]:
+        """The engine constants that a balance depends on, and how well one is known of which nothing is said."""
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the range of the parameters that depend on temperatures alone, given the range of those [K]."""
@@ -148,8 +163,37 @@ class AirPath(Protocol):
     def states(self, log: Log) -> Array:
         """Return the states along a log as measured, shape (N, n), computed where no sensor shows them."""
 
-    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
-        """Return the redundant flows along a log, given the time derivative of each smoothed channel."""
+    def balances(
+        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
+    ) -> Balances:
+        """Return the redundant flows along a log, given the time derivative of each smoothed channel, and the calmed ones."""
+
+    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+        """Return how each of the components moves the balances along a log."""
+
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+        """Return how far the balances can be relied on.
+
+        `noise` is the standard deviation that is left of each calmed channel's noise, `spread` that of the relative constants.
+        """
+
+
+class AsKnown:
+    """What an engine whose balances need no correction offers of these."""
+
+    calmed: ClassVar[tuple[str, ...]] = ()
+    components: ClassVar[tuple[Component, ...]] = ()
+    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
+    balance_names: ClassVar[tuple[str, ...]]
+
+    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+        """Return none."""
+        return ()
+
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+        """Return full trust in every balance."""
+        shape = (len(self.balance_names), len(log))
+        return Caution(np.ones(shape), np.zeros(shape))
 
 
 @dataclass(frozen=True, eq=False)

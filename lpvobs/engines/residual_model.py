@@ -151,14 +151,13 @@ class ResidualModel:
         """Return an effect of the catalogue by its identifier, None where there is none."""
         return next((effect for effect in self.catalogue if effect.id == name), None)
 
-    def restarted(self, deviation: Mapping[str, float], spread: Mapping[str, float]) -> "ResidualModel":
-        """Return the model around other values of its unknowns: relative deviations, and what is left of their spread."""
+    def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
+        """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""
         moved = np.array([deviation.get(name, 0.0) for name in self.names])
-        share = np.array([spread.get(name, own) / own for name, own in zip(self.names, self.spread, strict=True)])
         at, old = self.with_unknowns, moved
         return replace(
             self,
             constants=at(moved),
-            covariance=self.covariance * np.outer(share, share),
+            covariance=covariance,
             with_unknowns=lambda beta: at((1.0 + old) * (1.0 + beta) - 1.0),
         )

@@ -93,6 +93,12 @@ def corners(p_2: int, p_1: int) -> NDArray[np.int64]:
     return np.asarray(first[:, None] + np.array([0, 1, p_1, p_1 + 1]))
 
 
+def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of the cell, row by row, from the first of its four nodes, shape (N,)."""
+    p_1 = grid.fuel.size
+    return np.asarray(nodes[:, 0] // p_1 * (p_1 - 1) + nodes[:, 0] % p_1, dtype=np.int64)
+
+
 def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tuple[tuple[int, int], ...]) -> Excitation:
     """Return the excitation of the map along N operating points.
 

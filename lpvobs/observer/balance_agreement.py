@@ -16,8 +16,8 @@ from scipy.special import gammaincc
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Channels, Suspects
 from lpvobs.errors import DataError
+from lpvobs.maps.excitation import cell_numbers
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.balance_errors import cell_numbers
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 
 BLOCK = 0.2

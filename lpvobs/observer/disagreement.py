@@ -13,11 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvobs.maps.excitation import corners
-from lpvobs.maps.grid import Grid
 from lpvobs.observer.information import Solution
 from lpvobs.observer.parts import LogInformation
-from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array
 
 INFORMED = 0.01
@@ -73,20 +70,20 @@ class _Difference:
 
 
 def agreements(
-    grid: Grid, common: Solution, parts: Iterable[LogInformation], settings: EstimateSettings
+    common: Solution, parts: Iterable[LogInformation], prior_map: float
 ) -> tuple[float, tuple[Agreement, ...]]:
     """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement.
 
     Parameters
     ----------
-    grid : Grid
     common : Solution
-        The map of all logs together.
+        The map of all logs together, and the engine.
     parts : iterable of LogInformation
         The logs that made it, each looked at once.
-    settings : EstimateSettings
+    prior_map : float
+        [kg/s], standard deviation of a node before any data.
     """
-    found = [_difference(grid, common, part, settings) for part in parts]
+    found = [_difference(common, part, prior_map) for part in parts]
     scatter = _scatter([item for item in found if item.squares.size])
     chi = _beyond(np.array([_height(item, scatter) for item in found]), np.full(len(found), LEAST_SPREAD))
     errors = np.array([np.sqrt(item.mean_variance + scatter / max(item.nodes, 1)) for item in found])
@@ -114,24 +111,27 @@ def _height(item: _Difference, scatter: float) -> float:
     return float(np.log(max(item.chi_square(scatter) / item.squares.size, np.finfo(float).tiny)))
 
 
-def _difference(grid: Grid, common: Solution, part: LogInformation, settings: EstimateSettings) -> _Difference:
-    q, prior = len(settings.tolerance), settings.prior_map
-    nodes, place = np.unique(corners(*grid.shape)[part.cells], return_inverse=True)
-    place = place.reshape(-1, 4)
-    H, right = np.eye(nodes.size) / prior**2, np.zeros((nodes.size, 1 + q))
-    np.add.at(H, (place[:, :, None], place[:, None, :]), part.H)
-    np.add.at(right, place, np.concatenate((part.h[:, :, None], part.coupling[:, :q].swapaxes(1, 2)), axis=2))
-    own = np.linalg.inv(H)
-    solved = own @ right
+def _difference(common: Solution, part: LogInformation, prior: float) -> _Difference:
+    layout, engine = common.layout, common.engine
+    # What lasts is in all logs alike: noise alone sets one apart.
+    normal = np.einsum("ab,abij->ij", np.linalg.inv(common.fast), part.products)
+    at_nodes = np.flatnonzero(part.columns < layout.nodes)
+    of_engine = np.flatnonzero((part.columns >= engine.start) & (part.columns < engine.stop))
+    nodes, unknowns = part.columns[at_nodes], part.columns[of_engine]
+    own = np.linalg.inv(normal[np.ix_(at_nodes, at_nodes)] + np.eye(nodes.size) / prior**2)
+    own_answers = np.zeros((nodes.size, layout.unknowns))
+    own_answers[:, unknowns - engine.start] = own @ normal[np.ix_(at_nodes, of_engine)]
+    z = int(np.searchsorted(part.columns, layout.z))
+    theta = own @ normal[at_nodes, z] - own_answers @ common.mean[engine]
     # Independent errors: the covariance of own less common is that of own less that of common.
-    noise = own - common.noise[np.ix_(nodes, nodes)]
-    answers = solved[:, 1:] - common.response[nodes, :q]
+    noise = own - common.quick[np.ix_(nodes, nodes)]
+    answers = own_answers - common.response[nodes]
     chosen = np.flatnonzero((np.diag(own) < (INFORMED * prior) ** 2) & (np.diag(noise) > LEAST_VARIANCE * np.diag(own)))
-    away = (solved[:, 0] - common.theta[nodes])[chosen]
-    inner = np.ix_(chosen, chosen)
-    covariance = noise[inner] + ((answers * settings.constants_variance) @ answers.T)[inner]
     if not chosen.size:
         return _Difference(part.run.name, 0, np.empty(0), np.empty(0), float("nan"), float("nan"))
+    away = (theta - common.theta[nodes])[chosen]
+    inner = np.ix_(chosen, chosen)
+    covariance = noise[inner] + (answers @ common.covariance[engine, engine] @ answers.T)[inner]
     variances, axes = np.linalg.eigh(covariance)
     kept = variances > LEAST_VARIANCE * np.median(variances)
     squares = ((axes.T @ away) ** 2)[kept]

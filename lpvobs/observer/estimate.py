@@ -3,38 +3,108 @@
 Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
 whose last column is zero; then the map by weighted least squares behind that state, from every balance of the engine. It is not the
 map equation of Eq. (26): `information` says how it departs. Theorem 1 is proven for one balance and constant Gamma (or, where the
-certificate says so, for gains that fall with information); it is not claimed for the mixture of balances. The certificate is about
+certificate says so, for gains that fall with information); it is not claimed for several balances. The certificate is about
 the state, and the state is nearly its newest measurement: of a gain of 2000 1/s and samples 10 ms apart, 95 % (1 - 1 / (1 + h L)).
 
 Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
-from lpvobs.observer.information import Solution, solve
-from lpvobs.observer.parts import (
-    LogInformation,
-    LogRun,
-    RangeSeen,
-    StateGain,
-    added_up,
-    inform,
-    nothing_between,
-    operating_point,
-)
+from lpvobs.maps.quadratic import scaled_terms
+from lpvobs.observer.information import NO_LEVEL, Prior, Solution, considered, solve
+from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
+from lpvobs.observer.parts import LogInformation, StateGain, added_up, excitation_of, inform, operating_point
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.observer.smoothing import smooth
+from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Log, Recording
 from lpvobs.synthesis.region import Region
+
+PASSES = 3
+"""Over the logs, at most, until the engine is linearised where it is found."""
+LINEAR = 0.003
+"""Relative change of a constant within which the balances count as linear: near stall a compressor is not, beyond."""
+
+
+@dataclass(frozen=True)
+class EngineFound:
+    """What the logs say of the engine.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        With their prior.
+    point : mapping of str to float
+        Relative deviations of the constants at which the balances were linearised.
+    mean : ndarray, shape (q,)
+        Seen from there.
+    covariance : ndarray, shape (q, q)
+    amplitudes : tuple of float
+        Of the groups of corrections.
+    """
+
+    unknowns: Unknowns
+    point: Mapping[str, float]
+    mean: Array
+    covariance: Array
+    amplitudes: tuple[float, ...] = ()
+
+    def moved(self) -> dict[str, float]:
+        """Return by how much each constant has moved from the point."""
+        return dict(zip(self.unknowns.constants, self.mean.tolist(), strict=False))
+
+    def deviation(self) -> dict[str, float]:
+        """Return the relative deviation of every constant from the configured one."""
+        return {name: (1.0 + self.point.get(name, 0.0)) * (1.0 + share) - 1.0 for name, share in self.moved().items()}
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where an engine is linearised.
+
+    Attributes
+    ----------
+    configured : AirPath
+    settings : EstimateSettings
+        With a tolerance for every constant of the balances.
+    deviation : mapping of str to float
+        Of the engine's constants from the configured ones.
+    known : Unknowns or None
+        What a calibration has found; None for the tolerances of the settings.
+    """
+
+    configured: AirPath
+    settings: EstimateSettings
+    deviation: Mapping[str, float] = field(default_factory=dict)
+    known: Unknowns | None = None
+
+    @property
+    def air_path(self) -> AirPath:
+        """The engine there."""
+        return self.configured.deviating(self.deviation) if self.deviation else self.configured
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The engine's unknowns, seen from there."""
+        known = self.known or unknowns_of(self.settings.tolerance, self.configured.components)
+        return known.seen_from(self.deviation)
+
+    def moved(self, found: EngineFound | None) -> "Point":
+        """Return the point that an estimate has found, or this one where its linearisation holds."""
+        if found is None or not self.configured.calmed:  # nothing steep: balances are linear in what is not known
+            return self
+        near = all(abs(share) <= LINEAR for share in found.moved().values())
+        return self if near else replace(self, deviation=found.deviation())
 
 
 @dataclass(frozen=True)
@@ -60,7 +130,9 @@ class MapEstimate:
     constants : tuple of str
         The q uncertain constants of the engine; none where the method does not tell.
     sensitivity : ndarray, shape (q, p_2, p_1)
-        [kg/s], change of the map per relative error of each constant.
+        [kg/s], change of the map per relative change of each constant, the others being known.
+    engine : EngineFound or None
+        What the logs say of the engine; None where the method does not tell.
     """
 
     method: str
@@ -74,6 +146,7 @@ class MapEstimate:
     runs: tuple[LogRun, ...]
     constants: tuple[str, ...]
     sensitivity: Array
+    engine: EngineFound | None = None
 
     @property
     def standard_error(self) -> Array:
@@ -102,23 +175,30 @@ def estimate_default(
     air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Recording], settings: EstimateSettings
 ) -> MapEstimate:
     """Return the map from one or more logs by the default method."""
-    settings = settings.limited_to(air_path.balance_constants)
-    return of_parts(grid, [inform(air_path, grid, gain, log, settings) for log in logs], settings)
+    point = Point(air_path, settings.of_engine(air_path.usual_tolerance))
+    for _ in range(PASSES):
+        found = of_parts(
+            grid, [inform(point.air_path, grid, gain, log, point.settings, point.unknowns) for log in logs], point
+        )
+        moved = point.moved(found.engine)
+        if moved is point:
+            break
+        point = moved
+    return found
 
 
-def of_parts(grid: Grid, parts: Sequence[LogInformation], settings: EstimateSettings) -> MapEstimate:
+def of_parts(grid: Grid, parts: Sequence[LogInformation], point: Point) -> MapEstimate:
     """Return the map from the parts of logs, added in the order of the logs' digests."""
     in_order = sorted(parts, key=lambda part: part.run.sha256)
-    return replace(merged(grid, in_order, settings)[0], runs=tuple(part.run for part in parts))
+    return replace(merged(grid, in_order, point)[0], runs=tuple(part.run for part in parts))
 
 
-def merged(grid: Grid, parts: Iterable[LogInformation], settings: EstimateSettings) -> tuple[MapEstimate, Solution]:
+def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[MapEstimate, Solution]:
     """Return the map from the parts of logs, and the solution behind it.
 
     The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order of the
     logs' digests.
     """
-    q = len(settings.tolerance)
     runs: list[LogRun] = []
 
     def noted() -> Iterator[LogInformation]:
@@ -126,16 +206,28 @@ def merged(grid: Grid, parts: Iterable[LogInformation], settings: EstimateSettin
             runs.append(part.run)
             yield part
 
-    total, excited = added_up(grid, q, noted())
-    solution = solve(total, settings.prior_map)
-    sensitivity, design = solution.response[:, :q], solution.response[:, q:]
-    covariance = solution.covariance(np.concatenate([settings.constants_variance, np.zeros(len(COEFFICIENTS))]))
+    unknowns, settings = point.unknowns, point.settings
+    layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
+    total = added_up(grid, layout, noted())
+    solution = solve(layout, total, Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances))
+    if settings.consider:
+        solution = considered(solution, total, settings.prior_map, unknowns)
+    constants = slice(layout.nodes, layout.nodes + len(unknowns.constants))
+    coupled = solution.covariance[: layout.nodes, constants]
+    own = solution.covariance[constants, constants]
     estimate = replace(
-        finished("observer", grid, solution.theta, covariance, runs, excited, settings),
+        finished("observer", grid, solution.theta, solution.map_covariance, runs, excitation_of(grid, total), settings),
         noise=solution.noise,
-        design=design,
-        constants=tuple(settings.tolerance),
-        sensitivity=sensitivity.T.reshape(-1, *grid.shape),
+        design=solution.design,
+        constants=unknowns.constants,
+        sensitivity=np.asarray(np.linalg.solve(own, coupled.T)).reshape(-1, *grid.shape),
+        engine=EngineFound(
+            unknowns,
+            point.deviation,
+            solution.mean[solution.engine],
+            solution.covariance[solution.engine, solution.engine],
+            solution.amplitudes,
+        ),
     )
     return estimate, solution
 
@@ -201,5 +293,6 @@ def finished(
 def run_of(log: Log, parameters: Array, region: Region | None) -> LogRun:
     """Return what an estimate keeps of a log, given the scheduling parameters along it, shape (N, m)."""
     seen = RangeSeen(parameters.shape[1], region)
-    seen.see(log.time, steps_of(log), parameters)
+    seen.time(next(iter(log.pieces())))
+    seen.see(parameters)
     return seen.run(log)

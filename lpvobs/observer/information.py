@@ -1,85 +1,277 @@
-"""The map equation of the default method: weighted least squares over the whole drive, in information form.
+"""The map equation of the default method: map and engine together, as one linear problem with a prior.
 
-Along the log, with W_hat the flow that the balances agree on,
+With the rows of `windows`, in which z_b is what the sensor reads beyond the flow of balance b,
 
-    z = W_maf - W_hat = Psi(v) theta + g beta + e,
+    z_b = Psi theta + J_b beta + l_b + e_b,
 
-theta being the map, beta what the map is not told of (the relative errors of the engine's configured constants, known to lie within
-their stated tolerance, with g = -dW_hat / dbeta), and e noise. The map is theta = H^-1 h, with H and h the integrals of w Psi^T Psi
-and w Psi^T z; those of several logs add up.
+theta being the map, beta the engine's unknowns (constants within their tolerance, corrections of its components), l_b levels of the
+day. The e_b have a covariance S that is found from the rows, and so are the amplitudes of the corrections (restricted likelihood).
+Several logs add up.
 
 How this departs from Eq. (26) and (36), whose map equation is dtheta/dt = Gamma Psi^T (y_m2 - C_2 x - Psi theta):
 
-- Gamma is no constant diagonal matrix. Least squares solves the same equation with w in front of Psi^T and Gamma(t) = H(t)^-1,
-  dH/dt = w Psi^T Psi. So a node is the average over all its visits; with Gamma = 200 I it is the last visit, noise included.
-- The flow is not C_2 x alone but a mixture of all balances of the engine, of which C_2 x is one (see `balance_errors`).
+- Gamma is no constant diagonal matrix. Least squares solves the same equation with S^-1 in front of Psi^T and Gamma(t) = H(t)^-1,
+  dH/dt = Psi^T S^-1 Psi. So a node is the average over all its visits; with Gamma = 200 I it is the last visit, noise included.
+- The flow is not C_2 x alone: every balance of the engine speaks, of which C_2 x is one.
+- The engine is not taken for exact. Its constants cannot be told apart by a drive (displacement and volumetric efficiency share a
+  scale), but the map can be told from them, for it stays where boost and gas move. What the drive does not tell stays in the
+  covariance.
 - The map does not act back on the state: the gain is a cascade, its last column is zero. The state error decays as the certificate
   says, whatever the map is, and enters here as an error of z.
-
-The constants are not fitted to the log: a disagreement of the balances of a few hundredths of a gram per second would move them
-by percents along directions that hardly change it, and the map with them. Their tolerance is carried into the covariance instead
-(the `consider` form of Schmidt): cov = H^-1 + J B J^T, J = H^-1 times the integral of w Psi^T g.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvobs.engines.unknowns import Unknowns
+from lpvobs.observer.windows import GROUP, Columns, Moments
 from lpvobs.records import Array
 
-
-@dataclass(frozen=True)
-class Information:
-    """Normal equations of p map nodes, and their coupling to q other influences on z.
-
-    Attributes
-    ----------
-    H : ndarray, shape (p, p)
-        [s^2/kg^2], symmetric.
-    h : ndarray, shape (p,)
-        [s/kg]
-    coupling : ndarray, shape (p, q)
-        Integral of w Psi^T g.
-    """
-
-    H: Array
-    h: Array
-    coupling: Array
+ROUNDS = 4
+"""Rounds between the covariance of the errors and the solution; the last changes it by less than a hundredth."""
+FIRST_ERROR = 5e-5
+"""[kg/s sqrt(s)] of every balance, from which the rounds start."""
+LEAST_ERROR = 1e-8
+"""[kg/s sqrt(s)], below any sensor: balances without errors need one."""
+AMPLITUDES = (0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
+"""Of the corrections, over those of `Component.deviation`: what is tried."""
+SWEEPS = 2
+"""Over the groups of corrections."""
+LEAST_FREE = 0.5
+"""Share of the rows that counts as left over, even if the unknowns have used up more."""
+NO_LEVEL = 1e-9
+"""[kg/s], standard deviation of a level of the day where none is configured."""
+AMPLITUDE_SPREAD = 1.5
+"""Standard deviation of the logarithm of an amplitude before any data."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The map, how noise spreads it, and how it answers to what it is not told of.
+    """Map and engine together.
 
     Attributes
     ----------
-    theta : ndarray, shape (p,)
-        [kg/s]
+    layout : Columns
+    mean : ndarray, shape (s,)
+        Of all columns that are solved for.
+    covariance : ndarray, shape (s, s)
     noise : ndarray, shape (p, p)
-        [kg^2/s^2], covariance from noise alone.
+        [kg^2/s^2], covariance of the map from noise alone, the engine being as the mean says.
     response : ndarray, shape (p, q)
-        How the map answers to each influence: the node values it would find if z were g alone.
+        [kg/s], how the map would answer to each unknown of the engine if that were all that there is.
+    design : ndarray, shape (p, 6)
+        The node values that the method finds for each term of Eq. (37).
+    errors : ndarray, shape (B, B)
+        S [kg^2/s], covariance of the balances' errors over a second.
+    fast : ndarray, shape (B, B)
+        The part of it that is new in every window.
+    quick : ndarray, shape (p, p)
+        [kg^2/s^2], `noise` as if that part were all.
+    amplitudes : tuple of float
+        Of the groups of corrections.
     """
 
-    theta: Array
+    layout: Columns
+    mean: Array
+    covariance: Array
     noise: Array
     response: Array
+    design: Array
+    errors: Array
+    fast: Array
+    quick: Array
+    amplitudes: tuple[float, ...]
 
-    def covariance(self, variance: Array) -> Array:
-        """Return the covariance of the map, shape (p, p) [kg^2/s^2], with influences of the given variances, shape (q,)."""
-        return self.noise + (self.response * variance) @ self.response.T
+    @property
+    def theta(self) -> Array:
+        """The map, shape (p,) [kg/s]."""
+        return self.mean[: self.layout.nodes]
+
+    @property
+    def map_covariance(self) -> Array:
+        """Covariance of the map, shape (p, p) [kg^2/s^2]."""
+        return self.covariance[: self.layout.nodes, : self.layout.nodes]
+
+    @property
+    def engine(self) -> slice:
+        """Where the engine's unknowns stand."""
+        return slice(self.layout.nodes, self.layout.nodes + self.layout.unknowns)
 
 
-def solve(information: Information, prior_map: float) -> Solution:
-    """Return the map that the information determines.
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the logs.
+
+    Attributes
+    ----------
+    node : float
+        [kg/s], standard deviation of a node, far beyond any sensor.
+    unknowns : Unknowns
+    levels : tuple of float
+        [kg/s], standard deviation of each balance's level of the day.
+    """
+
+    node: float
+    unknowns: Unknowns
+    levels: tuple[float, ...]
+
+    def mean(self, layout: Columns) -> Array:
+        """Return the mean of all columns that are solved for."""
+        found = np.zeros(layout.solved)
+        found[layout.nodes : layout.nodes + layout.unknowns] = self.unknowns.mean
+        return found
+
+    def root(self, layout: Columns, amplitudes: Sequence[float]) -> Array:
+        """Return a square root of their covariance, lower triangular."""
+        found = np.zeros((layout.solved, layout.solved))
+        np.fill_diagonal(found, self.node)
+        own = slice(layout.nodes, layout.nodes + layout.unknowns)
+        covariance = self.unknowns.scaled(amplitudes)
+        ridge = 1e-9 * np.diag(covariance) + 1e-18
+        found[own, own] = np.linalg.cholesky(covariance + np.diag(ridge)) if self.unknowns.size else covariance
+        levels = np.arange(own.stop, layout.solved)
+        found[levels, levels] = self.levels
+        return found
+
+
+def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
+    """Return map and engine as the sums of logs determine them.
 
     Parameters
     ----------
-    information : Information
-    prior_map : float
-        [kg/s], standard deviation of a node before any data, far beyond any sensor; a node without data keeps it.
+    layout : Columns
+    moments : Moments
+    prior : Prior
     """
-    scaled = prior_map**2 * information.H + np.eye(information.h.size)
-    inverse = np.linalg.inv(scaled)
-    noise = 0.5 * prior_map**2 * (inverse + inverse.T)
-    return Solution(noise @ information.h, noise, noise @ information.coupling)
+    groups = prior.unknowns.groups()
+    amplitudes: tuple[float, ...] = (AMPLITUDES[0],) * len(groups)
+    S = FIRST_ERROR**2 * np.eye(layout.balances)
+    state = _Solved(layout, moments, prior)
+    for _ in range(ROUNDS):
+        mean, _, spent = state.at(S, amplitudes)
+        S, fast = state.errors(mean, spent)
+    if groups:
+        amplitudes = state.likeliest(S)
+        mean, _, spent = state.at(S, amplitudes)
+        S, fast = state.errors(mean, spent)
+    mean, covariance, _ = state.at(S, amplitudes)
+    noise, answers = state.map_alone(S)
+    q = layout.unknowns
+    return Solution(
+        layout, mean, covariance, noise, answers[:, :q], answers[:, q:], S, fast, state.map_alone(fast)[0], amplitudes
+    )
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The normal equations of sums under some weights and amplitudes."""
+
+    layout: Columns
+    moments: Moments
+    prior: Prior
+
+    def normal(self, S: Array) -> Array:
+        """Return the weighted products of all columns, shape (C, C)."""
+        return np.asarray(np.einsum("ab,abij->ij", np.linalg.inv(S), self.moments.products))
+
+    def at(self, S: Array, amplitudes: Sequence[float]) -> tuple[Array, Array, float]:
+        """Return mean, covariance, and how many unknowns the data determine."""
+        p, k = self.layout.nodes, self.layout.solved
+        onto, A, right = self.without_map(S)
+        root = self.prior.root(self.layout, amplitudes)[p:, p:]
+        told, axes = np.linalg.eigh(root.T @ A @ root)
+        told = np.maximum(told, 0.0)  # rounding
+        half = root @ axes / np.sqrt(1.0 + told)
+        engine = half @ half.T
+        moved = engine @ right
+        N, answers, alone = onto
+        mean = self.prior.mean(self.layout)
+        mean[p:] += moved
+        mean[:p] += alone - answers @ moved
+        covariance = np.empty((k, k))
+        covariance[p:, p:], covariance[:p, p:] = engine, -answers @ engine
+        covariance[p:, :p], covariance[:p, :p] = covariance[:p, p:].T, N + answers @ engine @ answers.T
+        of_map = p - float(np.trace(N)) / self.prior.node**2
+        return mean, covariance, of_map + float(np.sum(told / (1.0 + told)))
+
+    def errors(self, mean: Array, spent: float) -> tuple[Array, Array]:
+        """Return S from what the solution leaves, less the freedom that it has used up, and its part that is new in every window.
+
+        S is from sums over groups of windows, for errors of a model last; from windows where a short log leaves too few groups.
+        """
+        left = np.zeros(self.layout.size)
+        left[: self.layout.solved], left[self.layout.z] = -mean, 1.0
+        found = []
+        for products, rows in (
+            (self.moments.products, self.moments.windows),
+            (self.moments.slow, self.moments.windows / GROUP),
+        ):
+            free = max(rows - spent / self.layout.balances, LEAST_FREE * rows, 1.0)
+            found.append(
+                np.einsum("i,abij,j->ab", left, products, left) / free + LEAST_ERROR**2 * np.eye(self.layout.balances)
+            )
+        fast, slow = found
+        return (slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast), fast
+
+    def without_map(self, S: Array) -> tuple[tuple[Array, Array, Array], Array, Array]:
+        """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated.
+
+        The map's part: its covariance where all else is known, its answers to all else, its values where all else is as before.
+        """
+        p, k, z = self.layout.nodes, self.layout.solved, self.layout.z
+        A, start = self.normal(S), self.prior.mean(self.layout)
+        right = A[:k, z] - A[:k, :k] @ start
+        N = np.linalg.inv(A[:p, :p] + np.eye(p) / self.prior.node**2)
+        N = 0.5 * (N + N.T)
+        answers, alone = N @ A[:p, p:k], N @ right[:p]
+        rest = A[p:k, p:k] - A[p:k, :p] @ answers
+        return (N, answers, alone), 0.5 * (rest + rest.T), right[p:] - A[p:k, :p] @ alone
+
+    def likeliest(self, S: Array) -> tuple[float, ...]:
+        """Return the amplitudes of the largest restricted likelihood, each held near one by its own prior.
+
+        They are sought one after the other among `AMPLITUDES`: the likelihood is flat, and half or twice one changes little.
+        """
+        p = self.layout.nodes
+        _, A, right = self.without_map(S)
+
+        def cost(amplitudes: Sequence[float]) -> float:
+            root = self.prior.root(self.layout, amplitudes)[p:, p:]
+            seen = root.T @ right
+            try:
+                factor = np.linalg.cholesky(np.eye(right.size) + root.T @ A @ root)
+            except np.linalg.LinAlgError:  # a log of a few samples leaves nothing but rounding
+                return np.inf
+            fit = float(np.sum(np.linalg.solve(factor, seen) ** 2))
+            far = float(np.sum((np.log(amplitudes) / AMPLITUDE_SPREAD) ** 2))
+            return float(np.log(np.diag(factor)).sum()) - 0.5 * fit + 0.5 * far
+
+        best = [AMPLITUDES[0]] * len(self.prior.unknowns.groups())
+        for _ in range(SWEEPS):
+            for group in range(len(best)):
+                tried = [[*best[:group], amplitude, *best[group + 1 :]] for amplitude in AMPLITUDES]
+                best = min(tried, key=cost)
+        return tuple(best)
+
+    def map_alone(self, S: Array) -> tuple[Array, Array]:
+        """Return the map's covariance where the engine is known, and its answers to unknowns and terms of Eq. (37)."""
+        p, q, z = self.layout.nodes, self.layout.unknowns, self.layout.z
+        (N, answers, _), _, _ = self.without_map(S)
+        return N, np.column_stack([answers[:, :q], N @ self.normal(S)[:p, z + 1 :]])
+
+
+def considered(solution: Solution, moments: Moments, node: float, unknowns: Unknowns) -> Solution:
+    """Return the map with the engine as configured, its constants' tolerances considered and not fitted (Schmidt)."""
+    layout = solution.layout
+    state = _Solved(layout, moments, Prior(node, unknowns, (NO_LEVEL,) * layout.balances))
+    variances = np.diag(unknowns.covariance)[: len(unknowns.constants)]
+    answers = solution.response[:, : variances.size]
+    mean, covariance = np.zeros(layout.solved), np.zeros((layout.solved, layout.solved))
+    p, constants = layout.nodes, slice(layout.nodes, layout.nodes + variances.size)
+    mean[:p] = solution.noise @ state.normal(solution.errors)[:p, layout.z]
+    covariance[:p, :p] = solution.noise + (answers * variances) @ answers.T
+    covariance[:p, constants] = -answers * variances
+    covariance[constants, :p], covariance[constants, constants] = covariance[:p, constants].T, np.diag(variances)
+    return replace(solution, mean=mean, covariance=covariance)

@@ -1,28 +1,30 @@
 """What one log contributes to the map: found in one pass over the log, small, and added up over logs.
 
-The passes of the method meet every sample once, block by block: smoothing, scheduling parameters, the observer of Eq. (26), the
-balances, the sums per cell. What follows (the mixture of balances, the weights) is computed from the sums.
+The pass meets every sample once: smoothing, scheduling parameters, the observer of Eq. (26), the balances, means over windows. What
+follows (weights of the balances, amplitudes of corrections, the map) is computed from the sums of `windows`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, Trajectory
+from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
-from lpvobs.maps.excitation import Excitation, corners, node_values, over_nodes
+from lpvobs.maps.excitation import Excitation, over_nodes
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
-from lpvobs.observer.balance_errors import Evidence, mix
-from lpvobs.observer.cells import CellSums, add, end_visit, no_sums, no_visit
-from lpvobs.observer.information import Information
+from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.observer.smoothing import SmoothStretch, stretches
-from lpvobs.records import Array, Defects, Log, Recording
+from lpvobs.observer.smoothing import SmoothStretch, noise_left, stretches
+from lpvobs.observer.windows import Columns, Moments, Windows, no_moments
+from lpvobs.records import Array, Defects, Log, Piece, Recording
 from lpvobs.synthesis.region import Region
+
+SETTLED = 0.25
+"""Of the constants' prior spread that is left where they have been found once."""
 
 
 @dataclass(frozen=True)
@@ -44,104 +46,170 @@ class StateGain:
 
 
 @dataclass(frozen=True)
-class LogRun:
-    """What an estimate keeps of a log.
-
-    Attributes
-    ----------
-    name, sha256 : str
-    samples : int
-    duration : float
-        [s], without gaps.
-    defects : Defects
-    lower, upper : ndarray, shape (m,)
-        Range of the scheduling parameters along the log.
-    share_certified : float
-        Share of the samples inside the region of the gain's certificate; NaN without one.
-    """
-
-    name: str
-    sha256: str
-    samples: int
-    duration: float
-    defects: Defects
-    lower: Array
-    upper: Array
-    share_certified: float
-
-
-@dataclass(frozen=True)
 class LogInformation:
-    """The information of one log about the map, in the cells that it visited.
+    """What one log says of the map and of the engine's unknowns, in the columns and cells that it touches.
 
     Attributes
     ----------
     run : LogRun
+    columns : ndarray of int, shape (a,)
+        See `windows.Columns`.
+    products : ndarray, shape (B, B, a, a)
+        See `windows.Moments`.
+    slow : ndarray, shape (B, B, a, a)
+    windows : float
     cells : ndarray of int, shape (v,)
         Numbers of the cells, row by row.
     gram : ndarray, shape (v, 4, 4)
-        [s], the integral of Psi^T Psi.
-    H : ndarray, shape (v, 4, 4)
-        [s^2/kg^2], the same, weighted.
-    h : ndarray, shape (v, 4)
-        [s/kg], the integral of w Psi z.
-    coupling : ndarray, shape (v, q + 6, 4)
-        The integral of w Psi g for the engine's constants, and of w Psi times the terms of Eq. (37).
+        [s]
     """
 
     run: LogRun
+    columns: NDArray[np.int64]
+    products: Array
+    slow: Array
+    windows: float
     cells: NDArray[np.int64]
     gram: Array
-    H: Array
-    h: Array
-    coupling: Array
+
+    def moments(self, grid: Grid, layout: Columns) -> Moments:
+        """Return the sums over all columns and cells."""
+        full = no_moments(grid, layout)
+        full.products[:, :, self.columns[:, None], self.columns] = self.products
+        full.slow[:, :, self.columns[:, None], self.columns] = self.slow
+        full.gram[self.cells] = self.gram
+        return Moments(full.products, full.slow, self.windows, full.gram)
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What the observer makes of a log of N samples that is in memory, B balances.
+    """What the observer makes of N samples, B balances.
 
     Attributes
     ----------
-    log : Log
+    time, steps : ndarray, shape (N,)
+        [s]
     parameters : ndarray, shape (N, m)
         Scheduling parameters.
     point : tuple of ndarray, shape (N,)
         The map's inputs: fuel, speed.
     z : ndarray, shape (B, N)
         [kg/s], the sensor's reading less the flow of each balance.
-    slope : ndarray, shape (B, q, N)
-        [kg/s], derivative of each flow by the relative change of each uncertain constant.
+    signals : ndarray, shape (s, N)
+        See `SlopeSignals`.
     """
 
-    log: Log
+    time: Array
+    steps: Array
     parameters: Array
     point: tuple[Array, Array]
     z: Array
-    slope: Array
+    signals: Array
 
 
-def inform_observed(grid: Grid, region: Region | None, seen: Observed, constants_variance: Array) -> LogInformation:
-    """Return the part of a log whose flows are known; raises DataError if no two samples are neighbours."""
-    log, sums = seen.log, no_sums(grid, *seen.slope.shape[:2])
-    visit, run = no_visit(seen.z.shape[0]), RangeSeen(seen.parameters.shape[1], region)
-    steps = np.diff(log.time, prepend=log.time[0])
-    steps[[start for start, _ in log.segments]] = 0.0
-    run.see(log.time, steps, seen.parameters)
-    if not run.duration > 0.0:
-        raise nothing_between(log.name, run.started)
-    for part in log.each_segment():
-        point = (seen.point[0][part], seen.point[1][part])
-        z, slope = np.ascontiguousarray(seen.z[:, part]), np.ascontiguousarray(seen.slope[..., part])
-        add(sums, visit, grid, point, steps[part], z, slope, scaled_terms(grid, *point))
-        end_visit(sums, visit)
-    return _part(grid, sums, constants_variance, run.run(log))
+@dataclass(frozen=True)
+class SlopeSignals:
+    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what a window took out, steps."""
+
+    channels: tuple[str, ...]
+    rates: tuple[str, ...]
+    calmed: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return len(self.channels) + len(self.rates) + len(self.calmed) + 1
+
+    def stacked(
+        self, channels: Mapping[str, Array], rates: Mapping[str, Array], taken: Mapping[str, Array], steps: Array
+    ) -> Array:
+        """Return the rows, shape (s, N); `taken` is what the wider window took out of each calmed channel."""
+        squares = [taken[name] ** 2 for name in self.calmed]
+        flows = (*(channels[name] for name in self.channels), *(rates[name] for name in self.rates))
+        return np.stack([*flows, *squares, steps])
+
+    def parted(self, rows: Array) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
+        """Return channels, rates, squares and steps again, from rows of shape (n, s)."""
+        columns = iter(np.ascontiguousarray(rows.T))
+        channels, rates, squares = ({name: next(columns) for name in names} for names in vars(self).values())
+        return channels, rates, squares, next(columns)
+
+
+def signals_for(air_path: AirPath) -> SlopeSignals:
+    """Return what the slopes of an engine's balances are computed from."""
+    return SlopeSignals(tuple(air_path.channels), air_path.smoothed, air_path.calmed)
+
+
+class Sums:
+    """The rows of one log, added up as they come.
+
+    Parameters
+    ----------
+    air_path : AirPath
+        At the point of linearisation.
+    grid : Grid
+    unknowns : Unknowns
+    settings : EstimateSettings
+    """
+
+    def __init__(self, air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings):
+        self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
+        self.half_width = settings.calm
+        constants = unknowns.covariance.diagonal()[: len(unknowns.constants)]
+        self.spread = float(np.sqrt(constants.mean())) if constants.size else 0.0
+        if unknowns.mean.any():  # seen from where the logs have the engine
+            self.spread *= SETTLED
+        layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
+        self.windows = Windows(grid, layout, self.slopes, self.signals.count)
+
+    def add(self, seen: Observed) -> None:
+        """Add samples."""
+        self.windows.add(seen.time, seen.steps, seen.point, seen.z, seen.signals)
+
+    def slopes(self, means: Array) -> tuple[Array, Array, Array]:
+        """Return J, weights, and what noise makes of the flows, at mean signals; see `windows.Slopes`."""
+        channels, rates, squares, step = self.signals.parted(means)
+        n = means.shape[0]
+        left = noise_left(float(np.median(step)), self.half_width)
+        log = _log(np.arange(float(n)), channels)
+        slope = self.air_path.balances(log, rates, self.unknowns.constants).slope
+        B, q = slope.shape[:2]
+        J = np.zeros((n, B, self.unknowns.size))
+        J[:, :, :q] = slope.transpose(2, 0, 1)
+        places = self.unknowns.places().values()
+        for place, correction in zip(places, self.air_path.corrections(log, rates), strict=True):
+            columns = correction.columns(place.stop - place.start)
+            for b in range(B) if correction.balance is None else (correction.balance,):
+                J[:, b, place] = columns
+        noise = {name: np.full(n, left * np.sqrt(square.mean())) for name, square in squares.items()}
+        caution = self.air_path.caution(log, noise, self.spread)
+        return J, caution.trust.T, caution.bias.T
+
+    def part(self, run: LogRun) -> LogInformation:
+        """Return what the log says."""
+        total = self.windows.moments()
+        columns = np.flatnonzero(np.any(total.products != 0.0, axis=(0, 1, 2)))
+        cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
+        products, slow = (
+            np.ascontiguousarray(each[:, :, columns[:, None], columns]) for each in (total.products, total.slow)
+        )
+        return LogInformation(run, columns, products, slow, total.windows, cells, total.gram[cells])
 
 
 def inform(
-    air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings
+    air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings, unknowns: Unknowns
 ) -> LogInformation:
     """Return the part of one log, read once from beginning to end.
+
+    Parameters
+    ----------
+    air_path : AirPath
+        At the point of linearisation.
+    grid : Grid
+    gain : StateGain
+    log : Recording
+    settings : EstimateSettings
+    unknowns : Unknowns
 
     Raises
     ------
@@ -153,94 +221,73 @@ def inform(
             "gain: the sensor corrects the state (last column of L is not zero), expected a cascade for the default method; "
             "synthesise with cascade = true in [gain], or use --method published"
         )
-    walk = _Walk(air_path, grid, gain, tuple(settings.tolerance))
-    for stretch in stretches(log.pieces(), air_path.smoothed, settings.smoothing):
-        walk.follow(stretch)
-    walk.end_segment()
-    if not walk.range.duration > 0.0:
-        raise nothing_between(log.name, walk.range.started)
-    return _part(grid, walk.sums, settings.constants_variance, walk.range.run(log))
+    seen = RangeSeen(len(air_path.parameter_names), gain.region)
+    sums, walk = Sums(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)
+    for stretch in stretches(_clocked(log.pieces(), seen), air_path.smoothed, settings.smoothing, air_path.calmed):
+        found = walk.follow(stretch)
+        seen.see(found.parameters)
+        sums.add(found)
+    if not seen.duration > 0.0:
+        raise nothing_between(log.name, seen.started)
+    return sums.part(seen.run(log))
 
 
-def nothing_between(name: str, started: float) -> DataError:
-    """Return what is wrong with a log whose samples are all apart."""
-    return DataError(
-        f"log '{name}': a gap after every sample, the first at {started:.6g} s; "
-        f"expected samples closer than gap_limit in [policies]"
-    )
+def _clocked(pieces: Iterable[Piece], seen: RangeSeen) -> Iterator[Piece]:
+    for piece in pieces:
+        seen.time(piece)
+        yield piece
 
 
-class RangeSeen:
-    """Samples, time and range of the scheduling parameters so far."""
-
-    def __init__(self, parameters: int, region: Region | None):
-        self.samples, self.duration, self.inside, self.started = 0, 0.0, 0, float("nan")
-        self.lower, self.upper = np.full(parameters, np.inf), np.full(parameters, -np.inf)
-        self.region = region
-
-    def see(self, time: Array, steps: Array, parameters: Array) -> None:
-        """Take in N samples."""
-        if not self.samples:
-            self.started = float(time[0])
-        self.samples += time.size
-        self.duration = running_sum(self.duration, steps)
-        np.minimum(self.lower, parameters.min(axis=0), out=self.lower)
-        np.maximum(self.upper, parameters.max(axis=0), out=self.upper)
-        if self.region is not None:
-            self.inside += int(np.count_nonzero(self.region.contains(parameters)))
-
-    def run(self, log: Recording) -> LogRun:
-        """Return what is kept of the log that has been gone through."""
-        share = float("nan") if self.region is None else self.inside / self.samples
-        return LogRun(log.name, log.sha256, self.samples, self.duration, log.defects, self.lower, self.upper, share)
-
-
-def running_sum(start: float, values: Array) -> float:
-    """Return start plus the values, added one after the other, so that it does not matter how they come in pieces."""
-    return float(np.add.accumulate(np.concatenate(([start], values)))[-1])
+def inform_observed(
+    air_path: AirPath,
+    grid: Grid,
+    region: Region | None,
+    log: Log,
+    found: Observed,
+    settings: EstimateSettings,
+    unknowns: Unknowns,
+) -> LogInformation:
+    """Return the part of a log whose flows are known; raises DataError if no two samples are neighbours."""
+    seen = RangeSeen(len(air_path.parameter_names), region)
+    seen.time(next(iter(log.pieces())))
+    if not seen.duration > 0.0:
+        raise nothing_between(log.name, seen.started)
+    seen.see(found.parameters)
+    sums = Sums(air_path, grid, unknowns, settings)
+    sums.add(found)
+    return sums.part(seen.run(log))
 
 
 class _Walk:
-    """The default method on its way along a log: the state, the visit that has not ended, the sums so far."""
+    """The observer on its way along a log."""
 
-    def __init__(self, air_path: AirPath, grid: Grid, gain: StateGain, uncertain: tuple[str, ...]):
-        self.air_path, self.grid, self.gain, self.uncertain = air_path, grid, gain, uncertain
-        self.sums: CellSums | None = None
-        self.range = RangeSeen(len(air_path.parameter_names), gain.region)
+    def __init__(self, air_path: AirPath, grid: Grid, gain: StateGain):
+        self.air_path, self.grid, self.gain = air_path, grid, gain
+        self.signals = signals_for(air_path)
         self.x = np.zeros(len(air_path.state_names))
         self.no_map = np.zeros(grid.size)
 
-    def follow(self, stretch: SmoothStretch) -> None:
-        """Go on by one stretch."""
+    def follow(self, stretch: SmoothStretch) -> Observed:
+        """Return what the observer makes of the next stretch."""
         air_path = self.air_path
-        calm = calm_log(stretch)
-        trajectory = air_path.trajectory(calm, self.gain.outputs)
-        self.range.see(stretch.time, stretch.steps, trajectory.parameters)
-        seen = {**calm.channels, **self._states(stretch, calm, trajectory)}
-        balances = air_path.balances(_log(stretch.time, seen), stretch.rates, self.uncertain)
-        if stretch.begins:
-            self.end_segment()
-        if self.sums is None:
-            self.sums = no_sums(self.grid, *balances.slope.shape[:2])
-            self.visit = no_visit(balances.slope.shape[0])
-        point = operating_point(air_path, calm)
-        z = stretch.channels[air_path.sensor] - balances.flow
-        terms = scaled_terms(self.grid, *point)
-        add(self.sums, self.visit, self.grid, point, stretch.steps, z, balances.slope, terms)
+        log = calm_log(stretch)
+        trajectory = air_path.trajectory(log, self.gain.outputs)
+        seen = {**log.channels, **self._states(stretch, log, trajectory)}
+        flow = air_path.balances(_log(stretch.time, seen), stretch.rates, (), stretch.calm).flow
+        taken = {name: stretch.channels[name] - calm for name, calm in stretch.calm.items()}
+        signals = self.signals.stacked(seen, stretch.rates, taken, stretch.steps)
+        z = stretch.channels[air_path.sensor] - flow
+        point = operating_point(air_path, log)
+        return Observed(stretch.time, stretch.steps, trajectory.parameters, point, z, signals)
 
-    def end_segment(self) -> None:
-        """Close the visit."""
-        if self.sums is not None:
-            end_visit(self.sums, self.visit)
-
-    def _states(self, stretch: SmoothStretch, calm: Log, trajectory: Trajectory) -> dict[str, Array]:
+    def _states(self, stretch: SmoothStretch, log: Log, trajectory: Trajectory) -> dict[str, Array]:
         names = self.air_path.state_names
-        first = self.air_path.states(calm)[0] if stretch.begins else self.x
+        first = self.air_path.states(log)[0] if stretch.begins else self.x
         run = observe(
             trajectory,
             stretch.time,
             ((0, stretch.time.size),),
-            operating_point(self.air_path, calm),
+            operating_point(self.air_path, log),
             self.grid,
             self.gain.L,
             0.0,
@@ -267,64 +314,15 @@ def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
     return log[fuel.channel], log[speed.channel]
 
 
-def _part(grid: Grid, sums: CellSums | None, constants_variance: Array, run: LogRun) -> LogInformation:
-    """Return what the sums of a log say of the map."""
-    if sums is None:
-        raise nothing_between(run.name, float("nan"))
+def excitation_of(grid: Grid, moments: Moments) -> Excitation:
+    """Return how well the logs behind the sums excite the map."""
     rows, columns = grid.speed.size - 1, grid.fuel.size - 1
-    excited = Excitation(over_nodes(grid, sums.gram), sums.gram.reshape(rows, columns, 4, 4))
-    evidence = Evidence(
-        power=_about_own_map(grid, excited, sums),
-        time=sums.gram.sum((1, 2)),
-        visits=sums.visits,
-        slope=sums.slope.sum(-1),
-        leverage=excited.leverage().ravel(),
-    )
-    mixture = mix((rows, columns), evidence, constants_variance)
-    share, weight = mixture.share, 1.0 / mixture.density
-    coupling = np.concatenate([-np.einsum("cb,cbim->cim", share, sums.slope), sums.terms], axis=1)
-    visited = np.flatnonzero(evidence.time > 0.0)
-    return LogInformation(
-        run=run,
-        cells=visited,
-        gram=sums.gram[visited],
-        H=(weight[:, None, None] * sums.gram)[visited],
-        h=(weight[:, None] * np.einsum("cb,cbm->cm", share, sums.right))[visited],
-        coupling=(weight[:, None, None] * coupling)[visited],
-    )
+    return Excitation(over_nodes(grid, moments.gram), moments.gram.reshape(rows, columns, 4, 4))
 
 
-def _about_own_map(grid: Grid, excited: Excitation, sums: CellSums) -> Array:
-    """Return the power of the visits' residuals about the map that fits each balance best, shape (cells, B, B).
-
-    Of a visit, the integral of the residual is that of z less that of Psi times the four nodes, so the products follow from those
-    of the integrals.
-    """
-    nodes = corners(*grid.shape)
-    right = np.zeros((grid.size, sums.right.shape[1]))
-    np.add.at(right, nodes, sums.right.swapaxes(1, 2))
-    theta = node_values(excited.gram, right)[nodes]  # (cells, 4, B)
-    crossed = np.einsum("cam,cmb->cab", sums.visit_cross, theta)
-    fitted = np.einsum("cma,cmo,cob->cab", theta, sums.visit_gram, theta, optimize=True)
-    power = sums.visit_power - crossed - crossed.swapaxes(1, 2) + fitted
-    B = power.shape[1]
-    power[:, range(B), range(B)] = np.maximum(power[:, range(B), range(B)], 0.0)  # rounding of a difference
-    return np.asarray(power)
-
-
-def added_up(grid: Grid, constants: int, parts: Iterable[LogInformation]) -> tuple[Information, Excitation]:
-    """Return the information and the excitation of logs together, added in the order given."""
-    rows, columns = grid.speed.size - 1, grid.fuel.size - 1
-    count = rows * columns
-    gram, H, h = np.zeros((count, 4, 4)), np.zeros((count, 4, 4)), np.zeros((count, 4))
-    coupling = np.zeros((count, constants + len(COEFFICIENTS), 4))
+def added_up(grid: Grid, layout: Columns, parts: Iterable[LogInformation]) -> Moments:
+    """Return the sums of logs together, added in the order given."""
+    total = no_moments(grid, layout)
     for part in parts:
-        gram[part.cells] += part.gram
-        H[part.cells] += part.H
-        h[part.cells] += part.h
-        coupling[part.cells] += part.coupling
-    nodes = corners(*grid.shape)
-    total = Information(over_nodes(grid, H), np.zeros(grid.size), np.zeros((grid.size, coupling.shape[1])))
-    np.add.at(total.h, nodes, h)
-    np.add.at(total.coupling, nodes, coupling.swapaxes(1, 2))
-    return total, Excitation(over_nodes(grid, gram), gram.reshape(rows, columns, 4, 4))
+        total = total + part.moments(grid, layout)
+    return total

@@ -13,7 +13,6 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import normal_equations
 from lpvobs.observer.ekf import KalmanSettings, adapt, start
 from lpvobs.observer.estimate import MapEstimate, finished, run_of, steps_of
-from lpvobs.observer.information import Information, solve
 from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Log
@@ -67,6 +66,9 @@ def estimate_batch(
         gram, right, squares, samples = gram + more[0], right + more[1], squares + float(z @ z), samples + z.size
         excited.append(excitation(grid, *point, log.time, log.segments))
         runs.append(run_of(log, trajectory.parameters, gain.region))
-    unit = solve(Information(gram, right, np.empty((p, 0))), NO_PRIOR)
-    variance = max(squares - float(unit.theta @ right), 0.0) / max(samples - p, 1)
-    return finished("batch", grid, unit.theta, variance * unit.noise, runs, sum(excited[1:], excited[0]), settings)
+    inverse = np.linalg.inv(gram + np.eye(p) / NO_PRIOR**2)
+    theta = inverse @ right
+    variance = max(squares - float(theta @ right), 0.0) / max(samples - p, 1)
+    return finished(
+        "batch", grid, theta, variance * 0.5 * (inverse + inverse.T), runs, sum(excited[1:], excited[0]), settings
+    )

@@ -1,11 +1,15 @@
 """How a map is estimated: the configuration's `[estimate]`, `[published]` tables."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lpvobs.observer.smoothing import CALM
 from lpvobs.records import Array
+
+CONSTANTS = ("joint", "consider")
+"""What becomes of the engine's constants."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +25,10 @@ class EstimateSettings:
     prior_map : float
         [kg/s], standard deviation of a node before any data; far beyond any sensor.
     tolerance : mapping of str to float
-        How well the engine's constants are known: the true value lies within this fraction of the configured one. The estimate
-        of a map uses those that its balances contain.
+        How well the engine's constants are known: the true value lies within this fraction of the configured one.
+    constants : str
+        `joint`: engine and map are estimated together; `consider`: the engine stays as configured, and the tolerance widens the
+        intervals.
     largest_error : float
         Share of the air flow that a map may have on average; a larger one is refused. Eq. (40) is 28 to 55 % of the flow along
         simulated drives; g/s taken for kg/h are 72 %, an unplugged sensor is off by all of it.
@@ -32,23 +38,36 @@ class EstimateSettings:
     least_information: float
     prior_map: float
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    constants: str = "joint"
     largest_error: float = 0.7
 
     def __post_init__(self) -> None:
         for name in ("smoothing", "least_information", "prior_map", "largest_error"):
             if not 0 < getattr(self, name) < 1e6:
                 raise ValueError(f"{name} must be positive, and not more than any drive")
+        if self.constants not in CONSTANTS:
+            raise ValueError(f"constants = {self.constants!r}, expected one of {', '.join(CONSTANTS)}")
         if not all(0.0 <= value < 0.5 for value in self.tolerance.values()):
             raise ValueError("a tolerance is a fraction of at least 0 and under 0.5")
+
+    @property
+    def consider(self) -> bool:
+        """Whether the engine stays as configured."""
+        return self.constants == "consider"
 
     @property
     def constants_variance(self) -> Array:
         """Variance of each relative constant, shape (q,): uniform within its tolerance."""
         return np.array(list(self.tolerance.values())) ** 2 / 3.0
 
-    def limited_to(self, constants: Collection[str]) -> "EstimateSettings":
-        """Return the settings without the tolerance of constants that are not among the given ones."""
-        return replace(self, tolerance={name: t for name, t in self.tolerance.items() if name in constants})
+    @property
+    def calm(self) -> float:
+        """Half width of the window for what steep relations read [s]."""
+        return CALM * self.smoothing
+
+    def of_engine(self, usual: Mapping[str, float]) -> "EstimateSettings":
+        """Return the settings with a tolerance for the constants of an engine's balances: the usual one unless stated."""
+        return replace(self, tolerance={name: self.tolerance.get(name, least) for name, least in usual.items()})
 
 
 @dataclass(frozen=True)

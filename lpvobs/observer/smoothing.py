@@ -15,6 +15,8 @@ from lpvobs.records import Array, Piece
 
 BLOCK = 4096
 """Samples that are worked on at a time: few enough that what is computed of them stays in the processor's cache."""
+CALM = 3.0
+"""Width of the window for channels that steep relations read, over that of the others."""
 LEAST = 2
 """Samples that a window has on either side at least, if the segment has them."""
 ROW = 256
@@ -65,6 +67,8 @@ class SmoothStretch:
         As recorded.
     values, rates : mapping of str to ndarray, shape (n,)
         The smoothed channels and their time derivatives.
+    calm : mapping of str to ndarray, shape (n,)
+        Some of them through a window `CALM` times as wide.
     """
 
     before: float
@@ -72,6 +76,7 @@ class SmoothStretch:
     channels: dict[str, Array]
     values: dict[str, Array]
     rates: dict[str, Array]
+    calm: dict[str, Array]
 
     @property
     def begins(self) -> bool:
@@ -84,20 +89,22 @@ class SmoothStretch:
         return np.diff(self.time, prepend=self.time[0] if self.begins else self.before)
 
 
-def stretches(pieces: Iterable[Piece], names: Sequence[str], half_width: float) -> Iterator[SmoothStretch]:
+def stretches(
+    pieces: Iterable[Piece], names: Sequence[str], half_width: float, calm: Sequence[str] = ()
+) -> Iterator[SmoothStretch]:
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit.
 
-    Only samples whose window has not been read to its end wait for the next piece.
+    Only samples whose windows have not been read to their end wait for the next piece.
 
     Parameters
     ----------
     pieces : iterable of Piece
-    names : sequence of str
-        Channels to smooth.
+    names, calm : sequence of str
+        Channels to smooth, and those to smooth through the wider window as well.
     half_width : float
         [s]
     """
-    held: _Held | None = None
+    windows, held = _Widths(tuple(names), tuple(calm), half_width), None
     for piece in pieces:
         cuts = np.flatnonzero(piece.begins).tolist()
         for start, stop in zip(sorted({0, *cuts}), sorted({*cuts, piece.time.size} - {0}), strict=True):
@@ -105,15 +112,29 @@ def stretches(pieces: Iterable[Piece], names: Sequence[str], half_width: float) 
             channels = {name: column[part] for name, column in piece.channels.items()}
             if held is None or start in cuts:
                 if held is not None:
-                    yield from held.smoothed(held.time.size, names, half_width)
+                    yield from held.smoothed(held.time.size, windows)
                 held = _Held(piece.time[part], channels, 0)
             else:
                 held = held.followed_by(piece.time[part], channels)
-            ready = held.ready(half_width)
-            yield from held.smoothed(ready, names, half_width)
-            held = held.rest(ready, half_width)
+            ready = held.ready(windows.widest)
+            yield from held.smoothed(ready, windows)
+            held = held.rest(ready, windows.widest)
     if held is not None:
-        yield from held.smoothed(held.time.size, names, half_width)
+        yield from held.smoothed(held.time.size, windows)
+
+
+@dataclass(frozen=True)
+class _Widths:
+    """Which channels go through which window."""
+
+    names: tuple[str, ...]
+    calm: tuple[str, ...]
+    half_width: float
+
+    @property
+    def widest(self) -> float:
+        """Half width of the wider window [s]."""
+        return CALM * self.half_width if self.calm else self.half_width
 
 
 @dataclass(frozen=True)
@@ -140,23 +161,31 @@ class _Held:
         first = max(min(_first_within(self.time, ready, half_width), ready - LEAST), 0)
         return _Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
 
-    def smoothed(self, ready: int, names: Sequence[str], half_width: float) -> Iterator[SmoothStretch]:
+    def smoothed(self, ready: int, windows: _Widths) -> Iterator[SmoothStretch]:
         for start in range(self.done, ready, BLOCK):
             stop = min(start + BLOCK, ready)
-            low = max(min(_first_within(self.time, start, half_width), start - LEAST), 0)
-            high = int(np.searchsorted(self.time, self.time[stop - 1] + 2.0 * half_width)) + LEAST
-            time = self.time[low:high]
-            columns = np.stack([self.channels[name][low:high] for name in names])
-            values, rates = np.empty((2, len(names), time.size))
-            _smooth(time, columns, half_width, (0, time.size), (start - low, stop - low), values, rates)
-            part, wanted = slice(start, stop), slice(start - low, stop - low)
+            values, rates = self._through(windows.half_width, windows.names, start, stop)
+            calm = self._through(windows.widest, windows.calm, start, stop)[0] if windows.calm else values[:0]
+            part = slice(start, stop)
             yield SmoothStretch(
                 before=float(self.time[start - 1]) if start else float("nan"),
                 time=self.time[part],
                 channels={name: column[part] for name, column in self.channels.items()},
-                values=dict(zip(names, values[:, wanted], strict=True)),
-                rates=dict(zip(names, rates[:, wanted], strict=True)),
+                values=dict(zip(windows.names, values, strict=True)),
+                rates=dict(zip(windows.names, rates, strict=True)),
+                calm=dict(zip(windows.calm, calm, strict=True)),
             )
+
+    def _through(self, half_width: float, names: Sequence[str], start: int, stop: int) -> tuple[Array, Array]:
+        """Return channels and their rates through a window, each of shape (names, stop - start)."""
+        low = max(min(_first_within(self.time, start, half_width), start - LEAST), 0)
+        high = int(np.searchsorted(self.time, self.time[stop - 1] + 2.0 * half_width)) + LEAST
+        time = self.time[low:high]
+        columns = np.stack([self.channels[name][low:high] for name in names])
+        values, rates = np.empty((2, len(names), time.size))
+        _smooth(time, columns, half_width, (0, time.size), (start - low, stop - low), values, rates)
+        wanted = slice(start - low, stop - low)
+        return values[:, wanted], rates[:, wanted]
 
 
 def _first_within(time: Array, k: int, half_width: float) -> int:
@@ -291,3 +320,17 @@ def _side_by_side(time, columns, half_width, side, start, stop, values, rates): 
             for k in range(n):
                 value[k] += value_weight[k] * signal[k]
                 rate[k] += rate_weight[k] * signal[k]
+
+
+def noise_left(step: float, half_width: float) -> float:
+    """Return the standard deviation of white noise behind a window over that of what the window takes out.
+
+    `step` [s] is between samples, `half_width` [s] that of the window, widened as in `smooth`.
+    """
+    side = max(int(half_width / step), LEAST)
+    tau = np.arange(-side, side + 1) * step / (1.001 * max(half_width, side * step))
+    powers = np.stack([tau**0, tau, tau**2])
+    weighted = powers * (1.0 - tau**2) ** 2
+    weights = np.linalg.solve(weighted @ powers.T, weighted)[0]
+    left = float(weights @ weights)
+    return float(np.sqrt(left / (1.0 - 2.0 * weights[side] + left)))

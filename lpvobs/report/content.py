@@ -89,7 +89,7 @@ class ResultView:
 
 
 @dataclass(frozen=True)
-class Correction:
+class Corrected:
     """What one result does to one log.
 
     Attributes
@@ -112,7 +112,7 @@ class CycleView:
     title: str
     axes: tuple[MapAxis, MapAxis]
     drive: Drive | None
-    corrections: tuple[Correction, ...]
+    corrections: tuple[Corrected, ...]
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog
         None if drive is None else view.stored.grid.interpolate(view.stored.theta, drive.fuel, drive.speed)
         for view, _ in pairs
     ]
-    corrections = tuple(Correction(*pair, estimate) for pair, estimate in zip(pairs, estimates, strict=True))
+    corrections = tuple(Corrected(*pair, estimate) for pair, estimate in zip(pairs, estimates, strict=True))
     return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
 
 

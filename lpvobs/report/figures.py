@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.records import Array
-from lpvobs.report.content import Correction, CycleView, Drive, SurfaceView
+from lpvobs.report.content import Corrected, CycleView, Drive, SurfaceView
 from lpvobs.report.series import busiest, thin, window
 from lpvobs.report.svg import INK, TIP, render
 
@@ -97,7 +97,7 @@ def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: Sur
     return render(name, alt, WIDE, draw)
 
 
-def error_series(name: str, alt: str, drive: Drive, correction: Correction) -> str:
+def error_series(name: str, alt: str, drive: Drive, correction: Corrected) -> str:
     """Return reference and estimated error over time, [g/s], whole and enlarged."""
     lines = [
         ("reference error", drive.reference, TRUTH, "-"),
@@ -106,7 +106,7 @@ def error_series(name: str, alt: str, drive: Drive, correction: Correction) -> s
     return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="sensor error [g/s]"))
 
 
-def flow_series(name: str, alt: str, drive: Drive, correction: Correction) -> str:
+def flow_series(name: str, alt: str, drive: Drive, correction: Corrected) -> str:
     """Return true flow, reading, and reading after correction over time, [g/s], whole and enlarged."""
     corrected = None if correction.estimate is None else drive.measured - correction.estimate
     lines = [

@@ -15,7 +15,7 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.planning import Plan, plan
 from lpvobs.report import figures, surface_figures
-from lpvobs.report.content import Correction, CycleView, Drive, Report, ResultView, SurfaceView
+from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.residual import Picture, picture, residual_sections
@@ -163,7 +163,7 @@ def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[
     )
 
 
-def _correction(cycle: CycleView, correction: Correction, name: str, limit: float) -> Iterator[Picture]:
+def _correction(cycle: CycleView, correction: Corrected, name: str, limit: float) -> Iterator[Picture]:
     view, drive = correction.result, cycle.drive
     what = f"{cycle.title}, {method_title(view.stored.method)}"
     yield picture(

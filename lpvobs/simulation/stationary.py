@@ -54,7 +54,7 @@ class BenchTable:
         return RECORDED * self.channels["n_e"].size
 
 
-class Point(NamedTuple):
+class SteadyPoint(NamedTuple):
     """What the bench is asked for."""
 
     n_e: float  # rpm
@@ -108,7 +108,7 @@ def bench(
     )
 
 
-def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[Point]:
+def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[SteadyPoint]:
     """Return points that fill the range evenly: speeds, loads, valve openings, vanes and air temperatures.
 
     They follow the additive recurrence of Roberts, which any number of points leaves even: k times the powers of 1/phi, modulo
@@ -119,7 +119,7 @@ def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[Point]:
     return [_point(full_load, *row) for row in (start + np.outer(np.arange(points), phi ** -np.arange(1.0, 6.0))) % 1.0]
 
 
-def _point(full_load: FullLoad, speed: float, load: float, valve: float, vanes: float, air: float) -> Point:
+def _point(full_load: FullLoad, speed: float, load: float, valve: float, vanes: float, air: float) -> SteadyPoint:
     """Return the point of five numbers between 0 and 1; the more load, the less EGR, as on any engine."""
     strong = [n for n, u in zip(full_load.n_e, full_load.u_delta, strict=True) if u > 0.5 * max(full_load.u_delta)]
     n_e = full_load.idle_speed + speed * (max(strong) - full_load.idle_speed)
@@ -132,11 +132,11 @@ def _point(full_load: FullLoad, speed: float, load: float, valve: float, vanes: 
     else:
         warmer = -3.0 + 6.0 * (air - COLD) / (1.0 - WARM - COLD)
     u_delta = share * float(np.interp(n_e, full_load.n_e, full_load.u_delta))
-    return Point(n_e, u_delta, opening, VANES * (2.0 * vanes - 1.0), warmer)
+    return SteadyPoint(n_e, u_delta, opening, VANES * (2.0 * vanes - 1.0), warmer)
 
 
 def at_rest(
-    engine: DieselEngine, parameters: SimulationParameters, plant: Plant, point: Point
+    engine: DieselEngine, parameters: SimulationParameters, plant: Plant, point: SteadyPoint
 ) -> dict[str, float] | None:
     """Return the true signals and flows at a point: the control finds it, then valve and vanes are fixed until nothing moves.
 

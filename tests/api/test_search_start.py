@@ -1,23 +1,26 @@
 """Constants of refined models: nothing counts twice, several refinements add up, and a map that stands follows its constants."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.search_start import LEAST_LEFT, start_of
+from lpvobs.api.search_start import LEAST_LEFT, Known, free_start, known_from, nominal_start
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior, free_map
+from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
+from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
+from lpvobs.io.results.engine_found import EngineOfMap
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log
 
 TOLERANCE = {"V_d": 0.01, "V_im": 0.02}
 LAG = KnownEffect("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)
-REFINED = StoredRefinement(
-    (LAG,), {"V_d": 0.004, "V_im": -0.01}, {"V_d": 0.0001, "V_im": 0.009}, {"V_d": 0.001, "V_im": 0.0}, True, "{}"
-)
+REFINED = StoredRefinement((LAG,), {"V_d": 0.004, "V_im": -0.01}, {"V_d": 0.0001, "V_im": 0.009}, True, "{}")
 
 
 @pytest.fixture(scope="module")
@@ -36,14 +39,22 @@ def log(sha256):
     return Log("a", sha256, time, {}, {}, ((0, 3),), np.arange(3), Defects(3))
 
 
-def test_a_result_that_was_not_refined_starts_as_configured(model, prior):
-    start = start_of(model, prior, None, [log("2")])
-    assert (start.model, start.prior) == (model, prior)
-    assert start.total({"V_d": 0.003}) == pytest.approx({"V_d": 0.003})
+@pytest.fixture(scope="module")
+def known(prior):
+    """Return a map that was estimated with a displacement 0.1 % above the configured one."""
+    return Known(prior, {"V_d": 0.001}, np.array([[1e-6, 2e-7], [2e-7, 4e-6]]))
 
 
-def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, prior):
-    start = start_of(model, prior, REFINED, [log("2")])
+def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model, prior, known):
+    start = nominal_start(model, known, None, [log("2")])
+    assert start.model.constants.V_d == pytest.approx(1.001 * model.constants.V_d)
+    np.testing.assert_array_equal(start.model.covariance, known.covariance)
+    assert start.prior is prior
+    assert start.total({"V_d": 0.003})["V_d"] == pytest.approx(1.001 * 1.003 - 1.0)
+
+
+def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, prior, known):
+    start = nominal_start(model, known, REFINED, [log("2")])
     assert start.model.constants.V_d == pytest.approx(1.004 * model.constants.V_d)
     again = start.model.with_unknowns(np.array([0.01, 0.0]))
     assert again.V_d == pytest.approx(1.004 * 1.01 * model.constants.V_d)
@@ -53,13 +64,58 @@ def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, 
     assert start.total({"V_d": 0.01})["V_d"] == pytest.approx(1.004 * 1.01 - 1.0)
 
 
-def test_logs_that_told_already_start_as_configured_with_the_map_brought_back(model, prior):
-    start = start_of(model, prior, REFINED, [log("1")])
-    assert start.model.constants == model.constants
-    np.testing.assert_allclose(start.model.covariance, model.covariance)
-    assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [-0.001, 0.0])
+def test_logs_that_told_already_start_with_the_engine_of_the_map(model, prior, known):
+    start = nominal_start(model, known, REFINED, [log("1")])
+    assert start.model.constants.V_d == pytest.approx(1.001 * model.constants.V_d)
+    assert start.prior is prior
 
 
 def test_a_free_map_is_not_moved(model):
     free = free_map(Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0])), 2, 0.1)
-    assert start_of(model, free, REFINED, [log("2")]).prior is free
+    assert free_start(model, free, REFINED, [log("2")]).prior is free
+    assert free_start(model, free, None, [log("2")]).model is model
+    assert free_start(model, free, REFINED, [log("1")]).model is model
+
+
+@dataclass(frozen=True)
+class Result:
+    """What `known_from` asks of a stored result: two nodes, and constants of which the last is none of the model's."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    sensitivity: np.ndarray
+    constants: tuple[str, ...]
+    engine: EngineOfMap | None
+    path: str = "r.h5"
+    method: str = "observer"
+
+
+def test_a_stored_map_and_its_engine_are_conditional_on_what_the_model_takes_as_configured(model):
+    """Against the conditional mean and covariance of the joint distribution, node by node and constant by constant."""
+    rng = np.random.default_rng(1)
+    root = 1e-3 * rng.standard_normal((3, 3))
+    C, S = root @ root.T, rng.standard_normal((2, 3))
+    noise = np.diag([1e-6, 4e-6])
+    found = EngineOfMap(("V_im", "R_a", "V_d"), np.array([2e-3, 5e-4, -1e-3]), C, (), ())
+    result = Result(np.array([[0.01, 0.02]]), noise + S @ C @ S.T, S.T.reshape(3, 1, 2), ("V_im", "R_a", "V_d"), found)
+    known = known_from(result, model, 0.1)
+    joint = np.block([[result.covariance, S @ C], [C @ S.T, C]])
+    kept, gone = [0, 1, 4, 2], 3  # map, V_d, V_im; R_a is as configured
+    answer = joint[kept, gone] / joint[gone, gone]
+    mean = np.array([0.01, 0.02, -1e-3, 2e-3]) - answer * 5e-4
+    covariance = joint[np.ix_(kept, kept)] - np.outer(answer, joint[gone, kept])
+    assert known.prior.mean == pytest.approx(mean[:2], rel=1e-9)
+    assert known.constants == pytest.approx({"V_d": mean[2], "V_im": mean[3]}, rel=1e-9)
+    width = LEAST_LEFT * np.array([0.01, 0.02]) / np.sqrt(3.0)
+    relative = covariance[2:, 2:] / np.outer(1.0 + mean[2:], 1.0 + mean[2:])
+    np.testing.assert_allclose(known.covariance, relative + np.diag(width**2), rtol=1e-9)
+    S_kept = known.prior.sensitivity
+    np.testing.assert_allclose(S_kept @ covariance[2:, 2:], covariance[:2, 2:], rtol=1e-6, atol=1e-12)
+    left = covariance[:2, :2] - S_kept @ covariance[2:, 2:] @ S_kept.T + LIKENESS**2 * np.eye(2)
+    np.testing.assert_allclose(np.linalg.inv(known.prior.precision), left, rtol=1e-6, atol=1e-12)
+
+
+def test_a_map_that_does_not_tell_of_its_engine_cannot_stand(model):
+    result = Result(np.zeros((1, 2)), np.eye(2), np.zeros((0, 1, 2)), (), None, method="published")
+    with pytest.raises(DataError, match="'published' has no covariance"):
+        known_from(result, model, 0.1)

@@ -54,7 +54,9 @@ def test_neither_estimate_with_a_gain_nor_verify_imports_solver_or_tracer(config
         assert done.stdout.strip().splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("verb", ["simulate", "inspect", "synth-gain", "verify", "estimate", "extrapolate", "report"])
+@pytest.mark.parametrize(
+    "verb", ["simulate", "inspect", "synth-gain", "verify", "calibrate", "estimate", "extrapolate", "report"]
+)
 def test_every_verb_has_help_with_an_example(lpvobs, verb):
     done = lpvobs(verb, "--help")
     assert done.code == 0

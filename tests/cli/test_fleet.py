@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from hdf5 import contents
+from reference.informing import point
 from verbs import AFRESH
 
 from lpvobs.api.fleet import PartTask, part_of
@@ -124,10 +125,9 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     for path in sorted(fleet.iterdir())[:2]:
         task = PartTask(
             path,
-            configuration.engine_path(),
+            point(configuration.engine_path(), configuration.estimate),
             configuration.grid(),
             gain,
-            configuration.estimate,
             configuration.policies,
             frozenset(),
             True,

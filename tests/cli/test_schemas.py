@@ -30,7 +30,7 @@ def validator(config):
 
 
 @pytest.fixture(scope="module")
-def outputs(config, chain, tmp_path_factory):
+def outputs(config, chain, other_engine, tmp_path_factory):
     """Return what each verb prints, called in ways that fill as much of its object as possible."""
     folder = tmp_path_factory.mktemp("outputs")
     table = pq.read_table(chain.log)
@@ -60,6 +60,7 @@ def outputs(config, chain, tmp_path_factory):
         "inspect": ("inspect", folder / "drive.parquet", chain.log),
         "simulate": ("simulate", "--config", config, "--cycle", cycle, "--rate", 10, "--out", log),
         "synth-gain": ("synth-gain", "--config", config, chain.log, "--out", folder / "gain.h5"),
+        "calibrate": ("calibrate", "--config", config, "--bench", other_engine.bench, "--out", folder / "engine.h5"),
         "verify": ("verify", chain.gain),
         "estimate": ("estimate", "--config", config, "--gain", chain.gain, chain.log, bare, "--out", folder / "two.h5"),
         "extrapolate": ("extrapolate", result),

@@ -10,7 +10,7 @@ from lpvobs.discovery.observed import Refined, _innovations, added, corrected, o
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.observer.estimate import estimate_default, of_parts
+from lpvobs.observer.estimate import Point, estimate_default, of_parts
 from lpvobs.observer.parts import StateGain, inform_observed
 from lpvobs.simulation.effects import CatalogueEffect
 
@@ -32,7 +32,7 @@ def model(plant, config):
 
 @pytest.fixture(scope="module")
 def settings(config):
-    return config.estimate.limited_to(Diesel(config.engine).balance_constants)
+    return config.estimate.of_engine(Diesel(config.engine).usual_tolerance)
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +40,18 @@ def healthy(clean, config, settings):
     return estimate_default(Diesel(config.engine), config.grid(), StateGain(OUTPUTS, L), [clean], settings)
 
 
-def estimated(refined, log, config, settings):
-    seen = observed(refined, log, tuple(settings.tolerance))
-    part = inform_observed(config.grid(), None, seen, settings.constants_variance)
-    return of_parts(config.grid(), [part], settings)
+def estimated(refined, log, config, settings, deviation=()):
+    at = Point(refined.air_path, settings, dict(deviation))
+    refined = replace(refined, air_path=at.air_path)
+    part = inform_observed(refined.air_path, config.grid(), None, log, observed(refined, log), settings, at.unknowns)
+    return of_parts(config.grid(), [part], at)
 
 
 def test_without_effects_it_is_the_observer_of_before(model, clean, config, settings, healthy):
-    again = estimated(model(), clean, config, settings)
-    assert np.array_equal(again.theta, healthy.theta, equal_nan=True)
-    assert np.array_equal(again.covariance, healthy.covariance)
+    again = estimated(model(), clean, config, settings, healthy.engine.point)
+    # The same windows of the same samples; a log read in stretches rounds some sums otherwise.
+    np.testing.assert_allclose(again.theta, healthy.theta, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(again.standard_error, healthy.standard_error, rtol=1e-4)
 
 
 def test_a_correction_undoes_a_reading_where_it_acts(model, clean, misread):
@@ -137,10 +139,8 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
         return float(np.sqrt(np.mean((estimate.theta - healthy.theta)[known] ** 2)))
 
     assert away(refined) < 0.2 * away(unrefined)
-    # The tracer's constants move within their tolerance, the observer's do not: both errors are in the observer's.
-    spread = np.sqrt(refined.standard_error**2 + np.diag(found.covariance).reshape(found.theta.shape))
-    apart = (np.abs(refined.theta - found.theta) / spread)[known]
-    assert np.mean(apart < 1.645) > 0.9
+    # The tracer corrects no component: on the healthy log its map is 0.2 g/s from the observer's already.
+    assert np.sqrt(np.mean((refined.theta - found.theta)[known] ** 2)) < 5e-4
 
 
 def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
@@ -155,6 +155,6 @@ def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, re
     def away(estimate):
         return float(np.sqrt(np.nanmean((estimate.theta - healthy.theta)[known] ** 2)))
 
-    assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.1 * away(
-        estimated(model(), log, config, settings)
-    )
+    # Estimated with the map, the engine's unknowns take most of a hole upon themselves: 0.16 g/s are left without the effect.
+    unaided = away(estimated(model(), log, config, settings))
+    assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.5 * unaided

@@ -103,7 +103,7 @@ def nominal(closed, clean, config):
     spread = np.array(list(config.estimate.tolerance.values())) / np.sqrt(3.0)
     seen = np.where(np.sqrt(np.diag(healthy.covariance)) < 2e-3, 1.0, np.nan).reshape(healthy.theta.shape)
     none = np.zeros((spread.size, *healthy.theta.shape))
-    return nominal_map(healthy.theta * seen, healthy.covariance, none, spread, 0.1)
+    return nominal_map(healthy.theta * seen, healthy.covariance, none, np.diag(spread**2), 0.1)
 
 
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):

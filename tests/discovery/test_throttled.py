@@ -46,7 +46,7 @@ def judge(model, config):
     """Return a function from channels to what is found: the healthy log's map, which is zero, stands."""
     grid = config.grid()
     none = np.zeros(grid.shape)
-    prior = nominal_map(none, np.zeros((grid.size, grid.size)), np.zeros((0, *grid.shape)), np.zeros(0), 0.1)
+    prior = nominal_map(none, np.zeros((grid.size, grid.size)), np.zeros((0, *grid.shape)), np.zeros((0, 0)), 0.1)
     prior = replace(prior, sensitivity=np.zeros((grid.size, len(model.names))))
     return lambda channels, name="today", known=(): refine(
         model, grid, prior, [truth.log_of(channels, name)], known=known

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import Balances, EngineKind, MapAxis, Trajectory
+from lpvobs.engines.base import AsKnown, Balances, EngineKind, MapAxis, Trajectory
 from lpvobs.engines.channels import PRESSURE, Channel, Recorded
 from lpvobs.engines.effects import BOOST, SENSOR, Effect, lacking, on_the_reading
 from lpvobs.engines.residual_model import ResidualModel
@@ -60,7 +60,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Blower:
+class Blower(AsKnown):
     """The air path."""
 
     engine: Box
@@ -73,7 +73,8 @@ class Blower:
     parameter_names: ClassVar[tuple[str, ...]] = ("rho_n", "a_box")
     temperature_names: ClassVar[tuple[str, ...]] = ("T_box",)
     rate_names: ClassVar[tuple[str, ...]] = ("a_box",)
-    balance_constants: ClassVar[tuple[str, ...]] = ("A_n",)
+    balance_names: ClassVar[tuple[str, ...]] = ("nozzle",)
+    usual_tolerance: ClassVar[Mapping[str, float]] = {"A_n": 0.01}
     smoothed: ClassVar[tuple[str, ...]] = ("p_box",)
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("v_b", "V", "blower voltage"),
@@ -122,7 +123,7 @@ class Blower:
         constants = {name: getattr(self.engine, name) * (1.0 + share) for name, share in deviation.items()}
         return replace(self, engine=replace(self.engine, **constants))
 
-    def balances(self, log, rates, uncertain):
+    def balances(self, log, rates, uncertain, calm=None):
         flow = self._rho(log) * log["p_box"]
         return Balances(("nozzle",), flow[None], np.tile(flow, (1, len(uncertain), 1)))
 

@@ -48,7 +48,7 @@ def words_of(name):
     path = load_config(ROOT / "configs" / kind.example)[0].engine_path()
     own = {
         *path.channels, *kind.recorded, *path.state_names, *path.parameter_names, *path.temperature_names, *path.rate_names,
-        *path.smoothed, *path.balance_constants, *path.engine_constants(), *(axis.channel for axis in path.axes), path.sensor,
+        *path.smoothed, *path.usual_tolerance, *path.engine_constants(), *(axis.channel for axis in path.axes), path.sensor,
     }  # fmt: skip
     own_records = (kind.air_path, *kind.tables.values())
     return frozenset(own | {r.__name__ for r in own_records if r.__module__ != ResidualModel.__module__})

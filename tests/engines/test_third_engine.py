@@ -126,7 +126,7 @@ def test_what_it_has_not_is_said(example, tmp_path):
 
 # Of the error's rms. Nothing is noisy: `batch` leaves rounding, `ekf` its prior beside two minutes of data, `observer` the first
 # second, in which its state still falls to the measured one, and what smoothing takes from a curved signal.
-@pytest.mark.parametrize(("method", "tolerance"), [("observer", 5e-3), ("batch", 1e-9), ("ekf", 1e-4)])
+@pytest.mark.parametrize(("method", "tolerance"), [("observer", 1e-2), ("batch", 1e-9), ("ekf", 1e-4)])
 def test_its_map_is_estimated_extrapolated_and_told_on_its_own_axes(example, log, tmp_path, method, tolerance):
     gain, result = tmp_path / "gain.h5", tmp_path / "result.h5"
     lpvobs.synth_gain(example, [log], out=gain)

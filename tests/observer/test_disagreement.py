@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.drives import noisy
+from reference.informing import informed, solved
 
 from lpvobs.observer.disagreement import agreements
-from lpvobs.observer.estimate import merged
-from lpvobs.observer.parts import inform
 
 
 def judged(air_path, grid, gain, settings, logs):
-    parts = [inform(air_path, grid, gain, log, settings) for log in logs]
-    _, solution = merged(grid, parts, settings)
-    return agreements(grid, solution, parts, settings)
+    parts = [informed(air_path, grid, gain, log, settings) for log in logs]
+    _, solution = solved(air_path, grid, settings, parts)
+    return agreements(solution, parts, settings.prior_map)
 
 
 def with_gain(log, factor):
@@ -51,9 +50,7 @@ def test_a_sensor_that_has_drifted_stands_out_alone(air_path, grid, gain, settin
 
 
 def test_a_log_that_went_elsewhere_has_nothing_to_compare(air_path, grid, gain, settings, fleet):
-    part = inform(air_path, grid, gain, fleet[0], settings)
-    _, solution = merged(grid, [part], settings)
-    scatter, (only,) = agreements(grid, solution, [part], settings)
+    scatter, (only,) = judged(air_path, grid, gain, settings, fleet[:1])
     assert only.nodes == 0
     assert np.isnan(only.chi_square)
     assert not only.disagrees

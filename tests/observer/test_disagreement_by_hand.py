@@ -3,57 +3,72 @@
 import numpy as np
 import pytest
 
+from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.maps.grid import Grid
-from lpvobs.observer import disagreement
+from lpvobs.observer import disagreement, information
 from lpvobs.observer.disagreement import agreements
-from lpvobs.observer.information import solve
-from lpvobs.observer.parts import LogInformation, LogRun, added_up
-from lpvobs.observer.settings import EstimateSettings
+from lpvobs.observer.information import NO_LEVEL, Prior, Solution
+from lpvobs.observer.log_run import LogRun
+from lpvobs.observer.parts import LogInformation, added_up
+from lpvobs.observer.windows import Columns
 from lpvobs.records import Defects
 
 GRID = Grid(np.array([0.0, 4.0, 10.0]), np.array([500.0, 1000.0, 2000.0]))
-SETTINGS = EstimateSettings(smoothing=0.05, least_information=0.1, prior_map=0.1, tolerance={"R_c": 0.01})
+LAYOUT = Columns(nodes=9, unknowns=1, balances=1)
+UNKNOWNS = unknowns_of({"R_c": 0.01}, ())
+PRIOR, ERROR = 0.1, 2e-4
 CORNERS = np.array([[0, 1, 3, 4], [1, 2, 4, 5], [3, 4, 6, 7], [4, 5, 7, 8]])
 TRUTH = 0.01 * np.sin(np.arange(9.0))
 NAMES = "abcde"
 
 
-def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3)):
-    """Return the part of a log with 60 samples in each cell, a map of its own by `scatter`, and a sensor moved by so much."""
+def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3), hardly=()):
+    """Return the part of a log with 60 samples in each cell, a map of its own by `scatter`, and a sensor moved by so much.
+
+    Of cells in `hardly` it knows next to nothing.
+    """
     rng = np.random.default_rng(seed)
     own = TRUTH + scatter * rng.standard_normal(9) + moved
-    H, h, coupling = np.zeros((len(cells), 4, 4)), np.zeros((len(cells), 4)), np.zeros((len(cells), 7, 4))
-    for place, cell in enumerate(cells):
+    products = np.zeros((LAYOUT.size, LAYOUT.size))
+    for cell in cells:
         eta = rng.random((60, 2))
         psi = np.stack(
             [(1 - eta[:, 0]) * (1 - eta[:, 1]), eta[:, 0] * (1 - eta[:, 1]), (1 - eta[:, 0]) * eta[:, 1], eta.prod(1)],
             1,
         )
-        w = 1.0 / 2e-4**2
-        z = psi @ own[CORNERS[cell]] + 2e-4 * rng.standard_normal(60)
-        H[place], h[place] = w * psi.T @ psi, w * psi.T @ z
-        coupling[place, 0] = w * psi.T @ (0.03 * np.ones(60))  # one per cent of the constant moves the flow by 0.3 g/s
+        rows = np.zeros((60, LAYOUT.size))
+        rows[:, CORNERS[cell]] = psi
+        rows[:, 9] = 0.03  # one per cent of the constant moves the flow by 0.3 g/s
+        rows[:, LAYOUT.z] = psi @ own[CORNERS[cell]] + ERROR * rng.standard_normal(60)
+        products += (1e-5 if cell in hardly else 1.0) * rows.T @ rows
+    columns = np.flatnonzero(products.any(axis=0))
     run = LogRun(name, name, 60, 6.0, Defects(60), np.empty(0), np.empty(0), 1.0)
-    return LogInformation(run, np.array(cells), H / w, H, h, coupling)
+    gram = np.zeros((len(cells), 4, 4))
+    inner = products[np.ix_(columns, columns)][None, None]
+    return LogInformation(run, columns, inner, np.zeros((1, 1)), 60.0 * len(cells), np.array(cells), gram)
 
 
 def found(parts):
-    common = solve(added_up(GRID, 1, parts)[0], SETTINGS.prior_map)
-    scatter, verdicts = agreements(GRID, common, parts, SETTINGS)
+    """Return the common map at errors that are known, the engine as configured, and every log's agreement with it."""
+    total = added_up(GRID, LAYOUT, parts)
+    state = information._Solved(LAYOUT, total, Prior(PRIOR, UNKNOWNS, (NO_LEVEL,)))
+    S = np.array([[ERROR**2]])
+    mean, covariance = np.zeros(LAYOUT.solved), np.diag([0.0] * 9 + [0.01**2 / 3, 0.0])
+    noise, answers = state.map_alone(S)
+    mean[:9] = noise @ state.normal(S)[:9, LAYOUT.z]
+    common = Solution(LAYOUT, mean, covariance, noise, answers[:, :1], answers[:, 1:], S, S, noise, ())
+    scatter, verdicts = agreements(common, parts, PRIOR)
     return common, scatter, verdicts
 
 
 def dense(log, common):
     """Return own map less common map, and its covariance without the scatter between logs, node by node."""
-    H, h, g = np.eye(9) / SETTINGS.prior_map**2, np.zeros(9), np.zeros(9)
-    for cell, H_c, h_c, g_c in zip(log.cells, log.H, log.h, log.coupling[:, 0], strict=True):
-        nodes = CORNERS[cell]
-        H[np.ix_(nodes, nodes)] += H_c
-        h[nodes] += h_c
-        g[nodes] += g_c
-    own = np.linalg.inv(H)
-    answer = own @ g - common.response[:, 0]
-    return own @ h - common.theta, own - common.noise + 0.01**2 / 3 * np.outer(answer, answer)
+    full = np.zeros((LAYOUT.size, LAYOUT.size))
+    full[np.ix_(log.columns, log.columns)] = log.products[0, 0] / ERROR**2
+    own = np.linalg.inv(full[:9, :9] + np.eye(9) / PRIOR**2)
+    answer = own @ full[:9, 9] - common.response[:, 0]
+    away = own @ full[:9, LAYOUT.z] - common.theta
+    return away, own - common.noise + 0.01**2 / 3 * np.outer(answer, answer)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 5e-4])
@@ -109,7 +124,13 @@ def test_a_part_of_the_map_that_has_moved_stands_out_by_chi_square():
     parts = [part(name, seed, scatter=1e-4) for seed, name in enumerate("abcdefghi")]
     there = np.array([5e-3, -5e-3, 0.0, 0.0])  # nothing on average
     moved = parts[1]
-    moved.h[0] += moved.H[0] @ there
+    at, z = np.searchsorted(moved.columns, CORNERS[0]), np.searchsorted(moved.columns, LAYOUT.z)
+    eta = np.random.default_rng(1).random((60, 2))  # the samples of its first cell again
+    psi = np.stack(
+        [(1 - eta[:, 0]) * (1 - eta[:, 1]), eta[:, 0] * (1 - eta[:, 1]), (1 - eta[:, 0]) * eta[:, 1], eta.prod(1)], 1
+    )
+    moved.products[0, 0, at, z] += psi.T @ psi @ there
+    moved.products[0, 0, z, at] = moved.products[0, 0, at, z]
     _, _, verdicts = found(parts)
     assert [verdict.name for verdict in verdicts if verdict.disagrees] == ["b"]
 
@@ -124,8 +145,8 @@ def test_what_only_one_log_knows_is_not_compared():
 
 def test_a_node_that_a_log_hardly_knows_is_not_compared():
     parts = [part(name, seed) for seed, name in enumerate(NAMES)]
-    for values in (parts[0].H, parts[0].h, parts[0].coupling):
-        values[3] *= 1e-5  # node 8, in no other cell, is known to some 0.03 kg/s: no better than 1 % of the prior
+    # Node 8, in no other cell, is known to some 0.03 kg/s: no better than 1 % of the prior.
+    parts[0] = part(NAMES[0], 0, hardly=(3,))
     assert [verdict.nodes for verdict in found(parts)[2]] == [8, 9, 9, 9, 9]
 
 

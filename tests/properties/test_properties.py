@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference.informing import informed, solved
 from repository import DIESEL
 from robust.defects import moving
 from robust.samples import make
@@ -24,8 +25,8 @@ from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.results import read_result, write_result
 from lpvobs.maps.grid import Grid
-from lpvobs.observer.estimate import MapEstimate, estimate_default, merged
-from lpvobs.observer.parts import StateGain, inform
+from lpvobs.observer.estimate import MapEstimate, estimate_default
+from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
 from lpvobs.records import Log
 from lpvobs.synthesis.problem import GainProblem
@@ -117,9 +118,11 @@ def test_the_order_of_logs_changes_no_byte(config, air_path, grid, drives, order
 def test_parts_merged_are_the_whole(config, air_path, grid, drives, order, many):
     """What each log tells, found alone and at any time, adds up to what all tell together."""
     chosen = [drives[place] for place in order[:many]]
-    parts = [inform(air_path, grid, GAIN, log, config.estimate) for log in chosen]
-    found, _ = merged(grid, parts, config.estimate)
     whole = estimate_default(air_path, grid, GAIN, chosen, config.estimate)
+    at = whole.engine.point
+    parts = [informed(air_path, grid, GAIN, log, config.estimate, at) for log in chosen]
+    in_order = sorted(parts, key=lambda part: part.run.sha256)  # as the estimate adds them
+    found, _ = solved(air_path, grid, config.estimate, in_order, at)
     np.testing.assert_array_equal(found.supported, whole.supported)
     np.testing.assert_allclose(found.theta, whole.theta, rtol=1e-9, atol=1e-15)  # sums in another order
     np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-12)  # of 0.01 before any data

@@ -7,10 +7,11 @@ Two balances, so that there is something to mix: the flow from the last level as
 
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
 from lpvobs.records import Defects, Log
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
@@ -23,7 +24,7 @@ def chain(n):
     names = tuple(f"x_{i + 1}" for i in range(n))
 
     @dataclass(frozen=True)
-    class Chain:
+    class Chain(AsKnown):
         name = "chain"
         learns = False
         sensor = "W"
@@ -32,7 +33,9 @@ def chain(n):
         parameter_names = ("a", "rho")
         temperature_names = ()
         rate_names = ()
-        balance_constants = ("level",)
+        channels = dict.fromkeys(("a", "rho", "u", "load", "n_e", "W", *names))
+        balance_names = ("level", "rise")
+        usual_tolerance: ClassVar = {"level": 0.01}
         axes = (MapAxis("load", "1", "load"), SPEED_AXIS)
         system = staticmethod(partial(system, n))
 
@@ -47,11 +50,12 @@ def chain(n):
         def states(self, log):
             return np.stack([log[name] for name in names], axis=1)
 
-        def balances(self, log, rates, uncertain):
+        def balances(self, log, rates, uncertain, calm=None):
             a, last, rise = log["a"], log[names[-1]], rates[names[-1]]
             into = log["u"] if n == 1 else a * log[names[-2]]
             flow = log["rho"] * np.stack((last, (into - rise) / (a if n == 1 else 2.0 * a)))
-            slope = np.stack([[log["rho"] * last] * len(uncertain), np.zeros((len(uncertain), len(log)))])
+            slope = np.zeros((2, len(uncertain), len(log)))
+            slope[0] = log["rho"] * last
             return Balances(("level", "rise"), flow, slope)
 
     return Chain()

@@ -11,11 +11,16 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.diesel.constants import COMPRESSOR_FORMS, TURBINE_FORMS
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.configuration.config import SCHEMA, load_config, record_of
+from lpvobs.observer.settings import CONSTANTS
 from lpvobs.simulation.parameters import SURFACE_KINDS
 
 Schema = dict[str, Any]
 CONFIGS = Path(__file__).parents[2] / "configs"
-CHOICES = {("LogPolicies", "backward_time"): ("refuse", "drop"), ("ErrorSurface", "kind"): SURFACE_KINDS}
+CHOICES = {
+    ("LogPolicies", "backward_time"): ("refuse", "drop"),
+    ("ErrorSurface", "kind"): SURFACE_KINDS,
+    ("EstimateSettings", "constants"): CONSTANTS,
+}
 """Texts of which only these are taken; the records check them when they are made."""
 FORMS = {"Compressor": COMPRESSOR_FORMS, "Turbine": TURBINE_FORMS}
 """The forms of a component's relation with the keys that each has for itself; the first one is meant where none is named."""
@@ -104,7 +109,7 @@ def _of_engine(schema: Schema, name: str, paths: Sequence[AirPath]) -> Schema:
     path = paths[0]
     axes = [axis.channel for axis in path.axes]
     rho = [parameter for parameter in path.parameter_names if parameter not in path.rate_names]
-    constants = list(dict.fromkeys(c for path in paths for c in (*path.engine_constants(), *path.balance_constants)))
+    constants = list(dict.fromkeys(c for path in paths for c in (*path.engine_constants(), *path.usual_tolerance)))
     temperatures = _named(path.temperature_names)
     own: Mapping[str, Schema] = {
         "schema": {"const": SCHEMA},

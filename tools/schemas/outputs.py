@@ -17,6 +17,7 @@ from lpvobs.api.trace import TraceOutput
 from lpvobs.api.verify import VerifyOutput
 from lpvobs.discovery.outcome import StoredOutcome
 from lpvobs.ingest.record import IngestOutput, IngestRecord
+from lpvobs.report.engines import CalibrateOutput
 from lpvobs.report.outputs import ReportOutput
 from lpvobs.selftest.rows import SelftestOutput
 
@@ -26,6 +27,7 @@ RECORDS: Mapping[str, Any] = {
     "ingest": IngestOutput,
     "profile": ProfileOutput,
     "inspect": InspectOutput,
+    "calibrate": CalibrateOutput,
     "synth-gain": SynthGainOutput,
     "verify": VerifyOutput,
     "estimate": EstimateOutput,

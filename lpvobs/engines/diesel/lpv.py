@@ -14,16 +14,19 @@ from numba import njit
 
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import (
     COMPRESSOR_FORMS,
     DieselConstants,
     DieselEngine,
+    Gas,
     constants_of,
     own_constants,
     scaled,
 )
 from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "p_em", "omega_t")
@@ -47,6 +50,8 @@ OWNED_CONSTANTS = (
     ),
 )
 """The constants that each balance depends on, in any form of the components."""
+GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
+"""Of constants of which the configuration says nothing: gases are in tables, what is fitted is good to a hundredth."""
 RELATIVE_STEP = 1e-5
 """Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
@@ -67,6 +72,10 @@ class Diesel:
     temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
     rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
+    calmed: ClassVar[tuple[str, ...]] = ("p_im", "omega_t")
+    balance_names: ClassVar[tuple[str, ...]] = BALANCES
+    components: ClassVar[tuple[Component, ...]] = correction.COMPONENTS
+    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = correction.MEASURED_PARTS
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
         SPEED_AXIS,
@@ -99,10 +108,11 @@ class Diesel:
         return own_constants(self.engine)
 
     @property
-    def balance_constants(self) -> tuple[str, ...]:
-        """Those that a balance depends on."""
+    def usual_tolerance(self) -> Mapping[str, float]:
+        """Return the constants that a balance depends on, and how well one is known of which the configuration says nothing."""
         owned = dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1])
-        return tuple(name for name in owned if name in self.engine_constants())
+        own = [name for name in owned if name in self.engine_constants()]
+        return {name: GAS_TOLERANCE if name in Gas.__dataclass_fields__ else FITTED_TOLERANCE for name in own}
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the ranges of a_1 = R_a T_im / V_im and a_2 = R_e T_em / V_em of Eq. (5), [J/(kg m^3)]."""
@@ -172,7 +182,17 @@ class Diesel:
         """Return the measured states, shape (N, 3)."""
         return np.stack([log[state] for state in STATES], axis=1)
 
-    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
+    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+        """Return how each of the components moves the balances, given the rates of pressures and temperatures."""
+        return correction.corrections(self.constants, log.channels, rates)
+
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+        """Return how far the balances can be relied on, given the noise of calmed channels and the constants' spread."""
+        return correction.caution(self.constants, log.channels, noise, spread)
+
+    def balances(
+        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
+    ) -> Balances:
         """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
 
         Parameters
@@ -183,6 +203,8 @@ class Diesel:
             Time derivatives of `p_im` [Pa/s] and `T_im` [K/s].
         uncertain : sequence of str
             q constants of the engine.
+        calm : mapping of str to ndarray, shape (N,), optional
+            The channels of `calmed` through a wider window, for the compressor, whose curve is steep.
 
         Notes
         -----
@@ -190,16 +212,18 @@ class Diesel:
         dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
         """
         columns = (*(log[name] for name in INPUTS), np.asarray(rates["p_im"]), np.asarray(rates["T_im"]))
+        calmer = columns if calm is None else (*(calm.get(name, log[name]) for name in INPUTS), *columns[-2:])
         nominal = self.constants
-        flows: tuple[Callable[..., Array], ...] = (compressor_flow, filling_flow)
-        flow = np.stack([balance(nominal, *columns) for balance in flows])
+        flows: list[tuple[Callable[..., Array], tuple[Array, ...]]]
+        flows = [(compressor_flow, calmer), (filling_flow, columns)]
+        flow: Array = np.stack([balance(nominal, *inputs) for balance, inputs in flows])
         slope = np.zeros((len(flows), len(uncertain), len(log)))
         for i, name in enumerate(uncertain):
             value = getattr(nominal, name)
             shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
-            for b, balance in enumerate(flows):
+            for b, (balance, inputs) in enumerate(flows):
                 if name in OWNED_CONSTANTS[b]:
-                    slope[b, i] = (balance(shifted, *columns) - flow[b]) / RELATIVE_STEP
+                    slope[b, i] = (balance(shifted, *inputs) - flow[b]) / RELATIVE_STEP
         return Balances(BALANCES, flow, slope)
 
 

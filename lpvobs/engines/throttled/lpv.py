@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.throttled import relations as relation
@@ -27,10 +27,12 @@ STATES = ("p_ic", "p_im", "W_c")
 BALANCES = ("throttle", "filling", "fuel")
 CONSTANTS = ("A_th", "eta_vol", "k_fuel", "V_ic", "V_im")
 """Names of the uncertain constants: the level of each curve, and the volumes."""
+LEVEL_TOLERANCE = 0.01
+"""Of one of which the configuration says nothing: from one day to another a learned curve holds to a hundredth."""
 
 
 @dataclass(frozen=True)
-class Throttled:
+class Throttled(AsKnown):
     """The air path of a throttled engine; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: ThrottledEngine
@@ -44,7 +46,7 @@ class Throttled:
     parameter_names: ClassVar[tuple[str, ...]] = ("rho_th", "rho_cyl", "a_ic", "a_im")
     temperature_names: ClassVar[tuple[str, ...]] = ("T_ic",)
     rate_names: ClassVar[tuple[str, ...]] = ("a_ic", "a_im")
-    balance_constants: ClassVar[tuple[str, ...]] = CONSTANTS
+    balance_names: ClassVar[tuple[str, ...]] = BALANCES
     smoothed: ClassVar[tuple[str, ...]] = ("p_ic", "p_im")
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("m_f", "1", "fuel per stroke as logged"),
@@ -130,7 +132,14 @@ class Throttled:
         flow = relation.throttle_flow(self.engine, self._known(), log.channels)
         return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
 
-    def balances(self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str]) -> Balances:
+    @property
+    def usual_tolerance(self) -> Mapping[str, float]:
+        """Return how well level of curves and volumes are known of which the configuration says nothing."""
+        return dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
+
+    def balances(
+        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
+    ) -> Balances:
         """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants.
 
         Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows are

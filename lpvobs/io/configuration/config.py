@@ -192,7 +192,7 @@ def _check_names(path: Path, config: Config) -> None:
         (
             "estimate.tolerance",
             config.estimate.tolerance,
-            tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.balance_constants))),
+            tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.usual_tolerance))),
         ),
         ("gain.outputs", config.gain.outputs, states),
         ("gain.bounds", config.gain.bounds, rho),

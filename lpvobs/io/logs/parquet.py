@@ -132,7 +132,7 @@ def expect_channels(path: Path, units: Mapping[str, str]) -> "pa.Schema":
     """Return the schema of a log; raises DataError unless each channel is there once and says its unit."""
     schema = _schema(path)
     for name, unit in units.items():
-        _expect(path, schema, name, unit)
+        expect(path, schema, name, unit)
     return schema
 
 
@@ -142,7 +142,7 @@ def has_references(path: Path) -> bool:
     if not set(schema.names) >= set(REFERENCES):
         return False
     for name, unit in REFERENCES.items():
-        _expect(path, schema, name, unit)
+        expect(path, schema, name, unit)
     return True
 
 
@@ -156,7 +156,7 @@ def _schema(path: Path) -> "pa.Schema":
     return schema_of(path, metadata_of(path))
 
 
-def _expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
+def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
     """Raise unless a channel is there once and says its unit."""
     found = schema.get_all_field_indices(name)
     if len(found) != 1:

@@ -9,7 +9,7 @@ import h5py
 from lpvobs.io.results.hdf import write_group
 from lpvobs.io.results.mapping import Item, Layout, fields, read
 from lpvobs.maps.metrics import Metrics
-from lpvobs.observer.parts import LogRun
+from lpvobs.observer.log_run import LogRun
 from lpvobs.records import Array
 
 METRICS = Layout(

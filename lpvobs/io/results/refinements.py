@@ -31,8 +31,6 @@ class StoredRefinement:
         Relative deviation of each uncertain constant from the configured one.
     deviations : mapping of str to float
         Standard deviation of each.
-    of_map : mapping of str to float
-        Relative deviation of the constants that the map was estimated with.
     map_stood : bool
         Whether the map was frozen when the effects were found.
     json : str
@@ -42,7 +40,6 @@ class StoredRefinement:
     effects: tuple[KnownEffect, ...]
     constants: Mapping[str, float]
     deviations: Mapping[str, float]
-    of_map: Mapping[str, float]
     map_stood: bool
     json: str
 
@@ -54,7 +51,6 @@ class _Constant:
     constant: str
     relative_deviation: float
     standard_deviation: float
-    relative_deviation_of_map: float
 
 
 REFINEMENT = Layout(StoredRefinement, {}, attributes=("json", "map_stood"))
@@ -64,9 +60,6 @@ CONSTANTS = Layout(
         "constant": Item("1", "uncertain constant of the engine"),
         "relative_deviation": Item("1", "from the configured value"),
         "standard_deviation": Item("1", "of the deviation"),
-        "relative_deviation_of_map": Item(
-            "1", "from the configured value, of the constants that the map was estimated with"
-        ),
     },
     row="constant",
 )
@@ -170,10 +163,7 @@ def write_refinement(
     effects = group.create_group("effects")
     for number, effect in enumerate(stored.effects, 1):
         write_group(effects, f"effect_{number}", _effect_contents(effect))
-    constants = [
-        _Constant(name, value, stored.deviations[name], stored.of_map.get(name, 0.0))
-        for name, value in stored.constants.items()
-    ]
+    constants = [_Constant(name, value, stored.deviations[name]) for name, value in stored.constants.items()]
     write_group(group, "constants", rows(CONSTANTS, constants))
     write_comparison(group, comparisons)
     write_structure(group, whiteness, balances)
@@ -191,7 +181,6 @@ def read_refinement(file: h5py.File) -> StoredRefinement | None:
         effects=tuple(_read_effect(effect) for effect in numbered(group["effects"], "effect")),
         constants={item.constant: item.relative_deviation for item in constants},
         deviations={item.constant: item.standard_deviation for item in constants},
-        of_map={item.constant: item.relative_deviation_of_map for item in constants},
     )
 
 

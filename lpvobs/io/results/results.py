@@ -13,6 +13,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.results.agreement import read_agreement
 from lpvobs.io.results.axes import Axes, axes_of, grid_layout
+from lpvobs.io.results.engine_found import EngineOfMap, read_engine_found, write_engine_found
 from lpvobs.io.results.extrapolations import read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
@@ -54,6 +55,7 @@ class StoredResult:
     outer_coverage: float
     provenance: Provenance
     agreement: tuple[Agreement, ...] = ()
+    engine: EngineOfMap | None = None
     state: tuple[int, ...] = ()
 
 
@@ -79,6 +81,8 @@ def write_result(
         groups = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
             write_log(*groups, log, air_path.parameter_names)
+        if estimate.engine is not None:
+            write_engine_found(file, estimate.engine)
         provenance.write(file)
         if further is not None:
             further(file)
@@ -131,6 +135,7 @@ def read_result(path: Path) -> StoredResult:
             outer_coverage=outer_coverage,
             provenance=read_provenance(file),
             agreement=read_agreement(file),
+            engine=read_engine_found(file),
             state=state,
         )
 

@@ -84,7 +84,7 @@ def test_an_engine_has_the_constants_of_its_own_forms(truck, engine):
         for kind, chosen in ((COMPRESSOR_FORMS, compressor), (TURBINE_FORMS, turbine)):
             for form, names in kind.items():
                 assert all((name in own) == (form == chosen) for name in names)
-        assert set(Diesel(one).balance_constants) <= set(own)
+        assert set(Diesel(one).usual_tolerance) <= set(own)
 
 
 @pytest.mark.parametrize(

@@ -11,21 +11,24 @@ import pytest
 from lpvobs.errors import DataError
 from lpvobs.io.results.parts import MOST_BYTES, PartsFolder, StoredPart, part_bytes, part_of_bytes
 from lpvobs.observer.balance_agreement import BalanceSums
-from lpvobs.observer.parts import LogInformation, LogRun
+from lpvobs.observer.log_run import LogRun
+from lpvobs.observer.parts import LogInformation
 from lpvobs.records import DefectFound, Defects
 
 NAME = "a" * 64
 
 
 def part(sha256):
-    """Return the part of a log with this digest: two cells visited, an engine of one uncertain constant."""
+    """Return the part of a log with this digest: two cells visited, three columns touched."""
     found = (DefectFound("stuck", "p_im", 3, 1.5, "dropped"),)
     defects = Defects(12, {"p_im": 2}, dropped_rows=2, findings=found)
     run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
-    sums = (np.full((2, *shape), 0.1) for shape in ((4, 4), (4, 4), (4,), (7, 4)))
+    sums = np.full((2, 2, 3, 3), 0.1), np.full((2, 2), 0.01), 240.0
+    gram = np.full((2, 4, 4), 0.1)
     shapes = ((2,), (2,), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,))
     balances = BalanceSums(*(np.full(shape, 0.2) for shape in shapes))
-    return StoredPart(LogInformation(run, np.array([3, 5]), *sums), (np.array([255, 15], dtype=np.uint8),), balances)
+    part = LogInformation(run, np.array([0, 4, 9]), *sums, np.array([3, 5]), gram)
+    return StoredPart(part, (np.array([255, 15], dtype=np.uint8),), balances)
 
 
 @pytest.fixture
@@ -43,8 +46,12 @@ def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
     first, again = part(NAME), parts.read(NAME)
     np.testing.assert_equal(asdict(again), asdict(first))
     assert isinstance(again.part.run.defects.findings[0], DefectFound)
-    assert [each.dtype for each in (again.part.cells, again.part.H, again.kept[0])] == [np.int64, np.float64, np.uint8]
-    again.part.H[0] = 0.0  # the sums are added to in place
+    assert [each.dtype for each in (again.part.cells, again.part.products, again.kept[0])] == [
+        np.int64,
+        np.float64,
+        np.uint8,
+    ]
+    again.part.products[0] = 0.0  # the sums are added to in place
     assert part_bytes(first, "key") == (parts.path / f"{NAME}.part").read_bytes()
 
 
@@ -110,7 +117,7 @@ def altered(*keys, value):
     return msgspec.msgpack.encode(content)
 
 
-H = ("stored", "part", "H")
+PRODUCTS = ("stored", "part", "products")
 
 
 @pytest.mark.parametrize(
@@ -118,7 +125,7 @@ H = ("stored", "part", "H")
     [
         b"", b"\x91" * 200_000, b"\xc1", b"\xdd\xff\xff\xff\xff", msgspec.msgpack.encode({}), altered("key", value=1),
         altered("stored", "part", "run", value=None), altered("stored", "kept", value=[1]),
-        *(altered(*H, value=value) for value in (
+        *(altered(*PRODUCTS, value=value) for value in (
             1, [], [[1], b"12345678", 0], [[2], b"12345678"], [[-1, -1], b"12345678"], [[2**62], b""], [["1"], b"12345678"],
             [[1.5], b"12345678"], [[1], b"1234567"], [[1], "12345678"],
         )),

@@ -1,0 +1,176 @@
+"""`calibrate`: from a bench table and logs of known air flow to what is known of an engine."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.api.copies import refuse_copies
+from lpvobs.api.estimate import gain_for
+from lpvobs.api.files import File, Progress, as_path, as_paths, silent, writing
+from lpvobs.calibration.bench import REFERENCE
+from lpvobs.calibration.fit import Calibration, calibrated
+from lpvobs.calibration.logs import taught
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.unknowns import unknowns_of
+from lpvobs.errors import UsageError
+from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.bench import read_bench
+from lpvobs.io.logs.finding import find_logs
+from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.engines import EngineRow, StoredEngine, write_engine
+from lpvobs.io.results.provenance import Provenance
+from lpvobs.observer.estimate import Point
+from lpvobs.observer.parts import StateGain
+from lpvobs.records import Array, Log
+
+FROM_BENCH = 0.3
+"""Share of the progress for the bench where there are logs as well."""
+
+
+def calibrate(
+    config: File,
+    *,
+    bench: File | Iterable[File] = (),
+    healthy: File | Iterable[File] = (),
+    reference: File | Iterable[File] = (),
+    out: File,
+    gain: File | None = None,
+    progress: Progress | None = None,
+) -> StoredEngine:
+    """Find an engine's constants and the corrections of its components, with their covariance, and write them.
+
+    Parameters
+    ----------
+    config : path
+        What it says of the engine is the prior.
+    bench : path or several
+        Tables of stationary points with `W_reference` [kg/s]: Parquet with units, or CSV with the units in a second line.
+    healthy : path or several
+        Logs whose sensor was in order on that day.
+    reference : path or several
+        Logs with the channel `W_reference`, a meter in the sensor's place.
+    out : path
+        The engine to write.
+    gain : path, optional
+        For logs; without it one is made and proven first.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+
+    Returns
+    -------
+    StoredEngine
+        `unknowns.mean` and `unknowns.covariance` of shapes (q,) and (q, q): relative deviations of the constants, then the
+        corrections at their nodes.
+
+    Raises
+    ------
+    UsageError
+        For a configuration that cannot be read, nothing to calibrate from, or two inputs of the same name or bytes.
+    DataError
+        If a table, a log or the gain cannot be used.
+    NotProven
+        If the certificate of the gain does not hold.
+    """
+    tables, known, metered = as_paths(bench), find_logs(as_paths(healthy)), find_logs(as_paths(reference))
+    given = None if gain is None else as_path(gain)
+    if not (tables or known or metered):
+        raise UsageError("nothing to calibrate from; give --bench TABLE, --healthy LOG or --reference LOG")
+    inputs = [*tables, *known, *metered]
+    refuse_copies(inputs)
+    for number, path in enumerate(inputs):
+        if path.name in [other.name for other in inputs[:number]]:
+            raise UsageError(
+                f"{path}: another input has this name, by which an engine keeps its digest; rename one of them"
+            )
+    with writing(out, [config, *inputs, given]) as target:
+        configuration, text = load_config(as_path(config))
+        air_path = configuration.engine_path()
+        if not air_path.components:
+            raise UsageError(
+                f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has; "
+                f"`lpvobs estimate` learns it from healthy logs"
+            )
+        stored = _calibrated(configuration, text, (tables, known, metered), given, progress or silent)
+        write_engine(target, stored)
+    return stored
+
+
+def _calibrated(
+    config: Config,
+    text: str,
+    paths: tuple[Sequence[Path], Sequence[Path], Sequence[Path]],
+    gain: Path | None,
+    progress: Progress,
+) -> StoredEngine:
+    """Return the engine from bench tables first, then from the logs with that as the prior."""
+    tables, known, metered = paths
+    air_path = config.engine_path()
+    settings = config.estimate.of_engine(air_path.usual_tolerance)
+    unknowns = unknowns_of(settings.tolerance, air_path.components)
+    stored = StoredEngine(
+        air_path=air_path.name,
+        constants={name: float(value) for name, value in air_path.engine_constants().items()},
+        unknowns=unknowns,
+        prior_error=np.sqrt(np.diag(unknowns.covariance)),
+        amplitudes={},
+        left={},
+        rows=(),
+        provenance=Provenance({}, text),
+    )
+    if tables:
+        points = read_bench(tables, air_path)
+        stored = _with_bench(replace(stored, provenance=Provenance(points.digests, text)), air_path, points.columns)
+    if known or metered:
+        progress(FROM_BENCH)
+        logs = [read_log(path, air_path.channels, config.policies) for path in known]
+        logs += [_metered(config, path) for path in metered]
+        made = gain_for(config, [*known, *metered], gain, "observer")
+        point = Point(air_path, settings, stored.deviation, stored.unknowns)
+        found = taught(
+            point,
+            config.grid(),
+            StateGain(made.outputs, made.gain.L, made.gain.region),
+            logs,
+            lambda share: progress(FROM_BENCH + (1.0 - FROM_BENCH) * share),
+        )
+        digests = {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}
+        stored = replace(
+            stored,
+            unknowns=found.unknowns,
+            prior_error=stored.prior_error if tables else found.prior_error,
+            amplitudes={**stored.amplitudes, **found.amplitudes},
+            provenance=Provenance({**stored.provenance.inputs, **digests}, text),
+        )
+    progress(1.0)
+    return stored
+
+
+def _metered(config: Config, path: Path) -> Log:
+    """Return a log with a reference meter in the place of the sensor."""
+    channels = dict(config.engine_path().channels)
+    sensor = config.engine_path().sensor
+    channels[REFERENCE] = channels.pop(sensor)
+    log = read_log(path, channels, config.policies)
+    return replace(log, channels={**log.channels, sensor: log[REFERENCE]})
+
+
+def _with_bench(stored: StoredEngine, air_path: AirPath, table: Mapping[str, Array]) -> StoredEngine:
+    """Return the engine as bench points show it."""
+    found = calibrated(air_path, stored.unknowns, table)
+    return replace(
+        stored,
+        unknowns=found.unknowns,
+        prior_error=np.sqrt(np.diag(found.prior.scaled(list(found.amplitudes.values())))),
+        amplitudes=found.amplitudes,
+        left=found.left,
+        rows=_rows(found),
+    )
+
+
+def _rows(found: Calibration) -> tuple[EngineRow, ...]:
+    rows = found.rows
+    names = [rows.kind[number].name for number in rows.of.tolist()]
+    columns = (rows.point, rows.reference, found.before, found.held_out, found.held_out_error)
+    return tuple(EngineRow(*row) for row in zip(names, *(column.tolist() for column in columns), strict=True))

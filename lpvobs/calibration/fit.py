@@ -1,0 +1,166 @@
+"""The engine's unknowns from bench rows: amplitudes of the corrections, what is left, mean and covariance.
+
+The rows are jointly Gaussian, z ~ N(J mean, J C J^T + D): C holds the prior of the unknowns at some amplitudes, D the errors of the
+references and, of each kind of row, what no correction follows. Amplitudes and these are the most likely ones of a short list.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from lpvobs.calibration.bench import Rows, rows_of
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.unknowns import Unknowns
+from lpvobs.records import Array
+
+AMPLITUDES = (0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
+"""Of the corrections, over those of `Component.deviation`: what is tried."""
+LEFT = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+"""Of the flow, what a component's correction does not follow: what is tried."""
+SPREAD = 1.5
+"""Standard deviation of the logarithm of an amplitude before any data."""
+SWEEPS = 2
+STEPS = 6
+"""Of Gauss-Newton on the constants."""
+SMALL_STEP = 1e-4
+"""Relative change of a constant from which on the engine stays where it is linearised."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What is known of an engine.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        Mean and covariance, deviations counted from the configured constants.
+    prior : Unknowns
+        The same before.
+    amplitudes : mapping of str to float
+        Of the corrections by group.
+    rows : Rows
+        Where the engine was found, so that z is what its formulas leave there.
+    before : ndarray, shape (m,)
+        [kg/s], z of the same rows at the configured constants; NaN where those give no flow.
+    left : mapping of str to float
+        By kind of row, share of the flow that no correction follows.
+    held_out : ndarray, shape (m,)
+        [kg/s], each row less what all other points say of it.
+    held_out_error : ndarray, shape (m,)
+        Its standard deviation.
+    """
+
+    unknowns: Unknowns
+    prior: Unknowns
+    amplitudes: Mapping[str, float]
+    rows: Rows
+    before: Array
+    left: Mapping[str, float]
+    held_out: Array
+    held_out_error: Array
+
+
+def calibrated(air_path: AirPath, prior: Unknowns, table: Mapping[str, Array]) -> Calibration:
+    """Return the engine as stationary bench points show it.
+
+    Parameters
+    ----------
+    air_path : AirPath
+        As configured.
+    prior : Unknowns
+    table : mapping of str to ndarray, shape (n,)
+        Channels and references of n points.
+    """
+    point: dict[str, float] = {}
+    before: dict[tuple[int, int], float] = {}
+    amplitudes = [0.3] * len(prior.groups())
+    left: list[float] = []
+    for step in range(STEPS):
+        there = air_path.deviating(point) if point else air_path
+        seen = prior.seen_from(point)
+        rows = rows_of(there, seen, table)
+        before = before or dict(zip(_marks(rows), rows.z.tolist(), strict=True))
+        left = left or [LEFT[3]] * len(rows.kind)
+        if step < 2:
+            amplitudes, left = likeliest(seen, rows, amplitudes, left)
+        mean, covariance = posterior(seen, rows, amplitudes, left)
+        moves = mean[: len(prior.constants)]
+        point = {
+            name: (1.0 + point.get(name, 0.0)) * (1.0 + move) - 1.0
+            for name, move in zip(prior.constants, moves.tolist(), strict=True)
+        }
+        if np.abs(moves).max(initial=0.0) < SMALL_STEP:
+            break
+    total = mean.copy()
+    total[: len(prior.constants)] = list(point.values())
+    found = replace(prior, mean=total, covariance=covariance, learned=True)
+    held_out, error = left_out(seen, rows, amplitudes, left)
+    by_group = dict(zip(prior.groups(), amplitudes, strict=True))
+    names = [kind.name for kind in rows.kind]
+    z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
+    return Calibration(found, prior, by_group, rows, z, dict(zip(names, left, strict=True)), held_out, error)
+
+
+def _marks(rows: Rows) -> list[tuple[int, int]]:
+    return list(zip(rows.of.tolist(), rows.point.tolist(), strict=True))
+
+
+def spread_of(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]) -> Array:
+    """Return the covariance of the rows, shape (m, m)."""
+    shares = np.array(left)[rows.of]
+    return rows.J @ unknowns.scaled(amplitudes) @ rows.J.T + np.diag(rows.error**2 + (shares * rows.reference) ** 2)
+
+
+def likeliest(
+    unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]
+) -> tuple[list[float], list[float]]:
+    """Return the amplitudes and the shares left that make the rows most likely, sought one after the other."""
+    groups, away = len(amplitudes), rows.z - rows.J @ unknowns.mean
+    best = [*amplitudes, *left]
+
+    def cost(tried: Sequence[float]) -> float:
+        factor = np.linalg.cholesky(spread_of(unknowns, rows, tried[:groups], tried[groups:]))
+        white = scipy.linalg.solve_triangular(factor, away, lower=True, check_finite=False)
+        far = float(np.sum((np.log(tried[:groups]) / SPREAD) ** 2))
+        return float(np.log(np.diag(factor)).sum()) + 0.5 * float(white @ white) + 0.5 * far
+
+    for _ in range(SWEEPS):
+        for i in range(len(best)):
+            choices = AMPLITUDES if i < groups else LEFT
+            best = min(([*best[:i], choice, *best[i + 1 :]] for choice in choices), key=cost)
+    return best[:groups], best[groups:]
+
+
+def posterior(
+    unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]
+) -> tuple[Array, Array]:
+    """Return mean and covariance of the unknowns, given the rows."""
+    C = unknowns.scaled(amplitudes)
+    across = rows.J @ C
+    gain = np.linalg.solve(spread_of(unknowns, rows, amplitudes, left), across).T
+    covariance = C - gain @ across
+    return unknowns.mean + gain @ (rows.z - rows.J @ unknowns.mean), 0.5 * (covariance + covariance.T)
+
+
+def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]) -> tuple[Array, Array]:
+    """Return each row less what all other points say of it, and the standard deviation of that, each of shape (m,)."""
+    inverse = np.linalg.inv(spread_of(unknowns, rows, amplitudes, left))
+    white = inverse @ (rows.z - rows.J @ unknowns.mean)
+    away, error = np.empty(rows.z.size), np.empty(rows.z.size)
+    for number in np.unique(rows.point).tolist():
+        own = np.flatnonzero(rows.point == number)
+        block = np.linalg.inv(inverse[np.ix_(own, own)])
+        away[own], error[own] = block @ white[own], np.sqrt(np.diag(block))
+    return away, error
+
+
+def held_out_rms(found: Calibration) -> dict[str, float]:
+    """Return by kind of row the root mean square of what is left, held out, over the flow's."""
+    shares = {}
+    for number, kind in enumerate(found.rows.kind):
+        own = found.rows.of == number
+        size = float(np.sqrt(np.mean(found.rows.reference[own] ** 2))) if own.any() else float("nan")
+        shares[kind.name] = float(np.sqrt(np.mean(found.held_out[own] ** 2))) / size if own.any() else float("nan")
+    return shares

@@ -1,0 +1,65 @@
+"""`lpvobs calibrate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from lpvobs.cli.common import chosen_config, guarded, load_compiler, loading, print_json, progress, say, table
+from lpvobs.cli.options import ConfigOption, JsonOption, file_option
+
+
+@guarded
+def calibrate(
+    out: Annotated[Path, file_option("ENGINE.h5", "The engine to write.")],
+    bench: Annotated[
+        list[Path] | None,
+        file_option(
+            "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
+        ),
+    ] = None,
+    healthy: Annotated[
+        list[Path] | None, file_option("LOG", "A log whose air flow sensor was in order that day.", "--healthy")
+    ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        file_option("LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"),
+    ] = None,
+    gain: Annotated[
+        Path | None,
+        file_option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
+    ] = None,
+    config: ConfigOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find an engine's constants and the corrections of its components, which estimate then starts from.
+
+    Each of --bench, --healthy and --reference can be given several times; what the configuration says of the engine is the prior.
+
+    Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
+    """
+    with loading():
+        load_compiler()
+        from lpvobs.api.calibrate import calibrate as find_engine
+        from lpvobs.report.engines import calibration_tables, told
+
+    config = chosen_config(config)
+    with progress("calibrating") as report:
+        stored = find_engine(
+            config,
+            bench=bench or (),
+            healthy=healthy or (),
+            reference=reference or (),
+            out=out,
+            gain=gain,
+            progress=report,
+        )
+    found = told(stored, str(out))
+    if as_json:
+        print_json("calibrate", found)
+        return
+    print("\n\n".join(table(*part) for part in calibration_tables(found)))
+    by_data = [name for name, item in found.constants.items() if item.determined]
+    by_prior = [name for name, item in found.constants.items() if not item.determined]
+    say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
+    say(f"constants that stay as the configuration has them, within its tolerance: {', '.join(by_prior) or 'none'}")
+    points = f", {found.points} bench points" if found.points else ""
+    say(f"{out}: engine from {', '.join(found.inputs)}{points}")

@@ -1,0 +1,184 @@
+"""Where the model of a diesel may be wrong: corrections of its components, and how far its balances can be relied on.
+
+A real compressor, real cylinders and a real EGR valve follow no formula of three constants. Their corrections are surfaces over the
+component's own inputs, small before any data say otherwise. Those of compressor and EGR add a flow rather than multiply one, for
+the error of a flow does not vanish with the flow.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+
+from lpvobs.engines.curves import Weights, on_line, on_surface
+from lpvobs.engines.diesel import relations as relation
+from lpvobs.engines.diesel.constants import DieselConstants
+from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
+from lpvobs.records import Array
+
+COMPRESSOR, FILLING = 0, 1
+"""Numbers of the balances."""
+
+
+def _nodes(unit: str, meaning: str, *values: float) -> Nodes:
+    return Nodes(np.array(values), unit, meaning)
+
+
+TIP_SPEED = _nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
+HEAD = _nodes("1", "head coefficient Psi_c", -0.4, 0.0, 0.4, 0.7, 0.9, 1.1, 1.25, 1.4)
+SPEED = _nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
+CREST = Nodes(np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed over the root of T_im / 320 K: waves travel with it")
+PRESSURE = _nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
+OPENING = _nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
+RATIO = _nodes("1", "p_im / p_em", 0.7, 0.82, 0.9, 0.96, 1.03)
+LOAD = _nodes("mg/cycle", "injected fuel", 0, 15, 40)
+COMPONENTS = (
+    Component(
+        "compressor", "1", "flow added, of that without pressure rise", 0.04, "compressor",
+        {"U_c": TIP_SPEED, "Psi_c": HEAD}, (120.0, 0.5),
+    ),
+    Component(
+        "eta_vol", "1", "relative change of the volumetric efficiency", 0.03, "eta_vol",
+        {"n_e": SPEED, "p_im": PRESSURE}, (700.0, 5e4),
+    ),
+    Component(
+        "eta_vol_waves", "1", "relative change that comes and goes within some hundred rpm", 0.02, "eta_vol_waves",
+        {"n_e": CREST}, (150.0,),
+    ),
+    Component("eta_vol_exhaust", "1", "its slope over p_em / p_im", 0.03, "eta_vol"),
+    Component("eta_vol_charge", "1", "its slope over 100 K of T_im", 0.10, "eta_vol"),
+    Component(
+        "egr", "1", "flow added, of that of the open nozzle", 0.3, "egr",
+        {"u_egr": OPENING, "p_im/p_em": RATIO, "u_delta": LOAD}, (25.0, 0.12, 25.0),
+    ),
+    Component("T_em_lag", "s", "lag of the sensor of T_em", 1.0),
+    Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
+)  # fmt: skip
+"""Deviations of 3 and 4 % of filling and compressor, 30 % of the EGR: what bench points left of models fitted to them."""
+MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)
+"""EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
+USUAL_RATIO, USUAL_CHARGE = 1.2, 320.0
+"""p_em / p_im, and T_im [K], at which the slopes of the filling add nothing."""
+INSTANT = 1e-3
+"""[s] over which the flow's rate of change is taken."""
+RELIABLE = 0.02
+"""Share of the flow without pressure rise; a compressor's flow that is surer than this has full weight."""
+
+
+def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
+    """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
+    p_im, p_em, T_em = x["p_im"], x["p_em"], x["T_em"]
+    W_ei = _cylinder_flow(c, p_im, x["n_e"], x["T_im"])
+    nozzle = _egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
+    W_egr = _egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
+    return (
+        Correction(COMPRESSOR, _free_flow(c, x), on_surface(TIP_SPEED.values, HEAD.values, _tip_speed(c, x), _head(c, x))),
+        Correction(FILLING, W_ei, on_surface(SPEED.values, PRESSURE.values, x["n_e"], p_im)),
+        Correction(FILLING, W_ei, on_line(CREST.values, x["n_e"] * np.sqrt(USUAL_CHARGE / x["T_im"]))),
+        Correction(FILLING, W_ei * (p_em / p_im - USUAL_RATIO)),
+        Correction(FILLING, W_ei * (x["T_im"] - USUAL_CHARGE) / 100.0),
+        Correction(FILLING, -nozzle, _in_space(x["u_egr"], p_im / p_em, x["u_delta"])),
+        Correction(FILLING, 0.5 * W_egr / T_em * rates["T_em"]),
+        Correction(None, -_flow_rate(c, x, rates)),
+    )  # fmt: skip
+
+
+def caution(c: DieselConstants, x: Mapping[str, Array], noise: Mapping[str, Array], spread: float) -> Caution:
+    """Return how far the balances can be relied on, and what the compressor's curvature makes of noise.
+
+    Near stall the flow answers to pressure and speed without bound, and the slope by a constant says nothing of a larger change.
+
+    Parameters
+    ----------
+    c : DieselConstants
+    x : mapping of str to ndarray, shape (n,)
+        Channels.
+    noise : mapping of str to ndarray, shape (n,)
+        Standard deviations of what is left of noise in `p_im` and `omega_t`.
+    spread : float
+        Relative standard deviation of the constants that scale the tip speed.
+    """
+    flow = _compressor_flow(c, x)
+    turned = {"p_im": noise["p_im"], "omega_t": noise["omega_t"]}
+    moved, bent = _differences(c, x, flow, turned)
+    _, uncertain = _differences(c, x, flow, {"omega_t": spread * x["omega_t"]})
+    doubt = np.sqrt(moved**2 + uncertain**2) / (RELIABLE * _free_flow(c, x))
+    trust, bias = np.ones((2, flow.size)), np.zeros((2, flow.size))
+    trust[COMPRESSOR], bias[COMPRESSOR] = 1.0 / (1.0 + doubt**2), bent
+    return Caution(trust, bias)
+
+
+def _differences(
+    c: DieselConstants, x: Mapping[str, Array], flow: Array, steps: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Return how far steps of channels move the compressor's flow, root of squares, and half its second differences, summed."""
+    squares, second = np.zeros(flow.size), np.zeros(flow.size)
+    for name, step in steps.items():
+        up, down = (_compressor_flow(c, {**x, name: x[name] + way * step}) for way in (1.0, -1.0))
+        squares += (0.5 * (up - down)) ** 2
+        second += 0.5 * (up + down - 2.0 * flow)
+    return np.sqrt(squares), second
+
+
+def _compressor_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+    return np.asarray(_flow_at(c, x["p_im"], x["omega_t"], x["p_amb"], x["T_amb"]))
+
+
+@njit(cache=True)
+def _flow_at(c, p_im, omega_t, p_amb, T_amb):  # type: ignore[no-untyped-def]
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]  # Eq. (2)
+    return flow
+
+
+@njit(cache=True)
+def _cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
+    return flow
+
+
+@njit(cache=True)
+def _egr_flow(c, p_im, p_em, u_egr, T_im, T_em):  # type: ignore[no-untyped-def]
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
+    return flow
+
+
+def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+    """Return how fast the compressor's flow changes [kg/s^2], from the rates of pressure and speed."""
+    near = [
+        _compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in ("p_im", "omega_t")}})
+        for way in (1.0, -1.0)
+    ]
+    return (near[0] - near[1]) / (2.0 * INSTANT)
+
+
+def _free_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+    """Return the compressor's flow without a pressure rise [kg/s]."""
+    return _compressor_flow(c, {**x, "p_im": x["p_amb"]})
+
+
+def _tip_speed(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+    return c.R_c * x["omega_t"]
+
+
+def _head(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+    rise = (x["p_im"] / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
+    return np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / _tip_speed(c, x) ** 2)
+
+
+def _egr_area(c: DieselConstants, u_egr: Array) -> Array:
+    u = np.clip(u_egr, 0.0, -0.5 * c.c_egr2 / c.c_egr1)
+    return np.asarray(c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u)
+
+
+def _in_space(u_egr: Array, ratio: Array, u_delta: Array) -> Weights:
+    """Return which eight nodes of the EGR's correction each point lies between, and their weights."""
+    (i, u), (j, v) = on_surface(OPENING.values, RATIO.values, u_egr, ratio), on_line(LOAD.values, u_delta)
+    nodes = i[:, :, None] * LOAD.values.size + j[:, None, :]
+    return nodes.reshape(u_egr.size, 8), (u[:, :, None] * v[:, None, :]).reshape(u_egr.size, 8)

@@ -1,0 +1,200 @@
+"""What is not exactly known of an engine, with its prior: constants, and corrections of its components.
+
+A correction is a factor or a flow over the component's own inputs: a sum of hat functions between nodes, as in `engines.curves`,
+whose values at the nodes are correlated over a length of each axis (Matern 3/2). One without axes is a single number.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvobs.engines.curves import Weights
+from lpvobs.engines.knowledge import Nodes
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A correction that a component of the engine may need.
+
+    Attributes
+    ----------
+    name, unit, meaning : str
+    deviation : float
+        Standard deviation of the correction before any data, at amplitude one.
+    group : str
+        Components of a group share the amplitude that is found from the data; empty where the deviation is what it is.
+    axes : mapping of str to Nodes
+        Inputs by name; none for a single number.
+    lengths : tuple of float
+        Over which values are correlated, in the unit of each axis.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    deviation: float
+    group: str = ""
+    axes: Mapping[str, Nodes] = field(default_factory=dict)
+    lengths: tuple[float, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of its values."""
+        return int(np.prod([axis.values.size for axis in self.axes.values()], dtype=int))
+
+    def names(self) -> tuple[str, ...]:
+        """Return a name for each value: that of the component, with the numbers of its nodes."""
+        shape = [axis.values.size for axis in self.axes.values()]
+        return tuple(self.name + "".join(f"[{i}]" for i in place) for place in np.ndindex(*shape))
+
+    def correlation(self) -> Array:
+        """Return the correlation of its values, shape (size, size): the product of Matern 3/2 over the axes."""
+        total = np.ones((1, 1))
+        for axis, length in zip(self.axes.values(), self.lengths, strict=True):
+            away = np.sqrt(3.0) * np.abs(axis.values[:, None] - axis.values) / length
+            total = np.kron(total, (1.0 + away) * np.exp(-away))
+        return total
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How a component's correction moves a balance at n places.
+
+    Attributes
+    ----------
+    balance : int or None
+        None for every balance: what the sensor itself does.
+    scale : ndarray, shape (n,)
+        [kg/s per unit of the component], what a correction of one adds to the flow.
+    weights : tuple
+        Nodes and their shares at each place; None for a single number.
+    """
+
+    balance: int | None
+    scale: Array
+    weights: Weights | None = None
+
+    def columns(self, size: int) -> Array:
+        """Return the derivative of the flow by each value, shape (n, size) [kg/s]."""
+        full = np.zeros((self.scale.size, size))
+        nodes, share = self.weights or (np.zeros((self.scale.size, 1), dtype=np.int64), np.ones((self.scale.size, 1)))
+        np.add.at(full, (np.arange(self.scale.size)[:, None], nodes), share * self.scale[:, None])
+        return full
+
+
+@dataclass(frozen=True)
+class MeasuredPart:
+    """A flow inside the engine that a bench may measure.
+
+    Attributes
+    ----------
+    name, column : str
+        Of the flow, and of its column in a bench table.
+    balance : int
+        Of which it is a part that lowers the flow.
+    without : mapping of str to float
+        Values of channels at which it is away.
+    relative, absolute : float
+        Standard deviation of its measurement, [-] and [kg/s].
+    """
+
+    name: str
+    column: str
+    balance: int
+    without: Mapping[str, float]
+    relative: float
+    absolute: float
+
+
+@dataclass(frozen=True)
+class Caution:
+    """How much balances can be relied on at n places.
+
+    Attributes
+    ----------
+    trust : ndarray, shape (B, n)
+        Weight of the balance, above 0 and up to 1: less where noise or an unknown constant moves a flow by more than its slope.
+    bias : ndarray, shape (B, n)
+        [kg/s], mean error that the noise of the signals makes in the flow, by its curvature.
+    """
+
+    trust: Array
+    bias: Array
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The unknowns of an engine with their prior.
+
+    Attributes
+    ----------
+    constants : tuple of str
+        Their relative deviations, from the configured values or from where the engine is linearised, come first.
+    components : tuple of Component
+        Whose values follow.
+    mean : ndarray, shape (q,)
+    covariance : ndarray, shape (q, q)
+        At amplitude one of every group.
+    learned : bool
+        Whether a calibration has found them: amplitudes are part of the covariance then.
+    """
+
+    constants: tuple[str, ...]
+    components: tuple[Component, ...]
+    mean: Array
+    covariance: Array
+    learned: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all q unknowns."""
+        return self.constants + tuple(name for component in self.components for name in component.names())
+
+    @property
+    def size(self) -> int:
+        """Their number q."""
+        return self.mean.size
+
+    def places(self) -> dict[str, slice]:
+        """Return where the values of each component stand."""
+        found, begin = {}, len(self.constants)
+        for component in self.components:
+            found[component.name] = slice(begin, begin + component.size)
+            begin += component.size
+        return found
+
+    def groups(self) -> tuple[str, ...]:
+        """Return the groups whose amplitude is found from the data."""
+        if self.learned:
+            return ()
+        return tuple(dict.fromkeys(component.group for component in self.components if component.group))
+
+    def seen_from(self, point: Mapping[str, float]) -> "Unknowns":
+        """Return the unknowns as they are seen from an engine whose constants deviate from the configured ones."""
+        mean = self.mean.copy()
+        for i, name in enumerate(self.constants):
+            mean[i] = (1.0 + mean[i]) / (1.0 + point.get(name, 0.0)) - 1.0
+        return replace(self, mean=mean)
+
+    def scaled(self, amplitudes: Sequence[float]) -> Array:
+        """Return the covariance at amplitudes of the groups, shape (q, q)."""
+        factor = np.ones(self.size)
+        by_group = dict(zip(self.groups(), amplitudes, strict=True))
+        for component in self.components:
+            factor[self.places()[component.name]] = by_group.get(component.group, 1.0)
+        return self.covariance * np.outer(factor, factor)
+
+
+def unknowns_of(tolerance: Mapping[str, float], components: Sequence[Component]) -> Unknowns:
+    """Return the unknowns before any data: constants as if uniform within their tolerance, corrections of mean zero."""
+    constants = tuple(tolerance)
+    size = len(constants) + sum(component.size for component in components)
+    covariance = np.zeros((size, size))
+    np.fill_diagonal(covariance[: len(constants), : len(constants)], np.array(list(tolerance.values())) ** 2 / 3.0)
+    found = Unknowns(constants, tuple(components), np.zeros(size), covariance)
+    for component in components:
+        own = found.places()[component.name]
+        covariance[own, own] = component.deviation**2 * component.correlation()
+    return found

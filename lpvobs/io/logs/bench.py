@@ -1,0 +1,185 @@
+"""Tables of stationary bench points: read, converted to SI, and refused where a fit to them would be wrong."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, rows_of
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.channels import Channel
+from lpvobs.engines.unknowns import unknowns_of
+from lpvobs.errors import DataError
+from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of
+from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.records import Array
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FUEL = "W_f"
+LEAST_POINTS, MOST_POINTS = 20, 1000
+"""Fewer points than corrections have axes and nodes to tell apart; more are no bench table but a log."""
+LEAST_RANGE = 1.5
+"""Largest over smallest value that the points have at least of flow and map axes: below, they are one operating point."""
+AGREES = (0.4 / 0.8, 1.3 / 0.8)
+"""Of the flow that the configured engine has: volumetric efficiencies are 0.4 to 1.3, and 0.8 is a usual one."""
+RICHEST = 9.0
+"""Air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)."""
+MOST_WRONG = 0.1
+"""Share of the points that may be off: a bench has its slips, a wrong unit is everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class BenchPoints:
+    """Points of one or more tables: channels and references in SI, each of shape (n,), and the digests of the files by name."""
+
+    columns: Mapping[str, Array]
+    digests: Mapping[str, str]
+
+
+def read_bench(paths: Sequence[Path], air_path: AirPath) -> BenchPoints:
+    """Return the points of bench tables; raises DataError for a table that no engine can be calibrated from.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Parquet with units, or CSV with the units in a second line.
+    air_path : AirPath
+        As configured.
+    """
+    tables = [_read(path, air_path) for path in paths]
+    names = dict.fromkeys(name for table in tables for name in table)
+    sizes = [table[REFERENCE].size for table in tables]
+    columns = {
+        name: np.concatenate([table.get(name, np.full(n, np.nan)) for table, n in zip(tables, sizes, strict=True)])
+        for name in names
+    }
+    _refuse_few(", ".join(map(str, paths)), columns, air_path)
+    return BenchPoints(columns, {path.name: file_digest(path) for path in paths})
+
+
+def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the units of the columns that a table needs, and of those that it may have."""
+    needed = {name: item.unit for name, item in air_path.channels.items() if name != air_path.sensor}
+    parts = {part.column: "kg/s" for part in air_path.measured_parts}
+    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s"} | parts
+
+
+def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
+    needed, optional = _wanted(air_path)
+    found = _from_csv(path) if path.suffix.lower() == ".csv" else _from_parquet(path, [*needed, *optional])
+    for name, unit in needed.items():
+        expect(path, found.schema, name, unit)
+    wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
+    table = {name: column_of(path, found, name, unit) for name, unit in wanted.items()}
+    for name, values in table.items():
+        _refuse_impossible(path, name, values, air_path.channels.get(name))
+    error = table.setdefault(DEVIATION, METER * np.abs(table[REFERENCE]))
+    if not (error > 0.0).all():
+        raise DataError(f"{path}: {DEVIATION} is {error.min():g} kg/s at a point; expected more than 0; mend the table")
+    _refuse_meter(path, table, air_path)
+    return table
+
+
+def _from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
+    metadata = metadata_of(path)
+    there = schema_of(path, metadata).names
+    refuse_huge(path, metadata.num_rows, len(names))
+    (table,) = tables_of(path, [name for name in names if name in there], max(metadata.num_rows, 1))
+    return table
+
+
+def _from_csv(path: Path) -> "pa.Table":
+    """Return the columns as Parquet would have them: units in the metadata, what is no number as text."""
+    import pyarrow as pa
+
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            lines = [[cell.strip() for cell in line] for line in csv.reader(stream) if any(map(str.strip, line))]
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); name a table of bench points") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path}: not a readable CSV table ({error}); export it as UTF-8 with commas") from None
+    names = lines[0] if lines else []
+    units, *rows = [[*line, *[""] * len(names)][: len(names)] for line in [*lines[1:], *([] if lines[1:] else [[]])]]
+    columns = [_numbers([row[i] for row in rows]) for i in range(len(names))]
+    fields = [
+        pa.field(*item[:2], metadata={"unit": item[2]})
+        for item in zip(names, [c.type for c in columns], units, strict=True)
+    ]
+    return pa.table(columns, schema=pa.schema(fields))
+
+
+def _numbers(cells: Sequence[str]) -> "pa.Array":
+    import pyarrow as pa
+
+    try:
+        return pa.array([float(cell) if cell else None for cell in cells], pa.float64())
+    except ValueError:
+        return pa.array(cells)
+
+
+def _refuse_impossible(path: Path, name: str, values: Array, channel: Channel | None) -> None:
+    """Raise for values that are not there, or that no sensor reads."""
+    lost = np.flatnonzero(~np.isfinite(values))
+    if lost.size:
+        raise DataError(
+            f"{path}: {name} is no number at point {lost[0] + 1}; expected one in every row; leave the row out"
+        )
+    if channel is None or not values.size:
+        return
+    low, high = channel.typical
+    middle = float(np.median(values))
+    if not low <= middle <= high or values.min() < channel.low or values.max() > channel.high:
+        raise DataError(
+            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, half of it above {middle:g}; "
+            f"expected {low:g} to {high:g} {channel.unit} in the middle; see to its unit"
+        )
+
+
+def _refuse_few(where: str, columns: Mapping[str, Array], air_path: AirPath) -> None:
+    """Raise for fewer points than a fit needs, or points that are all alike."""
+    count = columns[REFERENCE].size
+    if not LEAST_POINTS <= count <= MOST_POINTS:
+        raise DataError(
+            f"{where}: {count} points, expected {LEAST_POINTS} to {MOST_POINTS}; "
+            f"record stationary points over the whole range of speed and load"
+        )
+    units = {axis.channel: axis.unit for axis in air_path.axes} | {REFERENCE: "kg/s"}
+    for name, unit in units.items():
+        low, high = float(columns[name].min()), float(columns[name].max())
+        if high < LEAST_RANGE * low:
+            raise DataError(
+                f"{where}: {name} goes from {low:g} to {high:g} {unit} only, expected the largest to be at least "
+                f"{LEAST_RANGE:g} times the smallest; add points at other speeds and loads"
+            )
+
+
+def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: AirPath) -> None:
+    """Raise for a reference that no balance of the engine is near, or with which the fuel cannot burn."""
+    rows = rows_of(air_path, unknowns_of(air_path.usual_tolerance, air_path.components), table)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = rows.reference / (rows.reference - rows.z)
+    near = np.zeros(table[REFERENCE].size, dtype=bool)
+    for number, kind in enumerate(rows.kind):
+        own = (rows.of == number) & (ratio >= AGREES[0]) & (ratio <= AGREES[1])
+        if kind.column == REFERENCE:
+            near[rows.point[own]] = True
+    if near.size and np.mean(~near) > MOST_WRONG:
+        usual = float(np.median(ratio[rows.of == 0]))
+        raise DataError(
+            f"{path}: {REFERENCE} is {usual:.3g} times the flow that the engine draws, at {np.sum(~near)} of {near.size} points "
+            f"outside {AGREES[0]:g} to {AGREES[1]:.2g} times; see to its unit, and to the displacement in [engine]"
+        )
+    if FUEL in table:
+        burns = table[REFERENCE] >= RICHEST * table[FUEL]
+        if np.mean(~burns) > MOST_WRONG:
+            worst = float(np.min(table[REFERENCE][~burns] / table[FUEL][~burns]))
+            raise DataError(
+                f"{path}: {REFERENCE} is {worst:.3g} times {FUEL} where it is least, expected at least {RICHEST:g}: the fuel "
+                f"would not burn; see to the units of both"
+            )

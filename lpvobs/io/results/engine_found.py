@@ -1,0 +1,85 @@
+"""`/engine_found`: what the logs of a map say of the engine: its constants, and the corrections of its components."""
+
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from lpvobs.io.results.hdf import Field, write_group
+from lpvobs.io.results.mapping import Item, Layout, fields, read
+from lpvobs.observer.estimate import EngineFound
+from lpvobs.records import Array
+
+GROUP = "engine_found"
+
+
+@dataclass(frozen=True, eq=False)
+class EngineOfMap:
+    """The engine that a map goes with.
+
+    Attributes
+    ----------
+    constants : tuple of str
+        q constants.
+    deviation : ndarray, shape (q,)
+        Relative, from the configured values.
+    covariance : ndarray, shape (q, q)
+    groups : tuple of str
+        Of components, whose corrections share an amplitude.
+    amplitudes : tuple of float
+        Of these, over what is expected before any data.
+    """
+
+    constants: tuple[str, ...]
+    deviation: Array
+    covariance: Array
+    groups: tuple[str, ...]
+    amplitudes: tuple[float, ...]
+
+
+FOUND = Layout(
+    EngineOfMap,
+    {
+        "constant": Item("1", "uncertain constant of the engine", of="constants"),
+        "deviation": Item("1", "relative deviation from the configured value", ("constant",)),
+        "covariance": Item("1", "covariance of the deviations", ("constant", "other_constant")),
+        "group": Item("1", "components whose corrections share an amplitude", of="groups"),
+        "amplitude": Item("1", "of the corrections, over what is expected before any data", ("group",), "amplitudes"),
+    },
+    {"other_constant": "constant"},
+)
+
+
+def stored_engine(found: EngineFound) -> EngineOfMap:
+    """Return what a result keeps of the constants; their deviations are seen from the configured values."""
+    q = len(found.unknowns.constants)
+    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in found.unknowns.constants])
+    return EngineOfMap(
+        constants=found.unknowns.constants,
+        deviation=np.array(list(found.deviation().values())),
+        covariance=found.covariance[:q, :q] * np.outer(seen_from, seen_from),
+        groups=found.unknowns.groups(),
+        amplitudes=found.amplitudes,
+    )
+
+
+def write_engine_found(file: h5py.File, found: EngineFound) -> None:
+    """Write constants, and every component's correction over its own axes, into a result that has none."""
+    group = write_group(file, GROUP, fields(FOUND, stored_engine(found)))
+    places = found.unknowns.places()
+    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
+    for component in found.unknowns.components:
+        own = places[component.name]
+        axes = {
+            name.replace("/", "_over_"): Field(nodes.values, nodes.unit, nodes.meaning)
+            for name, nodes in component.axes.items()
+        }
+        shape = tuple(nodes.values.size for nodes in component.axes.values())
+        correction = Field(found.mean[own].reshape(shape), component.unit, component.meaning, tuple(axes))
+        error = Field(errors[own].reshape(shape), component.unit, "standard error of it", tuple(axes))
+        write_group(group, component.name, axes | {"correction": correction, "standard_error": error})
+
+
+def read_engine_found(file: h5py.File) -> EngineOfMap | None:
+    """Return what an open result says of its engine's constants, None where the method does not tell."""
+    return read(file[GROUP], FOUND) if GROUP in file else None

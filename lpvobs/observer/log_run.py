@@ -1,0 +1,81 @@
+"""What an estimate keeps of a log, gathered while somebody goes through it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Defects, Piece, Recording
+from lpvobs.synthesis.region import Region
+
+
+@dataclass(frozen=True)
+class LogRun:
+    """What an estimate keeps of a log.
+
+    Attributes
+    ----------
+    name, sha256 : str
+    samples : int
+    duration : float
+        [s], without gaps.
+    defects : Defects
+    lower, upper : ndarray, shape (m,)
+        Range of the scheduling parameters along the log.
+    share_certified : float
+        Share of the samples inside the region of the gain's certificate; NaN without one.
+    """
+
+    name: str
+    sha256: str
+    samples: int
+    duration: float
+    defects: Defects
+    lower: Array
+    upper: Array
+    share_certified: float
+
+
+def nothing_between(name: str, started: float) -> DataError:
+    """Return what is wrong with a log whose samples are all apart."""
+    return DataError(
+        f"log '{name}': a gap after every sample, the first at {started:.6g} s; "
+        f"expected samples closer than gap_limit in [policies]"
+    )
+
+
+class RangeSeen:
+    """Samples, time and range of the scheduling parameters so far."""
+
+    def __init__(self, parameters: int, region: Region | None):
+        self.samples, self.duration, self.inside, self.scheduled = 0, 0.0, 0, 0
+        self.started, self.last = float("nan"), float("nan")
+        self.lower, self.upper = np.full(parameters, np.inf), np.full(parameters, -np.inf)
+        self.region = region
+
+    def time(self, piece: Piece) -> None:
+        """Take in the clock of N samples."""
+        if not self.samples:
+            self.started = self.last = float(piece.time[0])
+        steps = np.diff(piece.time, prepend=self.last)
+        steps[piece.begins] = 0.0
+        self.samples, self.last = self.samples + piece.time.size, float(piece.time[-1])
+        self.duration = running_sum(self.duration, steps)
+
+    def see(self, parameters: Array) -> None:
+        """Take in the scheduling parameters of N samples, shape (N, m)."""
+        self.scheduled += parameters.shape[0]
+        np.minimum(self.lower, parameters.min(axis=0), out=self.lower)
+        np.maximum(self.upper, parameters.max(axis=0), out=self.upper)
+        if self.region is not None:
+            self.inside += int(np.count_nonzero(self.region.contains(parameters)))
+
+    def run(self, log: Recording) -> LogRun:
+        """Return what is kept of the log that has been gone through."""
+        share = float("nan") if self.region is None else self.inside / self.scheduled
+        return LogRun(log.name, log.sha256, self.samples, self.duration, log.defects, self.lower, self.upper, share)
+
+
+def running_sum(start: float, values: Array) -> float:
+    """Return start plus the values, added one after the other, so that it does not matter how they come in pieces."""
+    return float(np.add.accumulate(np.concatenate(([start], values)))[-1])

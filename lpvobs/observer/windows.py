@@ -1,0 +1,243 @@
+"""A drive in short windows: what each says of the map and of the engine's unknowns, as one row of a linear problem a balance.
+
+Over a window of `LENGTH`, with z_b the mean of the sensor's reading less the flow of balance b,
+
+    z_b = Psi theta + J_b beta + e_b,
+
+Psi being the mean regressor of the map (Eq. 23), beta the engine's unknowns, and J_b how the balance's flow answers to each, taken
+at the mean signals of the window. The sums of products of these rows are all that a log leaves behind: they hold no weights and no
+amplitudes, so both can change without the log.
+
+Signals are noisy, and J and z are made of the same signals. Means over a window have so little of that noise that its products bias
+the map by less than its standard error: `tests/observer/test_windows.py` has the figure.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lpvobs.maps.grid import Grid, seek, share
+from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
+from lpvobs.records import Array
+
+LENGTH = 0.25
+"""[s] Of a window: long against sampling, short against what a transient does to the unknowns' slopes."""
+ROWS = 120
+"""Windows that are worked on together; few, so that they touch few nodes of map and curves."""
+GROUP = 12
+"""Windows, 3 s, over which rows are summed up to see how slow errors are: those of a model last, noise does not."""
+LEAST_STAY = 0.02
+"""[s] A window that holds less of the drive says nothing."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Which column is what: the map, the engine's unknowns, levels of the day, z, the terms of Eq. (37)."""
+
+    nodes: int
+    unknowns: int
+    balances: int
+
+    @property
+    def solved(self) -> int:
+        """Number of columns that are solved for."""
+        return self.nodes + self.unknowns + self.balances
+
+    @property
+    def z(self) -> int:
+        """The column of z."""
+        return self.solved
+
+    @property
+    def size(self) -> int:
+        """Number of all columns."""
+        return self.solved + 1 + len(COEFFICIENTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Sums of products of rows over windows.
+
+    Attributes
+    ----------
+    products : ndarray, shape (B, B, C, C)
+        Of the rows of every two balances; symmetric under exchange of both pairs.
+    slow : ndarray, shape (B, B, C, C)
+        The same of sums of rows over a `GROUP` of windows over the root of their number.
+    windows : float
+        Their number.
+    gram : ndarray, shape (cells, 4, 4)
+        [s], the integral of Psi_l^T Psi_l over the stay in each cell, for Eq. (29).
+    """
+
+    products: Array
+    slow: Array
+    windows: float
+    gram: Array
+
+    def __add__(self, other: "Moments") -> "Moments":
+        """Return the sums of both."""
+        return Moments(
+            self.products + other.products,
+            self.slow + other.slow,
+            self.windows + other.windows,
+            self.gram + other.gram,
+        )
+
+
+def no_moments(grid: Grid, layout: Columns) -> Moments:
+    """Return the sums of no window."""
+    B, C = layout.balances, layout.size
+    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
+    return Moments(np.zeros((B, B, C, C)), np.zeros((B, B, C, C)), 0.0, np.zeros((cells, 4, 4)))
+
+
+@dataclass(frozen=True, eq=False)
+class Means:
+    """Means over each of n windows.
+
+    Attributes
+    ----------
+    stay : ndarray, shape (n,)
+        [s]
+    Psi : ndarray, shape (n, p)
+    terms : ndarray, shape (n, 6)
+    z : ndarray, shape (n, B)
+        [kg/s]
+    signals : ndarray, shape (n, s)
+        Of whatever the slopes are computed from.
+    """
+
+    stay: Array
+    Psi: Array
+    terms: Array
+    z: Array
+    signals: Array
+
+
+Slopes = Callable[[Array], tuple[Array, Array, Array]]
+"""From mean signals (n, s): J (n, B, q) [kg/s], weights (n, B), and what is to be added to z (n, B) [kg/s]."""
+
+
+class Windows:
+    """Rows of a log as they are completed, added up.
+
+    Parameters
+    ----------
+    grid : Grid
+    layout : Columns
+    slopes : callable
+        See `Slopes`.
+    signals : int
+        Their number s.
+    """
+
+    def __init__(self, grid: Grid, layout: Columns, slopes: Slopes, signals: int):
+        self.grid, self.layout, self.slopes = grid, layout, slopes
+        self.widths = (1, grid.size, len(COEFFICIENTS), layout.balances, signals)
+        self.total, self.windows, self.started = no_moments(grid, layout), 0.0, float("nan")
+        self.blocks: dict[int, tuple[Array, ...]] = {}
+
+    def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
+        """Add N samples, later than any before; z has shape (B, N), signals (s, N)."""
+        if np.isnan(self.started):
+            self.started = float(time[0])
+        window = np.floor((time - self.started) / LENGTH).astype(np.int64)
+        block = window // ROWS
+        terms = scaled_terms(self.grid, *point)
+        for number in np.unique(block).tolist():
+            self._complete(number)
+            part = slice(*np.searchsorted(block, (number, number + 1)))
+            sums = self.blocks.setdefault(number, tuple(np.zeros((ROWS, width)) for width in self.widths))
+            _add(
+                sums, self.total.gram, self.grid.fuel, self.grid.speed, window[part] - number * ROWS, steps[part],
+                point[0][part], point[1][part], terms[part], z[:, part], signals[:, part],
+            )  # fmt: skip
+
+    def moments(self) -> Moments:
+        """Return the sums over the whole log."""
+        self._complete(None)
+        total = self.total
+        for a, b in zip(*np.tril_indices(self.layout.balances, -1), strict=True):
+            for each in (total.products, total.slow):
+                each[a, b] = each[b, a].T
+        return Moments(total.products, total.slow, self.windows, total.gram)
+
+    def _complete(self, begun: int | None) -> None:
+        """Add the blocks of windows before the one that has begun."""
+        for number in [number for number in self.blocks if number != begun]:
+            stay, *sums = self.blocks.pop(number)
+            on = np.flatnonzero(stay[:, 0] >= LEAST_STAY)
+            if on.size:
+                self._add_block(on // GROUP, Means(stay[on, 0], *(total[on] / stay[on] for total in sums)))
+
+    def _add_block(self, group: NDArray[np.int64], seen: Means) -> None:
+        J, weight, correction = self.slopes(seen.signals)
+        layout = self.layout
+        rows = np.zeros((layout.balances, seen.stay.size, layout.size))
+        for b, row in enumerate(rows):
+            row[:, : layout.nodes] = seen.Psi
+            row[:, layout.nodes : layout.nodes + layout.unknowns] = J[:, b]
+            row[:, layout.nodes + layout.unknowns + b] = 1.0
+            row[:, layout.z] = seen.z[:, b] + correction[:, b]
+            row[:, layout.z + 1 :] = seen.terms
+        rows *= np.sqrt(seen.stay * weight.T)[:, :, None]
+        summed = np.add.reduceat(rows, np.flatnonzero(np.diff(group, prepend=-1)), axis=1) / np.sqrt(GROUP)
+        self.windows += float(seen.stay.size)
+        _add_products(self.total.products, rows)
+        _add_products(self.total.slow, summed)
+
+
+@njit(cache=True)
+def _add_products(products, rows):  # type: ignore[no-untyped-def]
+    """Add the products of rows, shape (B, n, C), of every balance with itself and later ones; a row is mostly zeros."""
+    B, n, C = rows.shape
+    at = np.empty((B, C), dtype=np.int64)
+    count = np.empty(B, dtype=np.int64)
+    for r in range(n):
+        for a in range(B):
+            count[a] = 0
+            for i in range(C):
+                if rows[a, r, i] != 0.0:
+                    at[a, count[a]] = i
+                    count[a] += 1
+        for a in range(B):
+            for b in range(a, B):
+                for k in range(count[a]):
+                    value = rows[a, r, at[a, k]]
+                    for m in range(count[b]):
+                        products[a, b, at[a, k], at[b, m]] += value * rows[b, r, at[b, m]]
+
+
+@njit(cache=True)
+def _add(sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, terms, z, signals):  # type: ignore[no-untyped-def]
+    stay, Psi, term_sums, z_sums, signal_sums = sums
+    p_1 = u_nodes.size
+    psi = np.empty(4)
+    i, j = 0, 0
+    for k in range(row.size):
+        r, h = row[k], steps[k]
+        stay[r, 0] += h
+        i, j = seek(u_nodes, fuel[k], i), seek(n_nodes, speed[k], j)
+        eta_1, eta_2 = share(u_nodes, fuel[k], i), share(n_nodes, speed[k], j)
+        psi[0], psi[1] = (1.0 - eta_1) * (1.0 - eta_2), eta_1 * (1.0 - eta_2)
+        psi[2], psi[3] = (1.0 - eta_1) * eta_2, eta_1 * eta_2
+        first, cell = j * p_1 + i, j * (p_1 - 1) + i
+        Psi[r, first] += h * psi[0]
+        Psi[r, first + 1] += h * psi[1]
+        Psi[r, first + p_1] += h * psi[2]
+        Psi[r, first + p_1 + 1] += h * psi[3]
+        for a in range(4):
+            for b in range(4):
+                gram[cell, a, b] += h * psi[a] * psi[b]  # Eq. (29)
+        for y in range(terms.shape[1]):
+            term_sums[r, y] += h * terms[k, y]
+    for b in range(z.shape[0]):
+        for k in range(row.size):
+            z_sums[row[k], b] += steps[k] * z[b, k]
+    for s in range(signals.shape[0]):
+        for k in range(row.size):
+            signal_sums[row[k], s] += steps[k] * signals[s, k]

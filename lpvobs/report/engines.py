@@ -1,0 +1,107 @@
+"""What is said of a calibrated engine: records for `--json`, rows of text."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from lpvobs.io.results.engines import StoredEngine
+from lpvobs.kinds import Count, Finite
+from lpvobs.report.tables import Table, percent
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowsOutput:
+    """How well bench rows of one kind fit."""
+
+    kind: str
+    rows: Count
+    configured: Annotated[Finite, Meta(description="Error of the configured engine, rms over that of the flow.")]
+    held_out: Annotated[Finite, Meta(description="Error at points that were held out, rms over that of the flow.")]
+    left: Annotated[Finite, Meta(description="Share of the flow that no correction follows.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentOutput:
+    """The correction of a component; in the unit of the correction."""
+
+    component: str
+    unit: str
+    largest: Annotated[Finite, Meta(description="Largest value of the correction, without sign.")]
+    standard_error: Annotated[Finite, Meta(description="Median over its nodes.")]
+    before: Annotated[Finite, Meta(description="Median standard deviation before the data.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantOutput:
+    """A constant, as its relative deviation from the configured one."""
+
+    deviation: Finite
+    standard_error: Finite
+    determined: Annotated[bool, Meta(description="By the data: less than half of the prior's spread is left.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOutput:
+    """What is known of an engine."""
+
+    engine: str
+    points: Annotated[Count, Meta(description="Stationary bench points.")]
+    inputs: Sequence[str]
+    rows: Sequence[RowsOutput]
+    components: Sequence[ComponentOutput]
+    amplitudes: Annotated[Mapping[str, Finite], Meta(description="Of the corrections by group, over their prior's.")]
+    constants: Mapping[str, ConstantOutput]
+
+
+def told(stored: StoredEngine, out: str) -> CalibrateOutput:
+    """Return what is said of a calibrated engine."""
+    error = stored.error
+    determined = stored.determined()
+    benches = {row.point for row in stored.rows}
+    return CalibrateOutput(
+        engine=out,
+        points=len(benches),
+        inputs=tuple(stored.provenance.inputs),
+        rows=tuple(_fit(stored, kind, left) for kind, left in stored.left.items()),
+        components=tuple(
+            ComponentOutput(
+                component=component.name,
+                unit=component.unit,
+                largest=float(np.abs(stored.unknowns.mean[own]).max()),
+                standard_error=float(np.median(error[own])),
+                before=float(np.median(stored.prior_error[own])),
+            )
+            for component, own in zip(stored.unknowns.components, stored.unknowns.places().values(), strict=True)
+        ),
+        amplitudes=stored.amplitudes,
+        constants={
+            name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
+            for i, (name, value) in enumerate(stored.deviation.items())
+        },
+    )
+
+
+def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
+    own = [row for row in stored.rows if row.kind == kind]
+
+    def rms(name: str) -> float:
+        return float(np.sqrt(np.nanmean([getattr(row, name) ** 2 for row in own])))
+
+    flow = rms("reference")
+    return RowsOutput(
+        kind=kind, rows=len(own), configured=rms("before") / flow, held_out=rms("held_out") / flow, left=left
+    )
+
+
+def calibration_tables(found: CalibrateOutput) -> list[Table]:
+    """Return how well bench rows fit, and the corrections of the components."""
+    fit = [[row.kind, str(row.rows), *map(percent, (row.configured, row.held_out, row.left))] for row in found.rows]
+    corrections = [
+        [item.component, item.unit, *(f"{value:.2g}" for value in (item.largest, item.standard_error, item.before))]
+        for item in found.components
+    ]
+    tables = [(["correction", "unit", "largest", "standard error", "before the data"], corrections)]
+    return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables

@@ -1,0 +1,84 @@
+"""`lpvobs calibrate`, and `estimate` on what it has found."""
+
+import json
+import shutil
+
+import h5py
+import pytest
+from repository import DIESEL, LIU_ICE
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("calibrate")
+
+
+def estimated(lpvobs, other_engine, chain, out, *options):
+    """Return what `estimate` prints of the drive with the configuration, whose engine is not quite the one driven."""
+    done = lpvobs(
+        "estimate", "--config", DIESEL, "--gain", chain.gain, other_engine.drive, "--out", out, "--json", *options
+    )
+    assert done.code == 0, done.err
+    return done.json
+
+
+def test_points_that_were_held_out_are_predicted(lpvobs, other_engine, folder):
+    done = lpvobs("calibrate", "--config", DIESEL, "--bench", other_engine.bench, "--out", folder / "a.h5", "--json")
+    assert done.code == 0, done.err
+    rows = {row["kind"]: row for row in done.json["rows"]}
+    assert done.json["points"] == 40
+    assert rows["compressor"]["held_out"] < 0.2 * rows["compressor"]["configured"]
+    assert rows["filling"]["held_out"] < 0.8 * rows["filling"]["configured"]
+    constant = done.json["constants"]["R_c"]
+    assert constant["determined"]
+    assert abs(constant["deviation"] - (0.0243 / 0.0245 - 1.0)) < 4.0 * constant["standard_error"]
+
+
+def test_text_names_what_the_data_determined(lpvobs, other_engine, folder):
+    done = lpvobs("calibrate", "--config", DIESEL, "--bench", other_engine.bench, "--out", folder / "b.h5")
+    assert "as configured" in done.out
+    assert "constants that the data determined: R_c" in done.err
+    assert (folder / "b.h5").read_bytes()[:4] == b"\x89HDF"
+
+
+def test_estimate_is_better_with_the_engine(lpvobs, other_engine, chain, folder):
+    without = estimated(lpvobs, other_engine, chain, folder / "without.h5")
+    known = estimated(lpvobs, other_engine, chain, folder / "with.h5", "--engine", other_engine.known)
+    errors = [said["logs"][0]["mean_relative_error"] for said in (without, known)]
+    assert errors[1] < 0.5 * errors[0]
+    assert without["engine"] == {"source": "configuration", "calibrated": False}
+    assert known["engine"] == {"source": str(other_engine.known), "calibrated": True}
+    with h5py.File(folder / "with.h5") as file:
+        assert "engine.h5" in json.loads(file["provenance"].attrs["inputs_sha256"])
+
+
+def test_healthy_logs_and_meters_teach(lpvobs, other_engine, chain, folder):
+    made = folder / "healthy.h5"
+    call = ("calibrate", "--config", DIESEL, "--gain", chain.gain, "--healthy", other_engine.healthy, "--out", made)
+    done = lpvobs(*call, "--json")
+    assert done.code == 0, done.err
+    assert done.json["inputs"] == ["healthy.parquet"]
+    waves = {item["component"]: item for item in done.json["components"]}["W_maf_lag"]
+    assert waves["standard_error"] < 0.5 * waves["before"]
+    lacking = lpvobs("calibrate", "--config", DIESEL, "--reference", other_engine.healthy, "--out", folder / "no.h5")
+    assert (lacking.code, "'W_reference' is missing" in lacking.err) == (3, True)
+
+
+def test_what_makes_no_sense_is_refused(lpvobs, other_engine, chain, folder):
+    copy = folder / "copy.csv"
+    shutil.copy(other_engine.bench, copy)
+    bench = ("--bench", other_engine.bench)
+    for options, code, said in (
+        (("--config", DIESEL), 2, "nothing to calibrate from"),
+        (("--config", LIU_ICE, *bench), 2, "has no corrections"),
+        (("--config", DIESEL, *bench, "--bench", copy), 2, "same bytes"),
+        (("--config", DIESEL, "--bench", other_engine.drive), 3, "'W_reference' is missing"),
+    ):
+        done = lpvobs("calibrate", *options, "--out", folder / "refused.h5")
+        assert (done.code, said in done.err) == (code, True), done.err
+        assert not (folder / "refused.h5").exists()
+    call = ("--gain", chain.gain, other_engine.drive, "--engine", other_engine.known, "--out", folder / "refused.h5")
+    done = lpvobs("estimate", "--config", DIESEL, *call, "--method", "batch")
+    assert (done.code, "drop --engine" in done.err) == (2, True)
+    done = lpvobs("estimate", "--config", other_engine.config, other_engine.drive, *call[3:])
+    assert (done.code, "calibrated from another engine" in done.err) == (3, True)
