@@ -20,6 +20,7 @@ from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.known import knowledge_of, learned_of
 from lpvobs.engines.throttled.learning import learn
+from lpvobs.engines.unknowns import Caution
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
 
@@ -27,6 +28,8 @@ STATES = ("p_ic", "p_im", "W_c")
 BALANCES = ("throttle", "filling", "fuel")
 CONSTANTS = ("A_th", "eta_vol", "k_fuel", "V_ic", "V_im")
 """Names of the uncertain constants: the level of each curve, and the volumes."""
+UNSURE = 1e-4
+"""Weight of the fuel's balance in the map: idle of the real engine is not stoichiometric."""
 LEVEL_TOLERANCE = 0.01
 """Of one of which the configuration says nothing: from one day to another a learned curve holds to a hundredth."""
 
@@ -136,6 +139,12 @@ class Throttled(AsKnown):
     def usual_tolerance(self) -> Mapping[str, float]:
         """Return how well level of curves and volumes are known of which the configuration says nothing."""
         return dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
+
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+        """Return full trust in throttle and filling, and next to none in the fuel, which is no measure of air where it is rich."""
+        trust = np.ones((len(BALANCES), len(log)))
+        trust[BALANCES.index("fuel")] = UNSURE
+        return Caution(trust, np.zeros_like(trust))
 
     def balances(
         self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
