@@ -6,38 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.unknowns import Unknowns
+from lpvobs.engines.unknowns import MeasuredPart, Unknowns
 from lpvobs.records import Array, Defects, Log
 
 REFERENCE, DEVIATION = "W_reference", "sd_W_reference"
 METER = 0.0035
 """Relative standard deviation of a reference meter of which nothing is said: thermal meters state 0.3 to 0.4 %."""
-
-
-@dataclass(frozen=True)
-class RowKind:
-    """What kind of row a bench point gives.
-
-    Attributes
-    ----------
-    name : str
-        Of the balance, or of the reference.
-    column : str
-        The reference that it is compared with.
-    balance : int
-    without : mapping of str to float
-        Values of channels at which the part that the reference shows is away: the row is the difference to that. Empty for the
-        whole balance.
-    relative, absolute : float
-        Standard deviation of the reference, [-] and [kg/s].
-    """
-
-    name: str
-    column: str
-    balance: int
-    without: Mapping[str, float]
-    relative: float
-    absolute: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +20,7 @@ class Rows:
 
     Attributes
     ----------
-    kind : tuple of RowKind
+    kind : tuple of MeasuredPart
     of : ndarray of int, shape (m,)
         Number of the kind.
     point : ndarray of int, shape (m,)
@@ -57,7 +31,7 @@ class Rows:
         [kg/s]
     """
 
-    kind: tuple[RowKind, ...]
+    kind: tuple[MeasuredPart, ...]
     of: Array
     point: Array
     reference: Array
@@ -66,15 +40,10 @@ class Rows:
     J: Array
 
 
-def kinds_of(air_path: AirPath, table: Mapping[str, Array]) -> tuple[RowKind, ...]:
+def kinds_of(air_path: AirPath, table: Mapping[str, Array]) -> tuple[MeasuredPart, ...]:
     """Return the kinds of rows that a table gives: every balance, and the parts of which it has a reference."""
-    balances = tuple(RowKind(name, REFERENCE, b, {}, METER) for b, name in enumerate(air_path.balance_names))
-    parts = tuple(
-        RowKind(part.name, part.column, part.balance, part.without, part.relative, part.absolute)
-        for part in air_path.measured_parts
-        if part.column in table
-    )
-    return balances + parts
+    balances = tuple(MeasuredPart(name, REFERENCE, b, {}, METER, 0.0) for b, name in enumerate(air_path.balance_names))
+    return balances + tuple(part for part in air_path.measured_parts if part.column in table)
 
 
 def rows_of(air_path: AirPath, unknowns: Unknowns, table: Mapping[str, Array]) -> Rows:

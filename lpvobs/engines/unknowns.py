@@ -86,16 +86,16 @@ class Correction:
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """A flow inside the engine that a bench may measure.
+    """A flow that a bench may measure: that of a balance, or a part of it.
 
     Attributes
     ----------
     name, column : str
         Of the flow, and of its column in a bench table.
     balance : int
-        Of which it is a part that lowers the flow.
+        Whose flow it is, or which it lowers as a part.
     without : mapping of str to float
-        Values of channels at which it is away.
+        Values of channels at which the part is away; empty for the whole balance.
     relative, absolute : float
         Standard deviation of its measurement, [-] and [kg/s].
     """
