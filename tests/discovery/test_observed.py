@@ -51,7 +51,7 @@ def test_without_effects_it_is_the_observer_of_before(model, clean, config, sett
     again = estimated(model(), clean, config, settings, healthy.engine.point)
     # The same windows of the same samples; a log read in stretches rounds some sums otherwise.
     np.testing.assert_allclose(again.theta, healthy.theta, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(again.standard_error, healthy.standard_error, rtol=1e-4)
+    np.testing.assert_allclose(again.standard_error, healthy.standard_error, rtol=1e-9)
 
 
 def test_a_correction_undoes_a_reading_where_it_acts(model, clean, misread):
@@ -139,8 +139,9 @@ def test_the_map_is_that_of_the_quick_sensor_and_agrees_with_the_tracers(
         return float(np.sqrt(np.mean((estimate.theta - healthy.theta)[known] ** 2)))
 
     assert away(refined) < 0.2 * away(unrefined)
-    # The tracer corrects no component: on the healthy log its map is 0.2 g/s from the observer's already.
-    assert np.sqrt(np.mean((refined.theta - found.theta)[known] ** 2)) < 5e-4
+    spread = np.sqrt(refined.standard_error**2 + np.diag(found.covariance).reshape(found.theta.shape))
+    apart = (np.abs(refined.theta - found.theta) / spread)[known]
+    assert np.mean(apart < 1.645) > 0.9
 
 
 def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, record, plant, config, settings, healthy):
@@ -155,6 +156,6 @@ def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, re
     def away(estimate):
         return float(np.sqrt(np.nanmean((estimate.theta - healthy.theta)[known] ** 2)))
 
-    # Estimated with the map, the engine's unknowns take most of a hole upon themselves: 0.16 g/s are left without the effect.
+    # Estimated with the map, the engine's unknowns take most of a hole upon themselves: 0.28 g/s are left without the effect, 0.04 with it.
     unaided = away(estimated(model(), log, config, settings))
-    assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.5 * unaided
+    assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.2 * unaided

@@ -44,10 +44,11 @@ def exact(air_path, grid, gain, drive, settings):
 def test_an_exact_model_without_noise_gives_the_map(exact, drive, target):
     assert exact.supported.sum() > 100
     missed = (exact.theta - target(drive[0]))[exact.supported]
-    # What remains is smoothing over 50 ms, one backward Euler step of 10 ms (p'' h / (2 L) of some 30 Pa in p_im), and unknowns of
-    # the engine that explain a little of it. The surface itself moves by tens of grams per second.
-    assert np.abs(missed).max() < 0.1 * GRAM
-    assert np.sqrt(np.mean(missed**2)) < 0.03 * GRAM
+    # What remains is smoothing over 50 ms and one backward Euler step of 10 ms: p'' h / (2 L) of some 30 Pa in p_im. The surface
+    # itself moves by tens of grams per second.
+    # Unknowns of the engine that explain a little of it move single nodes by as much.
+    assert np.abs(missed).max() < 0.07 * GRAM
+    assert np.sqrt(np.mean(missed**2)) < 0.025 * GRAM
 
 
 def test_a_truth_that_is_bilinear_comes_back_node_by_node(air_path, grid, gain, drive, settings):
@@ -56,9 +57,8 @@ def test_a_truth_that_is_bilinear_comes_back_node_by_node(air_path, grid, gain, 
     found = estimate_default(
         air_path, grid, gain, [with_sensor(log, W_c + grid.interpolate(theta, log["u_delta"], log["n_e"]))], settings
     )
-    # The node values are the truth itself, however rough. Half the difference of the two views has noise alone in it but for the
-    # sample that lies between them: over a map as rough as this one the signals of either move by that, one per cent of the map.
-    assert np.abs((found.theta - theta)[found.supported]).max() < 0.3 * GRAM
+    # As above, and here the node values are the truth itself, however rough.
+    assert np.abs((found.theta - theta)[found.supported]).max() < 0.05 * GRAM
 
 
 def test_its_quadratic_is_eq_40(exact, grid):
@@ -76,7 +76,7 @@ def test_a_sensor_without_error_gets_a_map_of_zero_within_its_intervals(air_path
         inside.append((np.abs(found.theta) <= 1.645 * found.standard_error)[found.supported].mean())
         assert np.abs(found.theta[found.supported]).max() < 2 * GRAM
     # 90 % intervals, but the nodes of a drive share a dozen errors: three drives know the share to some 5 %.
-    assert np.mean(inside) > 0.8
+    assert np.mean(inside) > 0.85
 
 
 def test_noise_alone_stays_within_intervals_that_know_the_constants(air_path, grid, gain, drive, target, settings):
@@ -161,10 +161,9 @@ def test_an_error_on_the_grid_moves_the_map_by_itself(air_path, grid, gain, driv
     shifted = with_sensor(log, log["W_maf"] + grid.interpolate(delta, log["u_delta"], log["n_e"]))
     a, b = (estimate_default(air_path, grid, gain, [one], settings) for one in (log, shifted))
     moved = (b.theta - a.theta - delta)[a.supported]
-    # The views lie a sample apart: three per cent of a map as rough as this one.
-    assert np.abs(moved).max() < 0.3 * GRAM
-    # So is what is taken for noise; and amplitudes of corrections are tried in steps of twice.
-    np.testing.assert_allclose(b.standard_error, a.standard_error, rtol=0.4)
+    # The map changes through a prior of 0.1 kg/s, and through rounding in the covariance of the errors.
+    assert np.abs(moved).max() < 3e-3 * GRAM
+    np.testing.assert_allclose(b.standard_error, a.standard_error, rtol=1e-3)
 
 
 def off(engine, factors):
