@@ -156,6 +156,6 @@ def test_a_hole_in_the_intake_of_the_simulator_is_taken_out_of_the_map(model, re
     def away(estimate):
         return float(np.sqrt(np.nanmean((estimate.theta - healthy.theta)[known] ** 2)))
 
-    # Estimated with the map, the engine's unknowns take most of a hole upon themselves: 0.28 g/s are left without the effect, 0.04 with it.
+    # The engine's unknowns take most of a hole upon themselves: 0.28 g/s are left without the effect, 0.04 with it.
     unaided = away(estimated(model(), log, config, settings))
     assert away(estimated(model(*found.known_effects), log, config, settings)) < 0.2 * unaided
