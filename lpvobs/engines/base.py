@@ -32,97 +32,46 @@ class Trajectory:
     """The LPV system of Eq. (24) along a log: N samples, n states, r outputs.
 
     The observer is at its fastest where neighbouring samples lie beside each other in memory.
-
-    Attributes
-    ----------
-    parameters : ndarray, shape (N, m)
-        The scheduling parameters in the order of `AirPath.parameter_names` (for the diesel rho_1..rho_5, a_1, a_2).
-    A : ndarray, shape (N, n, n)
-        [1/s and mixed]
-    E : ndarray, shape (N, n)
-        Known input of the state equation.
-    C : ndarray, shape (N, r, n)
-        Output matrix; the last row, C_2, carries the map.
-    y : ndarray, shape (N, r)
-        Measured outputs y_m; the last, y_m2, is the mass air flow sensor.
-    steady : int
-        Outputs, from the first on, whose row of C is the same for all samples: they cost the observer less time.
     """
 
+    # (N, m) the scheduling parameters in the order of `AirPath.parameter_names` (for the diesel rho_1..rho_5, a_1, a_2)
     parameters: Array
-    A: Array
-    E: Array
-    C: Array
-    y: Array
+    A: Array  # (N, n, n) [1/s and mixed]
+    E: Array  # (N, n) known input of the state equation
+    C: Array  # (N, r, n) output matrix; the last row, C_2, carries the map
+    y: Array  # (N, r) measured outputs y_m; the last, y_m2, is the mass air flow sensor
+    # outputs, from the first on, whose row of C is the same for all samples: they cost the observer less time
     steady: int = 0
 
 
 @dataclass(frozen=True)
 class Balances:
-    """Independent estimates of the true flow past the sensor, from everything but the sensor.
+    """Independent estimates of the true flow past the sensor, from everything but the sensor."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        B balances.
-    flow : ndarray, shape (B, N)
-        [kg/s]
-    slope : ndarray, shape (B, q, N)
-        [kg/s], derivative of each flow by the relative change of each of q uncertain constants.
-    """
-
-    names: tuple[str, ...]
-    flow: Array
-    slope: Array
+    names: tuple[str, ...]  # B balances
+    flow: Array  # (B, N) [kg/s]
+    slope: Array  # (B, q, N) [kg/s], derivative of each flow by the relative change of each of q uncertain constants
 
 
 class AirPath(Protocol):
-    """An engine's air path: what holds for all engines of its kind, and the numbers of one of them.
+    """An engine's air path: what holds for all engines of its kind, and the numbers of one of them."""
 
-    Attributes
-    ----------
-    name : str
-        Which engine this is, as in the configuration.
-    channels : mapping of str to Channel
-        Needed channels, the sensor under test among them.
-    smoothed : tuple of str
-        Measured states and temperatures that enter the scheduling parameters.
-    calmed : tuple of str
-        Those that a steep relation reads: for it they go through a wider window.
-    balance_names : tuple of str
-        Those of `balances`.
-    components : tuple of Component
-        Corrections that parts of the engine may need.
-    measured_parts : tuple of MeasuredPart
-        Flows inside the engine that a bench may measure.
-    axes : tuple of MapAxis
-        Inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes).
-    sensor : str
-        The channel of the sensor under test.
-    state_names, parameter_names : tuple of str
-        The states x, and the scheduling parameters.
-    temperature_names, rate_names : tuple of str
-        The temperatures that `rate_bounds` takes, and the parameters that it gives.
-    learns : bool
-        Whether parts of the engine are known only after a healthy log has shown them.
-    dispensable : tuple of str
-        Channels that the loop can do without: it loses balances with them, and says so.
-    """
-
-    name: ClassVar[str]
-    channels: ClassVar[Mapping[str, Channel]]
-    smoothed: ClassVar[tuple[str, ...]]
-    calmed: ClassVar[tuple[str, ...]]
-    balance_names: ClassVar[tuple[str, ...]]
-    components: ClassVar[tuple[Component, ...]]
-    measured_parts: ClassVar[tuple[MeasuredPart, ...]]
+    name: ClassVar[str]  # which engine this is, as in the configuration
+    channels: ClassVar[Mapping[str, Channel]]  # needed channels, the sensor under test among them
+    smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
+    calmed: ClassVar[tuple[str, ...]]  # those that a steep relation reads: for it they go through a wider window
+    balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
+    components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
+    measured_parts: ClassVar[tuple[MeasuredPart, ...]]  # flows inside the engine that a bench may measure
+    # inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)
     axes: ClassVar[tuple[MapAxis, MapAxis]]
-    sensor: ClassVar[str]
-    state_names: ClassVar[tuple[str, ...]]
-    parameter_names: ClassVar[tuple[str, ...]]
-    temperature_names: ClassVar[tuple[str, ...]]
-    rate_names: ClassVar[tuple[str, ...]]
-    learns: ClassVar[bool]
+    sensor: ClassVar[str]  # the channel of the sensor under test
+    state_names: ClassVar[tuple[str, ...]]  # the states x
+    parameter_names: ClassVar[tuple[str, ...]]  # the scheduling parameters
+    temperature_names: ClassVar[tuple[str, ...]]  # the temperatures that `rate_bounds` takes
+    rate_names: ClassVar[tuple[str, ...]]  # the parameters that it gives
+    learns: ClassVar[bool]  # whether parts of the engine are known only after a healthy log has shown them
+    # channels that the loop can do without: it loses balances with them, and says so
     dispensable: ClassVar[tuple[str, ...]]
 
     def __init__(self, engine: Any) -> None:
@@ -198,36 +147,19 @@ class AsKnown:
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """A gain as somebody printed it, where it is proven, and what maps came of it.
+    """A gain as somebody printed it, where it is proven, and what maps came of it."""
 
-    Attributes
-    ----------
-    source : str
-        Where the gain is printed.
-    outputs : tuple of str
-        Measured states among the outputs, in the order of the columns of L; the sensor comes after them.
-    L : ndarray, shape (n, r)
-        The gain, [state unit / (output unit s)].
-    epsilon : tuple of float
-        eps_1, eps_2 of Theorem 1.
-    bounds : mapping of str to tuple of (float, float)
-        Ranges of the scheduling parameters that no temperature gives, in order, by the drive that they were seen on.
-    surfaces : mapping of str to tuple of float
-        Coefficients of Eq. (37) of the maps, [kg/s] over the units of the axes, by where they are printed.
-    remark : str
-        What is to be said of these maps beside others.
-    errors : mapping of str to float
-        Mean relative errors that are printed for maps, by cycle.
-    """
-
-    source: str
+    source: str  # where the gain is printed
+    # measured states among the outputs, in the order of the columns of L; the sensor comes after them
     outputs: tuple[str, ...]
-    L: Array
-    epsilon: tuple[float, float]
+    L: Array  # (n, r) the gain, [state unit / (output unit s)]
+    epsilon: tuple[float, float]  # eps_1, eps_2 of Theorem 1
+    # ranges of the scheduling parameters that no temperature gives, in order, by the drive that they were seen on
     bounds: Mapping[str, tuple[tuple[float, float], ...]]
+    # a_2, a_1, b_2, b_1, c_2, c_1 of the maps, [kg/s] over the units of the axes, by where they are printed
     surfaces: Mapping[str, tuple[float, ...]]
-    remark: str
-    errors: Mapping[str, float]
+    remark: str  # what is to be said of these maps beside others
+    errors: Mapping[str, float]  # mean relative errors that are printed for maps, by cycle
 
     def hull(self) -> tuple[tuple[float, float], ...]:
         """Return the smallest box around the bounds of all drives."""
@@ -237,44 +169,25 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class EngineKind:
-    """All that the rest of the package knows of a kind of engine: its folder exports one of these, the registry lists it.
+    """All that the rest of the package knows of a kind of engine: its folder exports one of these, the registry lists it."""
 
-    Attributes
-    ----------
-    air_path : class
-        The LPV system with its channels, states, parameters, balances and map axes, and whether it learns.
-    tables : mapping of str to class
-        Records of the configuration's tables whose keys are this engine's own: `engine`, and further ones.
-    recorded : mapping of str to Recorded
-        Under which names foreign recordings hold its channels, beside those of `COMMON`.
-    example : str
-        The shipped, commented configuration, a name in `configs`.
-    residual_model : callable
-        The engine as the closed loop sees it, from the configuration, the air path with what it has learned, the errors of the
-        healthy engine, and the digests of the logs that taught it.
-    errors : callable, optional
-        Those errors, from the configuration's `[engine]` and healthy logs; for an engine that learns.
-    plant : str
-        What simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does.
-    published : Published, optional
-        A printed gain for it.
-    known_drive : callable, optional
-        A log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a function of
-        the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`.
-    suspects : Suspects
-        What its logs are tried for beyond impossible readings.
-    """
-
+    # the LPV system with its channels, states, parameters, balances and map axes, and whether it learns
     air_path: type[AirPath]
+    # records of the configuration's tables whose keys are this engine's own: `engine`, and further ones
     tables: Mapping[str, type]
-    recorded: Mapping[str, Recorded]
-    example: str
+    recorded: Mapping[str, Recorded]  # under which names foreign recordings hold its channels, beside those of `COMMON`
+    example: str  # the shipped, commented configuration, a name in `configs`
+    # the engine as the closed loop sees it, from the configuration, the air path with what it has learned, the errors
+    # of the healthy engine, and the digests of the logs that taught it
     residual_model: Callable[[Any, AirPath, HealthyErrors | None, Collection[str]], ResidualModel]
+    # those errors, from the configuration's `[engine]` and healthy logs; for an engine that learns
     errors: Callable[[Any, Sequence[Log]], HealthyErrors] | None = None
-    plant: str = ""
-    published: Published | None = None
+    plant: str = ""  # what simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does
+    published: Published | None = None  # a printed gain for it
+    # a log by formula, for the self-test: takes the configuration's `[engine]` and the sensor's error [kg/s] as a
+    # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
-    suspects: Suspects = NONE_SUSPECTED
+    suspects: Suspects = NONE_SUSPECTED  # what its logs are tried for beyond impossible readings
 
     @property
     def name(self) -> str:

@@ -21,31 +21,16 @@ LEAST_FILLED = 0.7
 
 @dataclass(frozen=True)
 class Blocks:
-    """How N samples fall into B blocks; none spans a gap.
+    """How N samples fall into B blocks; none spans a gap."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (B,)
-        [s], middle of each block since the start of the log.
-    length : float
-        [s]
-    samples : ndarray of int, shape (n,)
-        The samples that lie in a block, and
-    block : ndarray of int, shape (n,)
-        the block of each.
-    edges : ndarray, shape (2, B)
-        [s], on the log's own clock: the times that the differences of a rate belong to, half a sample before the first and
-        after the last sample of the block.
-    clock : ndarray, shape (N,)
-        [s], the log's own clock.
-    """
-
-    time: Array
-    length: float
-    samples: NDArray[np.int64]
-    block: NDArray[np.int64]
+    time: Array  # (B,) [s], middle of each block since the start of the log
+    length: float  # [s]
+    samples: NDArray[np.int64]  # (n,) the samples that lie in a block, and
+    block: NDArray[np.int64]  # (n,) the block of each
+    # (2, B) [s], on the log's own clock: the times that the differences of a rate belong to, half a sample before the
+    # first and after the last sample of the block
     edges: Array
-    clock: Array
+    clock: Array  # (N,) [s], the log's own clock
 
     @property
     def count(self) -> int:

@@ -23,23 +23,16 @@ class Within:
     The bounds are wide: from the smallest engine of one cylinder to one of 200 litres. They catch a unit or a slip, not a constant
     that is off; how far the balances agree tells of that.
 
-    Attributes
-    ----------
-    low, high : float
-        [unit]
-    what : str
-        The quantity, for people.
-
     Examples
     --------
     >>> Within(1e-4, 0.2, "m^3", "displacement").complaint(1.9)
     '1.9 m^3 is no displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?'
     """
 
-    low: float
-    high: float
+    low: float  # [unit]
+    high: float  # [unit]
     unit: str
-    what: str
+    what: str  # the quantity, for people
 
     def complaint(self, value: float) -> str | None:
         """Return what is wrong with a value, and what was probably meant; None for a possible one."""

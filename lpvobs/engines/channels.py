@@ -6,38 +6,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel that the engine's air path needs.
+    """A channel that the engine's air path needs."""
 
-    Attributes
-    ----------
-    unit : str
-        The unit of the contract; readers convert to it.
-    low, high : float
-        What a working sensor can read at all, in that unit; a sample outside is a defect.
-    typical : tuple of float
-        Range in which the median of a whole log lies; outside, the unit or the sign is wrong.
-    meaning : str
-        For people.
-    still : float
-        [s], longest time that a working sensor may stand exactly still while the engine moves; infinite for what may rest
-        for a whole log, such as a valve or the weather.
-    above : tuple of str and float, optional
-        A channel that this one does not fall below by more than so much, in a healthy engine.
-    reaches : float
-        What some sample of every log reaches.
-    follows : tuple of str
-        Channels of which a connected sensor follows at least one while they move.
-    """
-
-    unit: str
-    low: float
+    unit: str  # the unit of the contract; readers convert to it
+    low: float  # what a working sensor can read at all; a sample outside is a defect
     high: float
+    # range in which the median of a whole log lies; outside, the unit or the sign is wrong
     typical: tuple[float, float]
-    meaning: str
+    meaning: str  # for people
+    # [s], longest time that a working sensor may stand exactly still while the engine moves; infinite for what may rest
+    # for a whole log, such as a valve or the weather
     still: float = math.inf
+    # a channel that this one does not fall below by more than so much, in a healthy engine
     above: tuple[str, float] | None = None
-    reaches: float = -math.inf
-    follows: tuple[str, ...] = ()
+    reaches: float = -math.inf  # what some sample of every log reaches
+    follows: tuple[str, ...] = ()  # channels of which a connected sensor follows at least one while they move
 
 
 AMBIENT: dict[str, Channel] = {
@@ -49,25 +32,14 @@ AMBIENT: dict[str, Channel] = {
 
 @dataclass(frozen=True)
 class Recorded:
-    """How recordings of other programs hold a channel.
+    """How recordings of other programs hold a channel."""
 
-    Attributes
-    ----------
-    unit : str
-        In the log.
-    typical : tuple of float
-        [unit], where the median of a drive lies; narrower than `Channel.typical`, because it has to tell units apart.
-    units : tuple of str
-        What recordings write it in, where they do not say.
-    strong, weak : str
-        Regular expressions for names in lower-case words: those that mean this channel alone, and those that may.
-    """
-
-    unit: str
+    unit: str  # in the log
+    # [unit], where the median of a drive lies; narrower than `Channel.typical`, because it has to tell units apart
     typical: tuple[float, float]
-    units: tuple[str, ...]
-    strong: str
-    weak: str = r"(?!)"
+    units: tuple[str, ...]  # what recordings write it in, where they do not say
+    strong: str  # regular expression for names in lower-case words that mean this channel alone
+    weak: str = r"(?!)"  # the same for names that may mean it
 
 
 PRESSURE, TEMPERATURE, SPEED, SHARE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC"), ("rpm", "rad/s"), ("%", "1")

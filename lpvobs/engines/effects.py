@@ -31,34 +31,17 @@ ALTITUDE = "drives at other ambient pressures or temperatures"
 
 @dataclass(frozen=True)
 class Signals:
-    """All that the balances are computed from, in C columns.
+    """All that the balances are computed from, in C columns."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (C,)
-        [s] since the start of the log.
-    clock : ndarray, shape (C,)
-        [s], the same where there is one log; further logs follow with a pause.
-    value, rate : mapping of str to ndarray, shape (C,)
-        Channels, and their time derivatives.
-    lacks : ndarray, shape (l, C)
-        Sizes of the leaks and factors that the engine's model lacks, in the order of `ResidualModel.lacks`.
-    later : callable
-        Returns the reading of the sensor under test some time [s] later, shape (C,).
-    slow : callable
-        Returns the rate of a channel by name through a wide window, shape (C,).
-    constants : object
-        The engine's constants at the current point of the model.
-    """
-
-    time: Array
-    clock: Array
-    value: Mapping[str, Array]
-    rate: Mapping[str, Array]
+    time: Array  # (C,) [s] since the start of the log
+    clock: Array  # (C,) [s], the same where there is one log; further logs follow with a pause
+    value: Mapping[str, Array]  # (C,) channels
+    rate: Mapping[str, Array]  # (C,) their time derivatives
+    # (l, C) sizes of the leaks and factors that the engine's model lacks, in the order of `ResidualModel.lacks`
     lacks: Array
-    later: Callable[[float], Array]
-    slow: Callable[[str], Array]
-    constants: Any
+    later: Callable[[float], Array]  # returns the reading of the sensor under test some time [s] later, shape (C,)
+    slow: Callable[[str], Array]  # returns the rate of a channel by name through a wide window, shape (C,)
+    constants: Any  # the engine's constants at the current point of the model
 
     def __getitem__(self, channel: str) -> Array:
         """Return the values of one channel, shape (C,)."""
@@ -90,45 +73,22 @@ Change = Callable[[Signals, Any], Signals]
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect that a model may lack, with one parameter.
+    """One effect that a model may lack, with one parameter."""
 
-    Attributes
-    ----------
-    id, parameter, unit : str
-        As in the contract.
-    null : float
-        The parameter's value when the effect is absent.
-    size : float
-        A noticeable change of the parameter. It sets the step of difference quotients.
-    low, high : float
-        Range in which the parameter is sought.
-    place : str
-        Where it acts; `sensor` for what changes the readings of the sensor under test and nothing else.
-    apply : callable
-        Returns the signals corrected for the effect, or with the effect in the balances.
-    drive : str
-        The kind of drive that separates it from similar effects.
-    in_map : bool
-        Whether a map made from the same log contains it when it is there from the first to the last sample.
-    moves_point : bool
-        Whether it changes the operating point at which the map is read.
-    needs : tuple of str
-        Channels without which a log cannot show it.
-    """
-
-    id: str
+    id: str  # as in the contract, like parameter and unit
     parameter: str
     unit: str
-    null: float
-    size: float
-    low: float
+    null: float  # the parameter's value when the effect is absent
+    size: float  # a noticeable change of the parameter; it sets the step of difference quotients.
+    low: float  # range in which the parameter is sought
     high: float
-    place: str
-    apply: Change
-    drive: str
+    place: str  # where it acts; `sensor` for what changes the readings of the sensor under test and nothing else
+    apply: Change  # returns the signals corrected for the effect, or with the effect in the balances
+    drive: str  # the kind of drive that separates it from similar effects
+    # whether a map made from the same log contains it when it is there from the first to the last sample
     in_map: bool = False
-    moves_point: bool = False
-    needs: tuple[str, ...] = ()
+    moves_point: bool = False  # whether it changes the operating point at which the map is read
+    needs: tuple[str, ...] = ()  # channels without which a log cannot show it
 
 
 def gain(channel: str) -> Change:

@@ -24,27 +24,13 @@ QUANTILES = (0.3, 0.6, 0.85)
 
 @dataclass(frozen=True)
 class HealthyErrors:
-    """What held-out blocks of healthy logs show, B balances, C classes of transience.
+    """What held-out blocks of healthy logs show, B balances, C classes of transience."""
 
-    Attributes
-    ----------
-    bounds : ndarray, shape (C - 1,)
-        Of the classes, in the unit of `transience_of`.
-    scale : ndarray, shape (C, B)
-        Scale of the errors of each balance.
-    together : ndarray, shape (B, B)
-        Second moments of the errors over their scales.
-    slow : ndarray, shape (B,)
-        Standard deviation of the part that lasts for minutes.
-    rms : ndarray, shape (B,)
-        Of each balance, over all blocks that count.
-    """
-
-    bounds: Array
-    scale: Array
-    together: Array
-    slow: Array
-    rms: Array
+    bounds: Array  # (C - 1,) of the classes, in the unit of `transience_of`
+    scale: Array  # (C, B) scale of the errors of each balance
+    together: Array  # (B, B) second moments of the errors over their scales
+    slow: Array  # (B,) standard deviation of the part that lasts for minutes
+    rms: Array  # (B,) of each balance, over all blocks that count
 
     def scales(self, transience: Array) -> Array:
         """Return the scale of every balance in blocks of some transience, shape (B, K)."""

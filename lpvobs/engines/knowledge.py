@@ -20,24 +20,14 @@ class Nodes:
 
 @dataclass(frozen=True)
 class LearnedCurve:
-    """A curve or surface between nodes.
+    """A curve or surface between nodes."""
 
-    Attributes
-    ----------
-    axes : mapping of str to Nodes
-        By name, in the order of the axes of `values`.
-    name, unit, meaning : str
-        Of the values.
-    values, relative_error : ndarray
-        At the nodes, and their standard errors over them.
-    """
-
-    axes: Mapping[str, Nodes]
-    name: str
+    axes: Mapping[str, Nodes]  # by name, in the order of the axes of `values`
+    name: str  # of the values, like unit and meaning
     unit: str
     meaning: str
-    values: Array
-    relative_error: Array
+    values: Array  # at the nodes
+    relative_error: Array  # their standard errors over them
 
 
 @dataclass(frozen=True)
@@ -51,22 +41,13 @@ class LearnedNumber:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All that was learned.
+    """All that was learned."""
 
-    Attributes
-    ----------
-    curves : mapping of str to LearnedCurve
-        By component.
-    covariance : ndarray, shape (m, m)
-        Of the relative deviations of all nodes of the curves, row by row, then of some of the numbers.
-    sources : tuple of str
-        Names of the logs.
-    """
-
-    curves: Mapping[str, LearnedCurve]
+    curves: Mapping[str, LearnedCurve]  # by component
     numbers: Mapping[str, LearnedNumber]
+    # (m, m) of the relative deviations of all nodes of the curves, row by row, then of some of the numbers
     covariance: Array
-    sources: tuple[str, ...]
+    sources: tuple[str, ...]  # names of the logs
 
     def digest(self) -> str:
         """Return the SHA-256 of all values and their covariance."""

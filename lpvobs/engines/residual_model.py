@@ -20,32 +20,20 @@ from lpvobs.records import Array, Log
 
 @dataclass(frozen=True)
 class Level:
-    """What differs from one day to another without being a fault: an unknown of its own for every log.
+    """What differs from one day to another without being a fault: an unknown of its own for every log."""
 
-    Attributes
-    ----------
-    name : str
-        A balance, whose level it is, or an effect of the catalogue, of which every day has a little.
-    deviation : float
-        Standard deviation between days, in the unit of the balance's residual or of the effect's parameter.
-    """
-
-    name: str
+    name: str  # a balance, whose level it is, or an effect of the catalogue, of which every day has a little
     unit: str
+    # standard deviation between days, in the unit of the balance's residual or of the effect's parameter
     deviation: float
 
 
 @dataclass(frozen=True)
 class DayToDay:
-    """The configuration's `[trace]`.
+    """The configuration's `[trace]`."""
 
-    Attributes
-    ----------
-    levels : mapping of str to float
-        What may differ from one day to another without being a fault, by the name of a balance or of an effect: standard
-        deviations, in the unit of the balance's residual or of the effect's parameter.
-    """
-
+    # what may differ from one day to another without being a fault, by the name of a balance or of an effect: standard
+    # deviations, in the unit of the balance's residual or of the effect's parameter
     levels: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -67,79 +55,46 @@ class ResidualModel:
     """The balances of one engine, with everything that may move them.
 
     K places are instants, whose signals are looked at twice (2K columns), or blocks of samples (`blocks`).
-
-    Attributes
-    ----------
-    balances : tuple of str
-        B balances.
-    unit : str
-        Of the residual: `kg/s`, or `1` for residuals relative to the flow.
-    channels : tuple of str
-        Those that the balances are computed from, the sensor among them.
-    moving : tuple of str
-        Those whose fast changes blur the balances.
-    fuel, speed : str
-        Channels of the map's axes.
-    lacks : tuple of float
-        l sizes of an engine in order.
-    constants : object
-        The engine's, at the prior mean.
-    names : tuple of str
-        q unknowns of the engine: relative deviations of constants, or of nodes of learned curves.
-    covariance : ndarray, shape (q, q)
-        Their prior.
-    with_unknowns : callable
-        The constants from deviations of shape (q,).
-    imbalances : callable
-        What is left of each balance, shape (B, 2K) or (B, K), from constants, signals and blocks.
-    by_reading : callable
-        Derivative of the imbalances by the reading of the sensor, shape (B, K), from constants, signals and blocks.
-    shown : callable
-        Which balances count where, shape (B, K), from signals and blocks: a channel may be missing, a condition not met.
-    further : callable
-        What sizes of the engine's lacks add to the flow of each of `LPV` balances, shape (b, N) [kg/s], and to the state
-        equation, shape (n, N), from constants and signals of N samples.
-    catalogue : tuple of Effect
-        In the order in which effects are undone: what came last on its way into the log comes first.
-    carriers : tuple of str
-        Effects of the catalogue that a logged channel may drive; their `apply` takes a size per column, too.
-    blocks : bool
-        Whether places are blocks of seconds. Where curves are learned, what is left is model error that lasts for seconds, and a
-        sample says little that its neighbour does not; where constants are known, noise is left, and an instant counts.
-    by_unknowns : callable or None
-        Derivatives of the imbalances by the unknowns, shape (q, B, K), from constants, signals and blocks; None for difference
-        quotients.
-    blur : callable or None
-        Further standard deviation of the residual, shape (B, K), from constants, signals and blocks.
-    beyond : callable or None
-        What an engine that was learned without each place in turn says beyond this one, shape (B, K), from logs, signals and
-        blocks: what a log has taught fits it better than any other log.
-    healthy : HealthyErrors or None
-        How wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter.
     """
 
-    balances: tuple[str, ...]
-    unit: str
-    channels: tuple[str, ...]
-    moving: tuple[str, ...]
-    fuel: str
+    balances: tuple[str, ...]  # B balances
+    unit: str  # of the residual: `kg/s`, or `1` for residuals relative to the flow
+    channels: tuple[str, ...]  # those that the balances are computed from, the sensor among them
+    moving: tuple[str, ...]  # those whose fast changes blur the balances
+    fuel: str  # channels of the map's axes
     speed: str
-    lacks: tuple[float, ...]
-    constants: Any
-    names: tuple[str, ...]
-    covariance: Array
-    with_unknowns: Callable[[Array], Any]
+    lacks: tuple[float, ...]  # l sizes of an engine in order
+    constants: Any  # the engine's, at the prior mean
+    names: tuple[str, ...]  # q unknowns of the engine: relative deviations of constants, or of nodes of learned curves
+    covariance: Array  # (q, q) their prior
+    with_unknowns: Callable[[Array], Any]  # the constants from deviations of shape (q,)
+    # what is left of each balance, shape (B, 2K) or (B, K), from constants, signals and blocks
     imbalances: Callable[[Any, Signals, Blocks | None], Array]
+    # derivative of the imbalances by the reading of the sensor, shape (B, K), from constants, signals and blocks
     by_reading: Callable[[Any, Signals, Blocks | None], Array]
+    # which balances count where, shape (B, K), from signals and blocks: a channel may be missing, a condition not met
     shown: Callable[[Signals, Blocks | None], NDArray[np.bool_]]
+    # what sizes of the engine's lacks add to the flow of each of `LPV` balances, shape (b, N) [kg/s], and to the state
+    # equation, shape (n, N), from constants and signals of N samples
     further: Callable[[Any, Signals], tuple[Array, Array]]
+    # in the order in which effects are undone: what came last on its way into the log comes first
     catalogue: tuple[Effect, ...]
+    # effects of the catalogue that a logged channel may drive; their `apply` takes a size per column, too
     carriers: tuple[str, ...]
+    # Whether places are blocks of seconds. Where curves are learned, what is left is model error that lasts for
+    # seconds, and a sample says little that its neighbour does not; where constants are known, noise is left, and an
+    # instant counts.
     blocks: bool = False
     levels: tuple[Level, ...] = ()
+    # derivatives of the imbalances by the unknowns, shape (q, B, K), from constants, signals and blocks; None for
+    # difference quotients
     by_unknowns: Callable[[Any, Signals, Blocks | None], Array] | None = None
+    # further standard deviation of the residual, shape (B, K), from constants, signals and blocks
     blur: Callable[[Any, Signals, Blocks | None], Array] | None = None
+    # what an engine that was learned without each place in turn says beyond this one, shape (B, K), from logs, signals
+    # and blocks: what a log has taught fits it better than any other log
     beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
+    # how wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter
     healthy: HealthyErrors | None = None
 
     @property

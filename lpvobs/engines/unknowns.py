@@ -16,28 +16,16 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A correction that a component of the engine may need.
-
-    Attributes
-    ----------
-    name, unit, meaning : str
-    deviation : float
-        Standard deviation of the correction before any data, at amplitude one.
-    group : str
-        Components of a group share the amplitude that is found from the data; empty where the deviation is what it is.
-    axes : mapping of str to Nodes
-        Inputs by name; none for a single number.
-    lengths : tuple of float
-        Over which values are correlated, in the unit of each axis.
-    """
+    """A correction that a component of the engine may need."""
 
     name: str
     unit: str
     meaning: str
-    deviation: float
+    deviation: float  # standard deviation of the correction before any data, at amplitude one
+    # components of a group share the amplitude that is found from the data; empty where the deviation is what it is
     group: str = ""
-    axes: Mapping[str, Nodes] = field(default_factory=dict)
-    lengths: tuple[float, ...] = ()
+    axes: Mapping[str, Nodes] = field(default_factory=dict)  # inputs by name; none for a single number
+    lengths: tuple[float, ...] = ()  # over which values are correlated, in the unit of each axis
 
     @property
     def size(self) -> int:
@@ -60,21 +48,11 @@ class Component:
 
 @dataclass(frozen=True)
 class Correction:
-    """How a component's correction moves a balance at n places.
+    """How a component's correction moves a balance at n places."""
 
-    Attributes
-    ----------
-    balance : int or None
-        None for every balance: what the sensor itself does.
-    scale : ndarray, shape (n,)
-        [kg/s per unit of the component], what a correction of one adds to the flow.
-    weights : tuple
-        Nodes and their shares at each place; None for a single number.
-    """
-
-    balance: int | None
-    scale: Array
-    weights: Weights | None = None
+    balance: int | None  # None for every balance: what the sensor itself does
+    scale: Array  # (n,) [kg/s per unit of the component], what a correction of one adds to the flow
+    weights: Weights | None = None  # nodes and their shares at each place; None for a single number
 
     def columns(self, size: int) -> Array:
         """Return the derivative of the flow by each value, shape (n, size) [kg/s]."""
@@ -86,66 +64,36 @@ class Correction:
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """A flow that a bench may measure: that of a balance, or a part of it.
-
-    Attributes
-    ----------
-    name, column : str
-        Of the flow, and of its column in a bench table.
-    balance : int
-        Whose flow it is, or which it lowers as a part.
-    without : mapping of str to float
-        Values of channels at which the part is away; empty for the whole balance.
-    relative, absolute : float
-        Standard deviation of its measurement, [-] and [kg/s].
-    """
+    """A flow that a bench may measure: that of a balance, or a part of it."""
 
     name: str
-    column: str
-    balance: int
-    without: Mapping[str, float]
-    relative: float
-    absolute: float
+    column: str  # of a bench table
+    balance: int  # whose flow it is, or which it lowers as a part
+    without: Mapping[str, float]  # values of channels at which the part is away; empty for the whole balance
+    relative: float  # standard deviation of its measurement, over the flow
+    absolute: float  # [kg/s], added to it
 
 
 @dataclass(frozen=True)
 class Caution:
-    """How much balances can be relied on at n places.
+    """How much balances can be relied on at n places."""
 
-    Attributes
-    ----------
-    trust : ndarray, shape (B, n)
-        Weight of the balance, above 0 and up to 1: less where noise or an unknown constant moves a flow by more than its slope.
-    bias : ndarray, shape (B, n)
-        [kg/s], mean error that the noise of the signals makes in the flow, by its curvature.
-    """
-
+    # (B, n) weight of the balance, above 0 and up to 1: less where noise or an unknown constant moves a flow by more
+    # than its slope
     trust: Array
-    bias: Array
+    bias: Array  # (B, n) [kg/s], mean error that the noise of the signals makes in the flow, by its curvature
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """The unknowns of an engine with their prior.
+    """The unknowns of an engine with their prior."""
 
-    Attributes
-    ----------
-    constants : tuple of str
-        Their relative deviations, from the configured values or from where the engine is linearised, come first.
-    components : tuple of Component
-        Whose values follow.
-    mean : ndarray, shape (q,)
-    covariance : ndarray, shape (q, q)
-        At amplitude one of every group.
-    learned : bool
-        Whether a calibration has found them: amplitudes are part of the covariance then.
-    """
-
+    # their relative deviations, from the configured values or from where the engine is linearised, come first
     constants: tuple[str, ...]
-    components: tuple[Component, ...]
-    mean: Array
-    covariance: Array
-    learned: bool = False
+    components: tuple[Component, ...]  # whose values follow
+    mean: Array  # (q,)
+    covariance: Array  # (q, q) at amplitude one of every group
+    learned: bool = False  # whether a calibration has found them: amplitudes are part of the covariance then
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -23,46 +23,26 @@ SEEN = 0.1
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """A map on the nodes of a grid.
-
-    Attributes
-    ----------
-    axes : tuple of MapAxis
-        Fuel, speed.
-    values : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where there is none.
-    filled : ndarray of bool, shape (p_2, p_1)
-        Where the value is extrapolated.
-    """
+    """A map on the nodes of a grid."""
 
     grid: Grid
-    axes: tuple[MapAxis, MapAxis]
-    values: Array
-    filled: NDArray[np.bool_]
+    axes: tuple[MapAxis, MapAxis]  # fuel, speed
+    values: Array  # (p_2, p_1) [kg/s], NaN where there is none
+    filled: NDArray[np.bool_]  # (p_2, p_1) where the value is extrapolated
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The time series of a log, N samples.
+    """The time series of a log, N samples."""
 
-    Attributes
-    ----------
-    time, fuel, speed, measured : ndarray, shape (N,)
-        [s], the map's two inputs in their units, the sensor's reading [kg/s].
-    reference, true_flow : ndarray, shape (N,), or None
-        [kg/s], the sensor's true error and the true flow, where the log has them.
-    surface : SurfaceView or None
-        The bilinear map that fits the reference best, at the nodes that the drive informs.
-    """
-
-    time: Array
-    fuel: Array
-    speed: Array
-    measured: Array
+    time: Array  # (N,) [s]
+    fuel: Array  # (N,) the map's first input, in its unit
+    speed: Array  # (N,) the map's second input, in its unit
+    measured: Array  # (N,) [kg/s], the sensor's reading
     segments: tuple[tuple[int, int], ...]
-    reference: Array | None
-    true_flow: Array | None
-    surface: SurfaceView | None
+    reference: Array | None  # (N,) [kg/s], the sensor's true error, where the log has it
+    true_flow: Array | None  # (N,) [kg/s], where the log has it
+    surface: SurfaceView | None  # the bilinear map that fits the reference best, at the nodes that the drive informs
 
 
 @dataclass(frozen=True)
@@ -90,16 +70,11 @@ class ResultView:
 
 @dataclass(frozen=True)
 class Corrected:
-    """What one result does to one log.
-
-    Attributes
-    ----------
-    estimate : ndarray, shape (N,), or None
-        [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given.
-    """
+    """What one result does to one log."""
 
     result: ResultView
     summary: LogSummary
+    # (N,) [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given
     estimate: Array | None
 
 

@@ -23,24 +23,14 @@ GROUPS = {"refinement": "refine", "trace": "trace"}
 
 @dataclass(frozen=True)
 class Discovered:
-    """The outcome of one verb on one result.
+    """The outcome of one verb on one result."""
 
-    Attributes
-    ----------
-    verb : str
-        `refine` or `trace`.
-    content : mapping
-        The contract's JSON, `trace` without what comes after.
-    structure : mapping of str to Whiteness
-        `before` and `after`.
-    """
-
-    verb: str
-    content: Mapping[str, Any]
+    verb: str  # `refine` or `trace`
+    content: Mapping[str, Any]  # the contract's JSON, `trace` without what comes after
     portrait: Portrait | None
     ranking: tuple[Ranked, ...]
     left: Leftover | None
-    structure: Mapping[str, Whiteness]
+    structure: Mapping[str, Whiteness]  # `before` and `after`
 
     @property
     def refined(self) -> bool:

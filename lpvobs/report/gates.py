@@ -64,18 +64,12 @@ def parse_gate(expression: str) -> Gate:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One gate on one log.
-
-    Attributes
-    ----------
-    value : float or None
-        None where the log cannot have the metric.
-    """
+    """One gate on one log."""
 
     gate: Gate
     result: str
     log: str
-    value: float | None
+    value: float | None  # None where the log cannot have the metric
 
     @property
     def holds(self) -> bool:

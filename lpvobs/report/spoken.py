@@ -9,22 +9,12 @@ from lpvobs.report.numbers import with_interval
 
 @dataclass(frozen=True)
 class Phrase:
-    """The words for one parameter; `{}` stands for its size, `{name}` for the first half of the identifier.
+    """The words for one parameter; `{}` stands for its size, `{name}` for the first half of the identifier."""
 
-    Attributes
-    ----------
-    above, below : str
-        For values above and below that of no effect.
-    times : float
-        Factor on the difference from `null`, for the unit that the words name.
-    null : float
-        The value of no effect.
-    """
-
-    above: str
-    below: str
-    times: float = 1.0
-    null: float = 0.0
+    above: str  # for values above that of no effect
+    below: str  # for values below it
+    times: float = 1.0  # factor on the difference from `null`, for the unit that the words name
+    null: float = 0.0  # the value of no effect
 
 
 BY_KIND = {

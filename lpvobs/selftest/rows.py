@@ -6,29 +6,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    case : str
-        What is examined.
-    basis : str
-        Where the answer comes from.
-    expected, found : float
-        In `unit`; yes and no are one and zero.
-    tolerance : float
-        Largest difference that passes.
-    note : str
-        What went wrong, where no number came out at all.
-    """
-
-    case: str
-    basis: str
-    expected: float
+    case: str  # what is examined
+    basis: str  # where the answer comes from
+    expected: float  # in `unit`, like `found`; yes and no are one and zero
     found: float
-    tolerance: float
+    tolerance: float  # largest difference that passes
     unit: str = "1"
-    note: str = ""
+    note: str = ""  # what went wrong, where no number came out at all
 
     @property
     def passed(self) -> bool:

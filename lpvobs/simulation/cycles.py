@@ -36,47 +36,24 @@ LARGEST = 2**26
 
 @dataclass(frozen=True)
 class SpeedCycle:
-    """Vehicle speed over time.
+    """Vehicle speed over time."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (M,)
-        [s], increasing from zero.
-    speed : ndarray, shape (M,)
-        [m/s]
-    gear : ndarray of int, shape (M,), or None
-        Prescribed gear from 1; 0 where the table says neutral. None leaves the gear to the driver.
-    engaged : ndarray of bool, shape (M,), or None
-        Whether the clutch may transmit; a change of gear opens it all the same.
-    """
-
-    time: Array
-    speed: Array
+    time: Array  # (M,) [s], increasing from zero
+    speed: Array  # (M,) [m/s]
+    # (M,) prescribed gear from 1; 0 where the table says neutral. None leaves the gear to the driver.
     gear: NDArray[np.int64] | None
-    engaged: NDArray[np.bool_] | None
+    engaged: NDArray[np.bool_] | None  # (M,) whether the clutch may transmit; a change of gear opens it all the same
 
 
 @dataclass(frozen=True)
 class EngineCycle:
-    """Normalised engine speed and torque over time.
+    """Normalised engine speed and torque over time."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (M,)
-        [s], increasing from zero.
-    speed, torque : ndarray, shape (M,)
-        [%] between idle and reference speed, and of the full load at that speed.
-    motoring : ndarray of bool, shape (M,)
-        No fuel.
-    world_harmonised : bool
-        Whether the speed is normalised as in the WHTC; otherwise as in the ETC.
-    """
-
-    time: Array
-    speed: Array
-    torque: Array
-    motoring: NDArray[np.bool_]
-    world_harmonised: bool
+    time: Array  # (M,) [s], increasing from zero
+    speed: Array  # (M,) [%] between idle and reference speed
+    torque: Array  # (M,) [%] of the full load at that speed
+    motoring: NDArray[np.bool_]  # (M,) no fuel
+    world_harmonised: bool  # whether the speed is normalised as in the WHTC; otherwise as in the ETC
 
 
 def data_folder() -> Path:

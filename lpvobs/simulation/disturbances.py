@@ -32,28 +32,16 @@ FLANK = 0.25  # of an episode, in which a smooth one rises, and in which it fall
 
 @dataclass(frozen=True)
 class ChannelEffect:
-    """The reading depends on a logged auxiliary channel c.
+    """The reading depends on a logged auxiliary channel c."""
 
-    Attributes
-    ----------
-    channel : str
-        A name of `road.AUXILIARY`.
-    form : str
-        `additive`: + amplitude (c - reference), kg/s per unit. `gain`: x (1 + amplitude (c - reference)), per unit.
-        `rate`: + amplitude dc/dt, kg/s per unit/s. `switch`: + amplitude [kg/s] while c exceeds the threshold.
-    amplitude : float
-    reference, threshold : float, optional
-        In the channel's unit; its mean over the drive, and the middle of its range, unless given.
-    onset, end : float, optional
-        [s] as for `CatalogueEffect`.
-    """
-
-    channel: str
+    channel: str  # a name of `road.AUXILIARY`
+    # `additive`: + amplitude (c - reference), kg/s per unit. `gain`: x (1 + amplitude (c - reference)), per unit.
+    # `rate`: + amplitude dc/dt, kg/s per unit/s. `switch`: + amplitude [kg/s] while c exceeds the threshold.
     form: str
     amplitude: float
-    reference: float | None = None
-    threshold: float | None = None
-    onset: float | None = None
+    reference: float | None = None  # in the channel's unit; its mean over the drive unless given
+    threshold: float | None = None  # in the channel's unit; the middle of its range unless given
+    onset: float | None = None  # [s] as for `CatalogueEffect`
     end: float | None = None
 
     def __post_init__(self) -> None:
@@ -145,23 +133,12 @@ class Telegraph:
 
 @dataclass(frozen=True)
 class UnloggedEffect:
-    """The reading is disturbed by something that no log holds, which comes and goes.
+    """The reading is disturbed by something that no log holds, which comes and goes."""
 
-    Attributes
-    ----------
-    form : str
-        `additive`: + amplitude [kg/s]. `gain`: x (1 + amplitude).
-    amplitude : float
-    episodes : tuple of (start, stop), or Telegraph
-        [s]; at least two of them.
-    shape : str
-        `abrupt`, or `smooth`: rises and falls over a quarter of an episode each.
-    """
-
-    form: str
+    form: str  # `additive`: + amplitude [kg/s]. `gain`: x (1 + amplitude).
     amplitude: float
-    episodes: tuple[tuple[float, float], ...] | Telegraph
-    shape: str = "abrupt"
+    episodes: tuple[tuple[float, float], ...] | Telegraph  # [s]; at least two of them
+    shape: str = "abrupt"  # `abrupt`, or `smooth`: rises and falls over a quarter of an episode each
 
     def __post_init__(self) -> None:
         _check_form(self.id, self.form, UNLOGGED_FORMS)

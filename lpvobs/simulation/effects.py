@@ -18,24 +18,14 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Kind:
-    """An entry of the catalogue: its one parameter, and what a user may mean by it.
+    """An entry of the catalogue: its one parameter, and what a user may mean by it."""
 
-    Attributes
-    ----------
-    place : str
-        `plant`: the engine itself changes. `maf`: the air flow sensor. `sensor`: another one.
-    neutral : float
-        The value that changes nothing.
-    low, high : float
-        Beyond them the value is a slip of the pen or of the unit.
-    """
-
-    place: str
+    place: str  # `plant`: the engine itself changes. `maf`: the air flow sensor. `sensor`: another one.
     parameter: str
     unit: str
-    neutral: float
-    low: float
-    high: float
+    neutral: float  # the value that changes nothing
+    low: float  # a value below is a slip of the pen or of the unit
+    high: float  # as is one above
 
 
 CATALOGUE = {
@@ -75,25 +65,16 @@ class CatalogueEffect:
 
     Raises UsageError for an identifier, value or span of time that cannot be meant.
 
-    Attributes
-    ----------
-    id : str
-        Identifier of the catalogue.
-    value : float
-        Of its parameter, in the catalogue's unit.
-    onset, end : float, optional
-        [s] of the log; at work in onset <= time < end, from the first to the last sample unless given.
-
     Examples
     --------
     >>> CatalogueEffect("maf.lag", 0.08, onset=300.0).kind.parameter
     'tau'
     """
 
-    id: str
-    value: float
-    onset: float | None = None
-    end: float | None = None
+    id: str  # identifier of the catalogue
+    value: float  # of its parameter, in the catalogue's unit
+    onset: float | None = None  # [s] of the log: at work in onset <= time < end
+    end: float | None = None  # [s]; without them from the first to the last sample
 
     def __post_init__(self) -> None:
         kind = kind_of(self.id)

@@ -222,31 +222,19 @@ class Bump:
 class ErrorSurface:
     """The sensor's error over the operating point.
 
-    Attributes
-    ----------
-    kind : str
-        `quadratic`: Eq. (37) with `coefficients`, plus `bumps`. `king`: King's law of a hot film whose two constants have
-        aged, a function of the true flow. `zero`: a perfect sensor. `table`: bilinear over `u_delta` and `n_e`, held outside.
-    coefficients : tuple of float, length 6
-        a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37), kg/s over mg/cycle and rpm; those of Eq. (40) unless given.
-    bumps : tuple of Bump
-    offset, slope, exponent : float
-        (A' - A)/B [(kg/s)^exponent], B'/B [-] and n [-] of King's law.
-    u_delta, n_e : tuple of float
-        Axes of the table, mg/cycle and rpm.
-    values : tuple of rows
-        [kg/s], a row per n_e, a column per u_delta.
+    Kind `quadratic`: Eq. (37) with `coefficients`, those of Eq. (40) unless given, plus `bumps`. `king`: King's law of a hot film
+    whose two constants have aged, a function of the true flow. `zero`: a perfect sensor. `table`: bilinear, held outside its axes.
     """
 
     kind: str
-    coefficients: Row = EQUATION_40
+    coefficients: Row = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
     bumps: tuple[Bump, ...] = ()
-    offset: float = 0.0
-    slope: float = 1.0
-    exponent: float = 0.5
-    u_delta: Row = ()
-    n_e: Row = ()
-    values: tuple[Row, ...] = ()
+    offset: float = 0.0  # (A' - A)/B of King's law [(kg/s)^exponent]
+    slope: float = 1.0  # B'/B of King's law
+    exponent: float = 0.5  # n of King's law
+    u_delta: Row = ()  # mg/cycle, axis of the table
+    n_e: Row = ()  # rpm, axis of the table
+    values: tuple[Row, ...] = ()  # [kg/s], a row per n_e, a column per u_delta
 
     def __post_init__(self) -> None:
         _require(self.kind in SURFACE_KINDS, f"kind must be one of {', '.join(SURFACE_KINDS)}, not '{self.kind}'")

@@ -13,21 +13,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Simulator:
-    """A plant that drives cycles and stands on a test bench.
+    """A plant that drives cycles and stands on a test bench."""
 
-    Attributes
-    ----------
-    parameters : class
-        Record of the configuration's `[simulation]`.
-    run : callable
-        Takes what `lpvobs.simulation.simulate.simulate` takes, from the configuration's `[engine]` on.
-    bench : callable
-        Takes what `lpvobs.simulation.stationary.bench` takes.
-    """
-
-    parameters: type
+    parameters: type  # record of the configuration's `[simulation]`
+    # takes what `lpvobs.simulation.simulate.simulate` takes, from the configuration's `[engine]` on
     run: Callable[..., "SimulatedLog"]
-    bench: Callable[..., "BenchTable"]
+    bench: Callable[..., "BenchTable"]  # takes what `lpvobs.simulation.stationary.bench` takes
 
 
 def _nine_states(*arguments: Any, **options: Any) -> "SimulatedLog":

@@ -61,22 +61,12 @@ class Auxiliary:
 
 @dataclass(frozen=True)
 class Road:
-    """What happens around the engine, at every action of its control, shape (M,).
+    """What happens around the engine, at every action of its control, shape (M,)."""
 
-    Attributes
-    ----------
-    p_amb, T_amb : ndarray
-        [Pa], [K] of the air that the engine takes in.
-    torque : ndarray
-        [Nm] that the air conditioning takes from the crankshaft.
-    channels : mapping of str to ndarray
-        True values of auxiliary channels, in the units of `AUXILIARY`.
-    """
-
-    p_amb: Array
-    T_amb: Array
-    torque: Array
-    channels: Mapping[str, Array]
+    p_amb: Array  # [Pa] of the air that the engine takes in
+    T_amb: Array  # [K] of the same
+    torque: Array  # [Nm] that the air conditioning takes from the crankshaft
+    channels: Mapping[str, Array]  # true values of auxiliary channels, in the units of `AUXILIARY`
 
 
 def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, heat: Array, seed: int) -> Road:

@@ -24,22 +24,12 @@ IDLING = 50.0  # rpm above idle speed, below which a likely vehicle stands
 
 @dataclass(frozen=True)
 class DriveCourse:
-    """The course of a drive and what a recorder could log along with it.
-
-    Attributes
-    ----------
-    period : float
-        [s] between its points.
-    channels : mapping of str to ndarray, shape (M,)
-        True auxiliary channels; none on the test bench.
-    logged : tuple of str
-        Those that the log will have.
-    """
+    """The course of a drive and what a recorder could log along with it."""
 
     course: Course
-    period: float
-    channels: Mapping[str, Array]
-    logged: tuple[str, ...]
+    period: float  # [s] between its points
+    channels: Mapping[str, Array]  # (M,) true auxiliary channels; none on the test bench
+    logged: tuple[str, ...]  # those that the log will have
 
     @property
     def duration(self) -> float:

@@ -19,21 +19,11 @@ from lpvobs.simulation.structure.pulses import rectified
 
 @dataclass(frozen=True)
 class Instruments:
-    """The sensors of a drive and what is wrong with them.
+    """The sensors of a drive and what is wrong with them."""
 
-    Attributes
-    ----------
-    surface : ErrorSurface
-        Of the air flow sensor's error.
-    R_a : float
-        [J/(kg K)]
-    step : float
-        [s] of the integrator.
-    """
-
-    surface: ErrorSurface
-    R_a: float
-    step: float
+    surface: ErrorSurface  # of the air flow sensor's error
+    R_a: float  # [J/(kg K)]
+    step: float  # [s] of the integrator
     effects: tuple[CatalogueEffect, ...]
     disturbances: tuple[ChannelEffect | UnloggedEffect, ...]
     structure: Structure

@@ -12,64 +12,39 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Air:
-    """The gas in the intake.
+    """The gas in the intake."""
 
-    Attributes
-    ----------
-    R_a : float
-        [J/(kg K)]
-    """
-
-    R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]
+    R_a: Annotated[float, Within(280, 300, "J/(kg K)", "gas constant of air")]  # [J/(kg K)]
     gamma_a: Annotated[float, Within(1.3, 1.42, "1", "ratio of heat capacities of air")]
 
 
 @dataclass(frozen=True)
 class IntakeGeometry:
-    """Sizes; the volumes are a first guess that a healthy log corrects.
+    """Sizes; the volumes are a first guess that a healthy log corrects."""
 
-    Attributes
-    ----------
-    V_d : float
-        [m^3], displacement. Where it is not known, any value of the right size: only eta_vol V_d enters.
-    V_ic, V_im : float
-        [m^3], between compressor and throttle, and behind the throttle.
-    volume_tolerance : float
-        Standard deviation of the guess, as a fraction of it.
-    """
-
+    # [m^3], displacement. Where it is not known, any value of the right size: only eta_vol V_d enters.
     V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
     n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
-    V_ic: Annotated[float, Within(1e-4, 0.5, "m^3", "volume before a throttle")]
-    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
+    V_ic: Annotated[float, Within(1e-4, 0.5, "m^3", "volume before a throttle")]  # behind the compressor
+    V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]  # behind the throttle
+    # standard deviation of the guess, as a fraction of it
     volume_tolerance: Annotated[float, Within(1e-3, 10, "1", "tolerance of a guessed volume")]
 
 
 @dataclass(frozen=True)
 class CurveNodes:
-    """Where the curves of the engine have their nodes, and how smooth they are believed to be.
+    """Where the curves of the engine have their nodes, and how smooth they are believed to be."""
 
-    Attributes
-    ----------
-    alpha_th : tuple of float
-        [%], of the throttle's effective area.
-    n_e, p_im : tuple of float
-        [rpm], [Pa], of the volumetric efficiency.
-    m_f, fuel_n_e : tuple of float
-        [1], [rpm], of the air per unit of the fuel reading.
-    curvature : float
-        Standard deviation of the relative second difference of throttle and filling from node to node.
-    fuel_curvature : float
-        The same of the fuel, about the straight line of an injector with a dead time. Mixtures that are not stoichiometric
-        depend on more than fuel and speed: a loose surface would take them for the engine.
-    """
-
+    # of the throttle's effective area
     alpha_th: Annotated[tuple[float, ...], Within(-5, 105, "%", "opening of a throttle")]
-    n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]
-    p_im: Annotated[tuple[float, ...], Within(1e3, 6e5, "Pa", "pressure of a manifold")]
-    m_f: Annotated[tuple[float, ...], Within(-1.0, 1e4, "1", "fuel reading")]
-    fuel_n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]
+    n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]  # of the volumetric efficiency
+    p_im: Annotated[tuple[float, ...], Within(1e3, 6e5, "Pa", "pressure of a manifold")]  # of the same
+    m_f: Annotated[tuple[float, ...], Within(-1.0, 1e4, "1", "fuel reading")]  # of the air per unit of the reading
+    fuel_n_e: Annotated[tuple[float, ...], Within(0, 2e4, "rpm", "engine speed")]  # of the same
+    # standard deviation of the relative second difference of throttle and filling from node to node
     curvature: Annotated[float, Within(1e-4, 100, "1", "curvature of a curve")]
+    # The same of the fuel, about the straight line of an injector with a dead time. Mixtures that are not
+    # stoichiometric depend on more than fuel and speed: a loose surface would take them for the engine.
     fuel_curvature: Annotated[float, Within(1e-4, 100, "1", "curvature of a curve")]
 
     def __post_init__(self) -> None:
@@ -90,34 +65,17 @@ class ThrottledEngine:
 
 @dataclass(frozen=True)
 class Learned:
-    """A throttled engine as a healthy log shows it.
+    """A throttled engine as a healthy log shows it."""
 
-    Attributes
-    ----------
-    area : ndarray, shape (J,)
-        [m^2], effective area of the throttle at the nodes of alpha_th.
-    eta_vol : ndarray, shape (I, K)
-        Volumetric efficiency at the nodes of n_e and p_im.
-    fuel : ndarray, shape (M, L)
-        [kg], air in a cylinder per unit of the fuel reading, at the nodes of m_f and n_e.
-    V_ic, V_im : float
-        [m^3]
-    covariance : ndarray, shape (m, m)
-        Of the relative deviations of area, eta_vol, fuel, V_ic and V_im, in this order, curves row by row.
-    sources : tuple of str
-        Names of the logs.
-    calm_flow : float
-        [kg/s], below which the air before the throttle is at ambient pressure.
-    """
-
-    area: Array
-    eta_vol: Array
-    fuel: Array
-    V_ic: float
-    V_im: float
+    area: Array  # (J,) [m^2], effective area of the throttle at the nodes of alpha_th
+    eta_vol: Array  # (I, K) volumetric efficiency at the nodes of n_e and p_im
+    fuel: Array  # (M, L) [kg], air in a cylinder per unit of the fuel reading, at the nodes of m_f and n_e
+    V_ic: float  # [m^3]
+    V_im: float  # [m^3]
+    # (m, m) of the relative deviations of area, eta_vol, fuel, V_ic and V_im, in this order, curves row by row
     covariance: Array
-    sources: tuple[str, ...]
-    calm_flow: float
+    sources: tuple[str, ...]  # names of the logs
+    calm_flow: float  # [kg/s], below which the air before the throttle is at ambient pressure
 
     def moved(self, deviation: Array) -> "Learned":
         """Return other curves, by the relative deviation of each of their nodes, shape (m - 2,); the volumes stay."""
