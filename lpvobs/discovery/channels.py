@@ -15,23 +15,13 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Curve:
-    """A dependence on a channel, straight between knots.
-
-    Attributes
-    ----------
-    channel, of : str
-        Name, and `value` or `rate`.
-    carrier : str
-        Effect whose size follows it.
-    knots, values : ndarray, shape (k,)
-        The channel (or its rate), and the deviation of the carrier's size. The deviation is zero on the average of the logs; for a
-        switch and a frozen map it is zero where the switch is off.
-    """
+    """A dependence on a channel, straight between knots."""
 
     channel: str
-    of: str
-    carrier: str
-    knots: Array
+    of: str  # `value` or `rate`
+    carrier: str  # effect whose size follows it
+    knots: Array  # (k,) of the channel, or of its rate
+    # (k,) deviation of the carrier's size: zero on the average of the logs; for a switch and a frozen map where it is off
     values: Array
 
 

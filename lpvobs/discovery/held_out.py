@@ -30,42 +30,23 @@ HOW_WHOLE = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """Root mean square of a residual before and after.
+    """Root mean square of a residual before and after."""
 
-    Attributes
-    ----------
-    before, after, ratio : float
-        [kg/s], and after over before.
-    ratio_ci90 : tuple of float
-        90 % interval of the ratio, from a bootstrap of blocks.
-    """
-
-    before: float
-    after: float
+    before: float  # [kg/s]
+    after: float  # [kg/s]
     ratio: float
-    ratio_ci90: tuple[float, float]
+    ratio_ci90: tuple[float, float]  # 90 % interval of the ratio, from a bootstrap of blocks
 
 
 @dataclass(frozen=True)
 class Losses:
-    """Squared weighted residual of two models, K instants.
+    """Squared weighted residual of two models, K instants."""
 
-    Attributes
-    ----------
-    before, after : ndarray, shape (K,)
-    counted : ndarray of bool, shape (K,)
-        Instants that are judged; both losses are zero at the others.
-    coarse : ndarray of int, shape (K,)
-        Stretches that are taken as independent.
-    scale : float
-        [kg/s], turns them into a flow.
-    """
-
-    before: Array
-    after: Array
-    counted: NDArray[np.bool_]
-    coarse: NDArray[np.int64]
-    scale: float
+    before: Array  # (K,)
+    after: Array  # (K,)
+    counted: NDArray[np.bool_]  # (K,) instants that are judged; both losses are zero at the others
+    coarse: NDArray[np.int64]  # (K,) stretches that are taken as independent
+    scale: float  # [kg/s], turns them into a flow
 
     def comparison(self) -> Comparison:
         """Return the root mean squares and their ratio, NaN where no instant is judged."""

@@ -25,19 +25,12 @@ NINETY = 1.645
 
 @dataclass(frozen=True)
 class Span:
-    """Where an effect acts on one log.
-
-    Attributes
-    ----------
-    begin, end : float
-        [s] on the log's own time axis; infinite where it acts from the first or to the last sample, begin = end = inf where it
-        does not act at all.
-    """
+    """Where an effect acts on one log."""
 
     log: str
     sha256: str
-    begin: float
-    end: float
+    begin: float  # [s] on the log's own time axis; minus infinity where it acts from the first sample
+    end: float  # [s]; infinite where it acts to the last; begin = end = inf where it does not act at all
 
     @property
     def acts(self) -> bool:
@@ -47,17 +40,7 @@ class Span:
 
 @dataclass(frozen=True)
 class KnownEffect:
-    """One effect of a model.
-
-    Attributes
-    ----------
-    spans : tuple of Span
-        One for every log that it was estimated on or is known to be absent from.
-    lasting : bool
-        Whether it was there at the end of the last log, and therefore acts on logs that came later.
-    curve : Curve or None
-        For a channel: how the size of the carrier depends on it, at amplitude one, with rates per second.
-    """
+    """One effect of a model."""
 
     id: str
     place: str
@@ -65,8 +48,9 @@ class KnownEffect:
     unit: str
     value: float
     ci90: tuple[float, float]
-    spans: tuple[Span, ...]
-    lasting: bool
+    spans: tuple[Span, ...]  # one for every log that it was estimated on or is known to be absent from
+    lasting: bool  # whether it was there at the end of the last log, and therefore acts on logs that came later
+    # for a channel: how the size of the carrier depends on it, at amplitude one, with rates per second
     curve: Curve | None
 
     @property

@@ -35,49 +35,25 @@ class Frequency(TypedDict):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a log in which the residual is large.
-
-    Attributes
-    ----------
-    begin, end : float
-        [s] since the start of the log.
-    share : float
-        Of the residual's power above the median.
-    """
+    """A part of a log in which the residual is large."""
 
     log: str
-    begin: float
-    end: float
-    share: float
+    begin: float  # [s] since the start of the log
+    end: float  # [s]
+    share: float  # of the residual's power above the median
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """When, where and how fast a residual is, and what it follows.
+    """When, where and how fast a residual is, and what it follows."""
 
-    Attributes
-    ----------
-    stretches : tuple of Stretch
-        The strongest first, at most `MOST_NAMED`.
-    fuel, speed : tuple of float
-        Edges of the cell of the map with the largest mean square, in the units of the axes.
-    times_noise : float
-        That mean square over the median cell's.
-    half_power : float
-        [Hz] below which half of the power of the block sums lies.
-    balance : str
-        The balance in which most of it shows.
-    follows : mapping of str to float
-        Signals it is correlated with.
-    """
-
-    stretches: tuple[Stretch, ...]
-    fuel: tuple[float, float]
-    speed: tuple[float, float]
-    times_noise: float
-    half_power: float
-    balance: str
-    follows: Mapping[str, float]
+    stretches: tuple[Stretch, ...]  # the strongest first, at most `MOST_NAMED`
+    fuel: tuple[float, float]  # edges of the cell of the map with the largest mean square, in the units of the axes
+    speed: tuple[float, float]  # the same
+    times_noise: float  # that mean square over the median cell's
+    half_power: float  # [Hz] below which half of the power of the block sums lies
+    balance: str  # the balance in which most of it shows
+    follows: Mapping[str, float]  # signals it is correlated with
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""

@@ -24,54 +24,28 @@ class Linear:
     """A model at one point, and its derivatives there.
 
     n = p + q + terms unknowns; B balances; two views as mean and half difference.
-
-    Attributes
-    ----------
-    theta, beta : ndarray, shapes (p,), (q,)
-    nodes : tuple of ndarrays, shape (K, 4)
-    pinned : ndarray of bool, shape (q,)
-        Constants at the end of their tolerance that would leave it if they could.
-    noise : Noise
-        Whitened values are zero at places that are not used.
-    raw, residual : ndarray, shape (2, B, K)
-        In the model's unit, and whitened, there with what `curvature_bias` adds.
-    by_unknowns : ndarray, shape (q, 2, B, K)
-        Derivatives of the residual by the unknowns, perhaps taken at a nearby point.
-    columns : ndarray, shape (q + terms, 2, B, K)
-        Whitened derivatives of the residual by constants and effects.
-    mapped : ndarray, shape (B, K)
-        Whitened derivative of the residual by a shift of the map, with opposite sign.
-    dense : ndarray, shape (p, B, K), or None
-        The same for every node. It is needed where noise that is correlated in time spreads a node over all places; None where a
-        place sees the nodes of its cell alone.
-    normal : ndarray, shape (n, n)
-        Products of all columns with each other, and priors.
-    factor : ndarray, shape (n, n)
-        Its lower Cholesky factor.
-    gradient : ndarray, shape (n,)
-        Of half the sum of squares with priors.
-    newton_step : ndarray, shape (n,)
-        What the unknowns exceed the optimum of this linear model by: it is subtracted from them.
     """
 
     problem: Problem
     terms: tuple[Term, ...]
-    theta: Array
-    beta: Array
+    theta: Array  # (p,)
+    beta: Array  # (q,)
     scenes: tuple[Scene, ...]
-    nodes: Nodes
-    pinned: NDArray[np.bool_]
-    noise: Noise
-    raw: Array
-    residual: Array
-    by_unknowns: Array
-    columns: Array
-    mapped: Array
+    nodes: Nodes  # (K, 4)
+    pinned: NDArray[np.bool_]  # (q,) constants at the end of their tolerance that would leave it if they could
+    noise: Noise  # whitened values are zero at places that are not used
+    raw: Array  # (2, B, K) in the model's unit
+    residual: Array  # (2, B, K) whitened, with what `curvature_bias` adds
+    by_unknowns: Array  # (q, 2, B, K) derivatives of the residual by the unknowns, perhaps taken at a nearby point
+    columns: Array  # (q + terms, 2, B, K) whitened derivatives of the residual by constants and effects
+    mapped: Array  # (B, K) whitened derivative of the residual by a shift of the map, with opposite sign
+    # (p, B, K) The same for every node. It is needed where noise that is correlated in time spreads a node over all
+    # places; None where a place sees the nodes of its cell alone.
     dense: Array | None
-    normal: Array
-    factor: Array
-    gradient: Array
-    newton_step: Array
+    normal: Array  # (n, n) products of all columns with each other, and priors
+    factor: Array  # (n, n) its lower Cholesky factor
+    gradient: Array  # (n,) of half the sum of squares with priors
+    newton_step: Array  # (n,) what the unknowns exceed the optimum of this linear model by: it is subtracted from them
 
     @property
     def p(self) -> int:

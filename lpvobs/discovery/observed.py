@@ -38,27 +38,13 @@ BLUR = 0.378
 
 @dataclass(frozen=True)
 class Refined:
-    """The model as the observer has it.
+    """The model as the observer has it."""
 
-    Attributes
-    ----------
-    model : ResidualModel
-        With the constants of the refined engine.
-    air_path : AirPath
-        Of the same engine.
-    outputs : tuple of str
-        Measured states that correct the state.
-    L : ndarray, shape (n, r)
-        The last column zero.
-    smoothing : float
-        [s], as in the configuration.
-    """
-
-    model: ResidualModel
-    air_path: AirPath
-    outputs: tuple[str, ...]
-    L: Array
-    smoothing: float
+    model: ResidualModel  # with the constants of the refined engine
+    air_path: AirPath  # of the same engine
+    outputs: tuple[str, ...]  # measured states that correct the state
+    L: Array  # (n, r) the last column zero
+    smoothing: float  # [s], as in the configuration
     effects: tuple[KnownEffect, ...]
 
     @property

@@ -32,82 +32,45 @@ LEAST_PART = 0.05
 
 @dataclass(frozen=True)
 class Track:
-    """The residual along one log, in M columns.
-
-    Attributes
-    ----------
-    time : ndarray, shape (M,)
-        [s] since the start of the log, the middle of each column.
-    before, after : ndarray, shape (B, 2, M)
-        [kg/s], smallest and largest value of every balance.
-    judged : ndarray of bool, shape (M,)
-        Columns that the error before and after is computed from.
-    """
+    """The residual along one log, in M columns."""
 
     log: str
-    time: Array
-    before: Array
-    after: Array
-    judged: NDArray[np.bool_]
+    time: Array  # (M,) [s] since the start of the log, the middle of each column
+    before: Array  # (B, 2, M) [kg/s], smallest and largest value of every balance
+    after: Array  # (B, 2, M) [kg/s]
+    judged: NDArray[np.bool_]  # (M,) columns that the error before and after is computed from
 
 
 @dataclass(frozen=True)
 class Partial:
-    """The added-variable plot of one effect: map, constants and the other effects are projected out of both axes.
-
-    Attributes
-    ----------
-    regressor, residual : ndarray, shape (m,)
-        [standard deviations of the noise], some of the points.
-    binned : ndarray, shape (3, BINS)
-        Mean regressor, mean residual and its standard error of as many points each, of all points.
-    """
+    """The added-variable plot of one effect: map, constants and the other effects are projected out of both axes."""
 
     id: str
-    regressor: Array
-    residual: Array
+    regressor: Array  # (m,) [standard deviations of the noise], some of the points
+    residual: Array  # (m,) the same
+    # (3, BINS) mean regressor, mean residual and its standard error of as many points each, of all points
     binned: Array
 
 
 @dataclass(frozen=True)
 class Portrait:
-    """Data for the figures of a trace or a refinement, B balances.
-
-    Attributes
-    ----------
-    block : float
-        [s], length of the blocks whose sums are tested.
-    blocks : int
-        Number of these blocks.
-    frequency : ndarray, shape (F,)
-        [Hz]
-    spectrum : ndarray, shape (2, B, F)
-        [s], of the residual in units of its noise, before and after.
-    cumulated : ndarray, shape (2, B, P)
-        Cumulated periodogram of the block sums.
-    signals : tuple of str
-        S inputs and channels.
-    cross : ndarray, shape (2, S, 2 LAGS + 1)
-        Correlation with each, the strongest among the balances, for lags of -LAGS to LAGS blocks: positive where the residual
-        follows the signal.
-    cross_limit : ndarray, shape (2, S, 2 LAGS + 1)
-        Limit of white noise of the same uneven variance, for all lags and signals together.
-    effective : ndarray, shape (2, B)
-        Effective number of independent blocks.
-    """
+    """Data for the figures of a trace or a refinement, B balances."""
 
     balances: tuple[str, ...]
     tracks: tuple[Track, ...]
     partials: tuple[Partial, ...]
-    block: float
-    blocks: int
-    frequency: Array
-    spectrum: Array
-    cumulated: Array
-    signals: tuple[str, ...]
+    block: float  # [s], length of the blocks whose sums are tested
+    blocks: int  # number of these blocks
+    frequency: Array  # (F,) [Hz]
+    spectrum: Array  # (2, B, F) [s], of the residual in units of its noise, before and after
+    cumulated: Array  # (2, B, P) cumulated periodogram of the block sums
+    signals: tuple[str, ...]  # S inputs and channels
+    # (2, S, 2 LAGS + 1) correlation with each, the strongest among the balances, for lags of -LAGS to LAGS blocks:
+    # positive where the residual follows the signal
     cross: Array
+    # (2, S, 2 LAGS + 1) limit of white noise of the same uneven variance, for all lags and signals together
     cross_limit: Array
-    effective: Array
+    effective: Array  # (2, B) effective number of independent blocks
 
 
 def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:

@@ -15,18 +15,10 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class Excitation:
-    """How well a drive excites the map.
+    """How well a drive excites the map."""
 
-    Attributes
-    ----------
-    gram : ndarray, shape (p, p)
-        [s], the integral of Psi^T Psi over the drive.
-    cell_gram : ndarray, shape (p_2 - 1, p_1 - 1, 4, 4)
-        [s], the same for the local regressor Psi_l of each cell, over the time spent in that cell.
-    """
-
-    gram: Array
-    cell_gram: Array
+    gram: Array  # (p, p) [s], the integral of Psi^T Psi over the drive
+    cell_gram: Array  # (p_2 - 1, p_1 - 1, 4, 4) [s], of the local regressor Psi_l over the time spent in each cell
 
     def __add__(self, other: "Excitation") -> "Excitation":
         """Return the excitation of two drives together."""

@@ -17,18 +17,10 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of a map over the operating point v = (fuel, speed), in the paper (u_delta, n_e).
+    """Nodes of a map over the operating point v = (fuel, speed), in the paper (u_delta, n_e)."""
 
-    Attributes
-    ----------
-    fuel : ndarray, shape (p_1,)
-        Fuel axis, strictly increasing, in the unit of the engine's `axes`.
-    speed : ndarray, shape (p_2,)
-        Speed axis, strictly increasing, [rpm].
-    """
-
-    fuel: Array
-    speed: Array
+    fuel: Array  # (p_1,) fuel axis, strictly increasing, in the unit of the engine's `axes`
+    speed: Array  # (p_2,) speed axis, strictly increasing, [rpm]
 
     def __post_init__(self) -> None:
         for name, nodes in (("fuel", self.fuel), ("speed", self.speed)):

@@ -21,34 +21,17 @@ class Metrics:
 
     The paper does not define the mean relative error behind its 10.41 % and 5.28 %. Here: the mean of
     |estimate - reference| / |reference|, without samples whose |reference| is under 1 % of its maximum.
-
-    Attributes
-    ----------
-    samples : int
-        Samples compared.
-    mean_relative_error : float
-        [-]
-    share_left_out : float
-        [-], share of the compared samples that the mean relative error leaves out.
-    rms_ratio : float
-        [-], rmse / rms(reference).
-    rmse, bias : float
-        [kg/s], of estimate - reference.
-    visited_cells : int
-        Cells of the grid with a compared sample.
-    floor_mean_relative_error, floor_rms_ratio : float
-        The same of the best bilinear fit to the reference itself, on the same samples.
     """
 
-    samples: int
-    mean_relative_error: float
-    share_left_out: float
-    rms_ratio: float
-    rmse: float
-    bias: float
-    visited_cells: int
-    floor_mean_relative_error: float
-    floor_rms_ratio: float
+    samples: int  # samples compared
+    mean_relative_error: float  # [-]
+    share_left_out: float  # [-], share of the compared samples that the mean relative error leaves out
+    rms_ratio: float  # [-], rmse / rms(reference)
+    rmse: float  # [kg/s], of estimate - reference
+    bias: float  # [kg/s], of the same
+    visited_cells: int  # cells of the grid with a compared sample
+    floor_mean_relative_error: float  # of the best bilinear fit to the reference itself, on the same samples
+    floor_rms_ratio: float  # of the same
 
 
 def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Array) -> Metrics:

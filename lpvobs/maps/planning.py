@@ -20,25 +20,14 @@ MOST_CELLS = 8
 
 @dataclass(frozen=True)
 class Plan:
-    """What is left to drive.
+    """What is left to drive."""
 
-    Attributes
-    ----------
-    goal : float
-        [kg/s], standard error from noise that the middle one of the estimated nodes has.
-    time : ndarray, shape (p_2 - 1, p_1 - 1)
-        [s] to drive in each cell until the worst known combination of its nodes has that standard error, too; NaN where the
-        drives have been neither in the cell nor next to it, zero where it is known as well already.
-    deviation : ndarray, shape (p_2 - 1, p_1 - 1)
-        [kg/s], largest standard error of the cell's nodes as they are now.
-    cells : tuple of (row, column)
-        At most `MOST_CELLS`, the largest fall of variance per second of driving first.
-    """
-
-    goal: float
+    goal: float  # [kg/s], standard error from noise that the middle one of the estimated nodes has
+    # (p_2 - 1, p_1 - 1) [s] to drive in each cell until the worst known combination of its nodes has that standard
+    # error, too: zero where it has, NaN where no drive has been in the cell or next to it
     time: Array
-    deviation: Array
-    cells: tuple[tuple[int, int], ...]
+    deviation: Array  # (p_2 - 1, p_1 - 1) [kg/s], largest standard error of the cell's nodes as they are now
+    cells: tuple[tuple[int, int], ...]  # at most `MOST_CELLS`, the largest fall of variance per second of driving first
 
 
 def plan(grid: Grid, supported: NDArray[np.bool_], excitation: Array, noise: Array, deviation: Array) -> Plan | None:

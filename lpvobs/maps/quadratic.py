@@ -27,31 +27,17 @@ COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
 
 @dataclass(frozen=True)
 class QuadraticFit:
-    """Eq. (37) fitted to the estimated part of a map.
+    """Eq. (37) fitted to the estimated part of a map."""
 
-    Attributes
-    ----------
-    coefficients, standard_error : ndarray, shape (6,)
-        a2, a1, b2, b1, c2, c1 in kg/s per powers of the axes' units.
-    lack_of_fit : float
-        [kg/s], standard deviation of the surface around the quadratic beyond what the nodes' own errors explain.
-    nodes : int
-        Nodes that took part.
-    delta_W_c : ndarray, shape (p_2, p_1)
-        Every node: estimated ones as they are, the others from the quadratic.
-    map_standard_error : ndarray, shape (p_2, p_1)
-        Of estimated nodes as given; of the others the standard deviation of prediction, lack of fit included.
-    support : ndarray of int8, shape (p_2, p_1)
-        1 estimated, 2 extrapolated.
-    """
-
-    coefficients: Array
-    standard_error: Array
+    coefficients: Array  # (6,) a2, a1, b2, b1, c2, c1 in kg/s per powers of the axes' units
+    standard_error: Array  # (6,)
+    # [kg/s], standard deviation of the surface around the quadratic beyond what the nodes' own errors explain
     lack_of_fit: float
-    nodes: int
-    delta_W_c: Array
+    nodes: int  # nodes that took part
+    delta_W_c: Array  # (p_2, p_1) every node: estimated ones as they are, the others from the quadratic
+    # (p_2, p_1) of estimated nodes as given; of the others the standard deviation of prediction, lack of fit included
     map_standard_error: Array
-    support: NDArray[np.int8]
+    support: NDArray[np.int8]  # (p_2, p_1) 1 estimated, 2 extrapolated
 
 
 def terms(u: Array, n: Array) -> Array:
