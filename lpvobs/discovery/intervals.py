@@ -38,12 +38,7 @@ def standard_errors(linear: Linear) -> Array:
 def widened(within: Array, degrees: float, between: Array) -> Array:
     """Return the variance of a normal distribution whose 90 % interval is that of a sum of estimated variances.
 
-    Parameters
-    ----------
-    within, between : ndarray
-        The latter estimated with one degree of freedom.
-    degrees : float
-        Degrees of freedom of the former.
+    That within has some degrees of freedom, that between has one.
     """
     total = within + between
     effective = total**2 / np.maximum(within**2 / degrees + between**2, np.finfo(float).tiny)

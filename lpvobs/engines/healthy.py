@@ -43,16 +43,9 @@ def parts_of(time: Array) -> NDArray[np.int64]:
 
 
 def healthy_errors(residual: Array, shown: NDArray[np.bool_], transience: Array, chunk: Array) -> HealthyErrors:
-    """Return the errors that held-out residuals of healthy logs show.
+    """Return the errors that held-out residuals of healthy logs show, shape (B, K), `shown` where each balance counts.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (B, K)
-    shown : ndarray of bool, shape (B, K)
-        Where each balance counts.
-    transience : ndarray, shape (K,)
-    chunk : ndarray, shape (K,)
-        Number of the minute and the log that each block belongs to.
+    `transience` and `chunk`, the number of the minute and the log that each block belongs to, have shape (K,).
     """
     partly: NDArray[np.bool_] = ~np.all(shown, axis=1)
     level = np.array(

@@ -66,13 +66,7 @@ def node_values(gram: Array, right: Array) -> Array:
 
 
 def over_nodes(grid: Grid, cells: Array) -> Array:
-    """Return matrices over the four nodes of each cell added up to one over all nodes, shape (p, p).
-
-    Parameters
-    ----------
-    cells : ndarray, shape (cells, 4, 4)
-        Cells row by row.
-    """
+    """Return matrices over the four nodes of each cell, shape (cells, 4, 4), row by row, added up over all nodes, shape (p, p)."""
     total = np.zeros((grid.size, grid.size))
     nodes = corners(*grid.shape)
     np.add.at(total, (nodes[:, :, None], nodes[:, None, :]), cells.reshape(-1, 4, 4))
@@ -92,12 +86,7 @@ def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tuple[tuple[int, int], ...]) -> Excitation:
-    """Return the excitation of the map along N operating points.
-
-    Parameters
-    ----------
-    fuel, speed, time : ndarray, shape (N,)
-    """
+    """Return the excitation of the map along N operating points, each array of shape (N,)."""
     p_2, p_1 = grid.shape
     gram = np.zeros((grid.size, grid.size))
     cell_gram = np.zeros((p_2 - 1, p_1 - 1, 4, 4))

@@ -39,17 +39,9 @@ class Grid:
         return self.speed.size * self.fuel.size
 
     def interpolate(self, theta: Array, fuel: Array, speed: Array) -> Array:
-        """Return Psi(v) theta of Eq. (22) along N operating points.
+        """Return Psi(v) theta of Eq. (22), shape (N,) in the unit of theta, NaN where a node that takes part is NaN.
 
-        Parameters
-        ----------
-        theta : ndarray, shape (p,) or (p_2, p_1)
-        fuel, speed : ndarray, shape (N,)
-
-        Returns
-        -------
-        ndarray, shape (N,)
-            In the unit of theta; NaN where a node that takes part is NaN.
+        theta has shape (p,) or (p_2, p_1), `fuel` and `speed` have shape (N,).
         """
         return _interpolate(self.fuel, self.speed, np.ascontiguousarray(theta).reshape(-1), fuel, speed)
 

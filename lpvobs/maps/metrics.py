@@ -35,26 +35,14 @@ class Metrics:
 
 
 def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Array) -> Metrics:
-    """Return the errors of a map along N operating points.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where not estimated.
-    fuel, speed, reference : ndarray, shape (N,)
-    """
+    """Return the errors of a map, shape (p_2, p_1) [kg/s], NaN where not estimated, along N operating points, shape (N,)."""
     return compare_pieces(grid, theta, lambda: [(fuel, speed, reference)])
 
 
 def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple[Array, Array, Array]]]) -> Metrics:
     """Return the same for operating points and references that come piece by piece, and are gone through twice.
 
-    Parameters
-    ----------
-    grid, theta
-        As for `compare`.
-    pieces : callable
-        Returns fuel, speed and reference, piece by piece, each time from the beginning.
+    `pieces` returns fuel, speed and reference, piece by piece, each time from the beginning.
     """
     flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
     gram, right, visited, sums = _no_sums(grid)
@@ -105,16 +93,7 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
 
 
 def normal_equations(p: int, nodes: NDArray[np.int64], weights: Array, values: Array) -> tuple[Array, Array]:
-    """Return the sums of Psi^T Psi, shape (p, p), and of Psi^T times each of N values, shape (p,).
-
-    Parameters
-    ----------
-    p : int
-        Nodes of the map.
-    nodes, weights : ndarray, shape (N, 4)
-        Of `Grid.regressors`.
-    values : ndarray, shape (N,)
-    """
+    """Return the sums of Psi^T Psi, shape (p, p), and of Psi^T times each of N values, shape (p,), from `Grid.regressors`."""
     pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
     gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)

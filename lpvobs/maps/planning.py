@@ -36,16 +36,10 @@ def plan(grid: Grid, supported: NDArray[np.bool_], excitation: Array, noise: Arr
     A second of excitation adds the same to the information about the nodes of any cell: delta_1 of Eq. (29) times the largest
     eigenvalue of the nodes' covariance says how much, in the cells known so far whose neighbours helped least.
 
-    Parameters
-    ----------
-    supported : ndarray of bool, shape (p_2, p_1)
-        Nodes that are estimated.
-    excitation : ndarray, shape (p_2 - 1, p_1 - 1)
-        [s], delta_1 of every cell.
-    noise : ndarray, shape (p, p)
-        [kg^2/s^2], covariance of the nodes from noise alone: more driving does nothing against wrong constants of the engine.
-    deviation : ndarray, shape (p_2, p_1)
-        [kg/s], standard error of every node as it is now, or what is assumed of one without a value.
+    `supported` nodes, shape (p_2, p_1), are estimated; `excitation` [s] is delta_1 of every cell. `noise`, shape (p, p)
+    [kg^2/s^2], is the covariance of the nodes from noise alone: more driving does nothing against wrong constants of the
+    engine. `deviation`, shape (p_2, p_1) [kg/s], is the standard error of every node as it is now, or what is assumed of one
+    without a value.
     """
     nodes = corners(*grid.shape)
     whole = supported.ravel()[nodes].all(1)

@@ -47,14 +47,9 @@ class Loaded:
 
 
 def load(paths: Sequence[Path]) -> Loaded:
-    """Return the results and logs in files, told apart by content.
+    """Return the results and logs in files, told apart by content; the first is a result.
 
     Raises DataError if a file cannot be used, or a log belongs to none of the results.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The first is a result; the others are results or logs.
     """
     first, *further = paths
     _refuse_absent(further)

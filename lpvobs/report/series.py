@@ -10,21 +10,10 @@ Segments = tuple[tuple[int, int], ...]
 
 
 def thin(time: Array, values: Array, segments: Segments, columns: int) -> tuple[Array, Array]:
-    """Return the smallest and largest value of each column of pixels, with NaN where the line breaks.
+    """Return times, and the smallest and largest value of each column of pixels, with NaN where the line breaks.
 
-    Parameters
-    ----------
-    time, values : ndarray, shape (N,)
-        Values may be NaN.
-    segments : tuple of (start, stop)
-        The line breaks between them.
-    columns : int
-        Columns that the whole time covers.
-
-    Returns
-    -------
-    times, extremes : ndarray, shape (M,)
-        M is about twice the number of columns at most; a segment with fewer samples is returned whole.
+    The line breaks between segments, and values of shape (N,) may be NaN. The columns cover the whole time. Both results have
+    shape (M,), M about twice the number of columns at most; a segment with fewer samples is returned whole.
     """
     whole = max(float(time[-1] - time[0]), np.finfo(float).tiny)
     pieces = [
@@ -56,14 +45,7 @@ def _extremes(time: Array, values: Array) -> Array:
 
 
 def busiest(time: Array, values: Array, width: float) -> tuple[float, float]:
-    """Return the window of a given width [s] in which the values move most: the largest sum of steps over its parts.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (N,)
-    width : float
-        [s]; the whole time where that is shorter.
-    """
+    """Return the window of a width [s] in which the values, shape (N,), move most: the largest sum of steps over its parts."""
     start, stop = float(time[0]), float(time[-1])
     if stop - start <= width:
         return start, stop

@@ -48,18 +48,10 @@ MOST_LETTERS = 40
 
 
 def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """Return a figure as an `<svg>` element.
+    """Return a figure of a size [inch] as an `<svg>` element; `draw` draws into an empty figure.
 
-    Parameters
-    ----------
-    name : str
-        Letters, digits and hyphens; unique on the page.
-    alt : str
-        What the figure shows, for those who cannot see it.
-    size : tuple of float
-        [inch]
-    draw : callable
-        Draws into an empty figure.
+    The name, of letters, digits and hyphens, is unique on the page; `alt` says what the figure shows, for those who cannot see
+    it.
     """
     stream = io.StringIO()
     with warnings.catch_warnings(), mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):

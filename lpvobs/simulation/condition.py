@@ -23,16 +23,8 @@ def stages_of(
 ) -> tuple[tuple[int, Plant], ...]:
     """Return the plant from each action of the control on at which its condition changes, the first from action 0.
 
-    Parameters
-    ----------
-    plant : Plant
-        In sound condition.
-    effects : sequence of CatalogueEffect
-        Those of them that live in the plant count. An onset between two actions waits for the later one.
-    period : float
-        [s] between two actions.
-    actions : int
-        Of the whole drive.
+    Of the effects those that live in the plant count. An onset between two actions, `period` seconds apart, waits for the later
+    one; the drive has `actions` of them.
     """
     spans = [
         (effect, _action(effect.onset or 0.0, period), actions if effect.end is None else _action(effect.end, period))

@@ -65,10 +65,7 @@ class ChannelEffect:
     def settled(self, course: Array) -> "ChannelEffect":
         """Return the effect with reference or threshold taken from the channel's course over the drive, shape (N,).
 
-        Raises
-        ------
-        UsageError
-            Where the channel stands still, so that nothing can follow it, or the reading would move further than any sensor's does.
+        Raises UsageError where the channel stands still, so that nothing can follow it, or moves the reading too far.
         """
         if float(np.ptp(course)) == 0.0:
             raise UsageError(
@@ -220,13 +217,7 @@ def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
 
 
 def injected_of(table: Mapping[str, Any]) -> Injected:
-    """Return what one `[[effect]]` table describes, of the catalogue or outside it.
-
-    Raises
-    ------
-    UsageError
-        For anything that is missing, unknown, or cannot be meant.
-    """
+    """Return what one `[[effect]]` table describes; raises UsageError for anything missing, unknown, or that cannot be meant."""
     identifier = table.get("id")
     if isinstance(identifier, str) and identifier.startswith(PREFIX):
         return _channel_effect_of(identifier, table)

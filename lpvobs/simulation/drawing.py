@@ -18,18 +18,11 @@ def drawn(
 ) -> tuple[DieselEngine, dict[str, float]]:
     """Return an engine with constants drawn, and the relative deviation of each by name.
 
-    Every constant has a stream of its own: a draw of few constants gives each the deviation that a draw of all does. Raises
-    UsageError for a name that the engine does not have, or that cannot be drawn.
+    The tolerance is relative: of every constant but properties of gases, or of those named. Deviations are uniform within it,
+    or `normal` with the same standard deviation, tolerance / sqrt(3). Every constant has a stream of its own: a draw of few
+    constants gives each the deviation that a draw of all does. Raises UsageError for a name that the engine does not have, or
+    that cannot be drawn.
 
-    Parameters
-    ----------
-    tolerance : float or mapping of str to float
-        Relative: of every constant but properties of gases, or of those named.
-    normal : bool
-        Normal with the same standard deviation, tolerance / sqrt(3), instead of uniform within the tolerance.
-
-    Examples
-    --------
     A plant for a benchmark: `simulate(drawn(config.engine, config.estimate.tolerance, 7)[0], config.simulation, "etc_part1")`.
     """
     names = own_constants(engine)

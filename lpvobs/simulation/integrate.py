@@ -80,22 +80,9 @@ def drive(
 ) -> tuple[Array, Array]:
     """Return what was recorded, and move the state x, shape (9,), to the end of the course.
 
-    Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
-
-    Parameters
-    ----------
-    stages : sequence of (int, Plant)
-        The plant from each of these actions of the control on, rising from 0.
-    targets, course, samples, step, x, progress
-        What the control wants, what happens, when to record, the integrator's step [s], where to start, whom to tell.
-    with_trail : bool
-        Keep `TRAIL` at every step.
-
-    Returns
-    -------
-    recorded : ndarray, shape (N, len(RECORDED))
-        At the samples.
-    trail : ndarray, shape (number of steps + 1, len(TRAIL)), or (0, len(TRAIL))
+    The result is `RECORDED` at the N samples, shape (N, len(RECORDED)), and, with a trail, `TRAIL` at every step [s], shape
+    (steps + 1, len(TRAIL)), otherwise no row of it. `stages` are the plant from each of some actions of the control on, rising
+    from 0. Between two steps a sample is reached by a shorter step aside, so that recording never disturbs the course.
     """
     substeps = round(targets.period / step)
     commands = np.array([0.0, x[U_VGT], 0.0, x[U_VGT]])

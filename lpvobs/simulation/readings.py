@@ -53,14 +53,8 @@ def flow_through_sensor(
 def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effects: Sequence[CatalogueEffect]) -> Array:
     """Return the reading [kg/s], shape (N,), after every effect that has no memory, in the order of the sensor's physics.
 
-    Parameters
-    ----------
-    W : ndarray, shape (N,)
-        [kg/s], flow through the sensor with its error surface.
-    time : ndarray, shape (N,)
-        [s] since the start of the log.
-    point : mapping of str to ndarray, shape (N,)
-        True `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
+    W is the flow through the sensor with its error surface, `time` [s] counts from the start of the log, and `point` has the
+    true `n_e` [rpm], `u_delta` [mg/cycle] and `T_amb` [K].
     """
     for identifier, characteristic in _CHARACTERISTICS.items():
         for effect in effects:
@@ -102,20 +96,9 @@ def maf_reading(
 ) -> Array:
     """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
 
-    Parameters
-    ----------
-    point : mapping of str to ndarray, shape (N,)
-        True `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K], and the channels behind disturbances.
-    time : ndarray, shape (N,)
-        [s] since the start of the log.
-    surface : ErrorSurface
-        The sensor's own error, at the flow that passes the sensor.
-    R_a : float
-        [J/(kg K)]
-    disturbances : sequence of ChannelEffect or UnloggedEffect
-        Settled; they act on what the effects leave.
-    pulsing : float
-        Amplitude of the pulses that a hot film of another structure misreads.
+    `point` has the true `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K] and the channels behind
+    disturbances. These are settled and act on what the effects leave. `pulsing` is the amplitude of the pulses that a hot film
+    of another structure misreads.
     """
     W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
     misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
@@ -164,13 +147,7 @@ def delayed(W: Array, step: float, delay: float) -> Array:
 
 
 def surface_error(surface: ErrorSurface, u_delta: Array, n_e: Array, W_c: Array) -> Array:
-    """Return reading minus truth without noise, shape (N,) [kg/s].
-
-    Parameters
-    ----------
-    u_delta, n_e, W_c : ndarray, shape (N,)
-        True fuel [mg/cycle], speed [rpm] and flow [kg/s].
-    """
+    """Return reading minus truth without noise, shape (N,) [kg/s], at true fuel [mg/cycle], speed [rpm] and flow [kg/s]."""
     if surface.kind == "quadratic":
         return _quadratic(surface, u_delta, n_e)
     if surface.kind == "king":

@@ -72,18 +72,8 @@ class Road:
 def road(period: float, p_0: float, T_0: float, speed: Array, measured: bool, heat: Array, seed: int) -> Road:
     """Return one road; it begins at the configured pressure [Pa], and at the configured temperature [K] but for heat soak.
 
-    Parameters
-    ----------
-    period : float
-        [s] between two actions of the control.
-    speed : ndarray, shape (M,)
-        [m/s] of the vehicle, or a likely one where the cycle has none.
-    measured : bool
-        Whether there is a vehicle whose speed can be logged.
-    heat : ndarray, shape (M,)
-        [W] of the fuel.
-    seed : int
-        Every part draws from a stream of its own.
+    `speed` [m/s] of the vehicle is a likely one where the cycle has none; `measured` says whether there is one to be logged.
+    `heat` [W] is that of the fuel; both have shape (M,), `period` seconds apart. Every part draws from a stream of its own.
     """
     time = np.linspace(0.0, (speed.size - 1) * period, speed.size)
     slow = np.arange(0.0, time[-1] + 2.0 * GRID, GRID)

@@ -47,12 +47,7 @@ def sense(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the truth at the samples and what noise-free sensors show of it, by channel, each of shape (N,).
 
-    Parameters
-    ----------
-    instruments, scene, samples
-        The sensors, what happened around the engine, and when to look.
-    recorded, trail : ndarray
-        As `integrate.drive` returns them.
+    `recorded` and `trail` are what `integrate.drive` returns.
     """
     time = samples.step * instruments.step + samples.after
     truth = dict(zip(RECORDED, recorded.T, strict=True)) | scene.at(time)

@@ -72,28 +72,14 @@ def simulate(
     effects: Sequence[Injected] = (),
     auxiliary: Auxiliary | None = None,
 ) -> SimulatedLog:
-    """Drive the plant over a cycle and record it.
+    """Drive the plant over a cycle, a name of `cycles` or the path of a table, and record it at a rate [Hz].
+
+    The seed is that of the sensor noise and of the road; same seed, same log. A `surface` takes the place of the configured
+    error of the sensor. Effects are what has happened to engine and sensors; the control of the engine keeps its own true
+    signals. With `auxiliary` the drive is on the road, where the air is not constant, and these channels are logged as well.
+    `progress` takes the fraction done.
 
     Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
-
-    Parameters
-    ----------
-    engine : DieselEngine
-        The engine as it is.
-    cycle : str
-        A name of `lpvobs.simulation.cycles`, or the path of a table.
-    rate : float
-        [Hz]; at most one sample per step of the integrator.
-    seed : int
-        Of the sensor noise, and of the road where there is one; same seed, same log.
-    surface : ErrorSurface, optional
-        The sensor's error instead of the configured one.
-    progress : callable, optional
-        Takes the fraction done.
-    effects : sequence of CatalogueEffect, ChannelEffect or UnloggedEffect
-        What has happened to engine and sensors. The control of the engine keeps its own true signals.
-    auxiliary : Auxiliary, optional
-        Drive on the road, where the air is not constant, and log these channels as well.
     """
     if not 0 < rate <= 1.0 / parameters.step:
         raise UsageError(

@@ -73,19 +73,9 @@ def bench(
 ) -> BenchTable:
     """Return a table of stationary points; sensors are averaged over 30 s, slow ones have settled.
 
-    Raises UsageError for an impossible number of points or seed; DataError if the engine comes to rest at fewer points than it
-    should; where it surges, the next point takes the place of one.
-
-    Parameters
-    ----------
-    engine, parameters
-        As for `simulate`.
-    points : int
-        Up to 1000.
-    seed : int
-        Of noise, and of where the points lie.
-    progress : callable, optional
-        Takes the fraction done.
+    The seed is that of the noise, and of where the points lie; `progress` takes the fraction done. Raises UsageError for an
+    impossible number of points or seed; DataError if the engine comes to rest at fewer points than it should; where it surges,
+    the next point takes the place of one.
     """
     if not 1 <= points <= MOST_POINTS:
         raise UsageError(f"--bench {points}: expected 1 to {MOST_POINTS} points")

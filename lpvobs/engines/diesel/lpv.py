@@ -122,22 +122,10 @@ class Diesel:
         return {"a_1": (a_1 * im_low, a_1 * im_high), "a_2": (a_2 * em_low, a_2 * em_high)}
 
     def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
-        """Return Eq. (24) along a log.
+        """Return Eq. (24) along a log of N samples: 3 states, the outputs, in Eq. (6) `("p_im", "omega_t")`, and the sensor.
 
-        Parameters
-        ----------
-        log : Log
-            N samples.
-        outputs : sequence of str
-            Measured states among the outputs, in order, for example `("p_im", "omega_t")` as in Eq. (6).
-        constant : mapping of str to float, optional
-            Temperatures `T_im`, `T_em` [K] that a_1 and a_2 are computed from instead of the log's, as in the paper, whose proof
-            takes a_1 and a_2 for constants.
-
-        Returns
-        -------
-        Trajectory
-            Of N samples, 3 states, `len(outputs) + 1` outputs.
+        a_1 and a_2 are computed from constant temperatures `T_im`, `T_em` [K] instead of the log's where these are given,
+        as in the paper, whose proof takes a_1 and a_2 for constants.
         """
         parameters, E = (rows.T for rows in along(self.constants, _columns(log)))
         if constant is not None:
@@ -195,21 +183,11 @@ class Diesel:
     ) -> Balances:
         """Return the flow from the compressor and from the filling of the cylinders, and what they owe to each constant.
 
-        Parameters
-        ----------
-        log : Log
-            N samples, smoothed or not.
-        rates : mapping of str to ndarray, shape (N,)
-            Time derivatives of `p_im` [Pa/s] and `T_im` [K/s].
-        uncertain : sequence of str
-            q constants of the engine.
-        calm : mapping of str to ndarray, shape (N,), optional
-            The channels of `calmed` through a wider window, for the compressor, whose curve is steep.
+        The log may be smoothed or not; `rates` are those of `p_im` [Pa/s] and `T_im` [K/s]. `calm` has the channels of
+        `calmed` through a wider window, for the compressor, whose curve is steep.
 
-        Notes
-        -----
-        Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt - p_im/T_im
-        dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
+        Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt -
+        p_im/T_im dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
         """
         columns = (*(log[name] for name in INPUTS), np.asarray(rates["p_im"]), np.asarray(rates["T_im"]))
         calmer = columns if calm is None else (*(calm.get(name, log[name]) for name in INPUTS), *columns[-2:])

@@ -51,16 +51,9 @@ class _Balance:
 
 
 def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
-    """Return what healthy logs tell of an engine.
+    """Return what healthy logs tell of an engine, from all blocks of `blocks_of` or those to `use`, flags for each log.
 
     Raises DataError if there are too few blocks with flow.
-
-    Parameters
-    ----------
-    logs : sequence of Log
-        With every channel of the air path.
-    use : sequence of ndarray of bool, optional
-        For each log, which of the blocks of `blocks_of` may be used; all by default.
     """
     parts, transience = [], []
     for i, log in enumerate(logs):

@@ -18,15 +18,8 @@ def filling_factor(
 ) -> float:
     """Return the flow into the cylinders over that of the model [-].
 
-    Parameters
-    ----------
-    s : Amplitudes
-    n_e, p_im, p_em, T_im, T_wall : float
-        [rpm], [Pa], [K]; `T_wall` of the intake ports, which follow coolant and load slowly.
-    crowd : float
-        Flow per displacement [kg/(s m^3)].
-    r_c : float
-        Compression ratio.
+    `T_wall` [K] of the intake ports follows coolant and load slowly; `crowd` is the flow per displacement [kg/(s m^3)], `r_c`
+    the compression ratio.
     """
     factor = 1.0
     if s.wave > 0.0:

@@ -42,18 +42,8 @@ def record(
 ) -> dict[str, Array]:
     """Return the readings at the samples, shape (N,), as a control unit hands them on.
 
-    Parameters
-    ----------
-    amplitude : float
-        Of rasters and steps alike.
-    shown : mapping of str to ndarray, shape (M,)
-        What noise-free sensors show, every `step` seconds; every `fine`-th is a sample.
-    n_cyl : int
-    fine : int
-    step : float
-        [s]
-    sensors : Sensors
-    seed : int
+    Rasters and steps have the same amplitude. `shown` is what noise-free sensors show, shape (M,) every `step` seconds; every
+    `fine`-th is a sample.
     """
     time = np.arange(shown["n_e"].size) * step
     stroke = np.floor(np.cumsum(shown["n_e"]) * step * n_cyl / 120.0 / amplitude)

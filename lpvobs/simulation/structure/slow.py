@@ -43,13 +43,7 @@ def shown_late(
 ) -> dict[str, Array]:
     """Return what slow sensors show in place of fast ones, each of shape (M,) every `step` seconds.
 
-    Parameters
-    ----------
-    structure : Structure
-    truth, shown : mapping of str to ndarray, shape (M,)
-        The engine's signals, and what fast sensors show of them.
-    V_d, n_cyl, step
-        [m^3], cylinders, [s].
+    `truth` are the engine's signals, `shown` what fast sensors show of them; the displacement is in m^3.
     """
     late = {}
     if structure.thermocouple > 0.0:
