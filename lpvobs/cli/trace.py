@@ -8,7 +8,7 @@ from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, 
 from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument
 
 if TYPE_CHECKING:
-    from lpvobs.discovery.outcome import Finding, Trace
+    from lpvobs.discovery.outcome import Finding, Leading, Trace
 
 WIDTH = 80
 MOST_SHOWN = 6
@@ -46,11 +46,16 @@ def trace(
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:
     """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
-    print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
+    from lpvobs.report.numbers import chance
+
+    stands = "frozen" if frozen else "estimated jointly"
+    print(f"verdict: {found.verdict} (map {stands}; that nothing is there: p {chance(found.p_value)})")
     if found.verdict == "unexplained":
         from lpvobs.report.discovered import where
 
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
+        if found.leading:
+            print(f"\n{table(*_candidates(found.leading))}")
     if found.findings:
         from lpvobs.report.spoken import in_words
 
@@ -82,6 +87,18 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
             times = [second(getattr(effect, edge)) for edge in edges]
             rows.append([effect.id, name, *sizes, parameter.unit, *times, chance(effect.p_value)])
     return [title, "", "value", "5 %", "95 %", "unit", *(f"{edge} s" for edge in edges), "p"], rows
+
+
+def _candidates(leading: "tuple[Leading, ...]") -> tuple[list[str], list[list[str]]]:
+    from lpvobs.report.numbers import with_interval
+    from lpvobs.report.tables import percent
+
+    rows = [
+        [item.id, name, *with_interval(p.value, *p.ci90), p.unit, percent(item.explained, 1)]
+        for item in leading
+        for name, p in item.parameters.items()
+    ]
+    return ["comes nearest, not proven", "", "value", "5 %", "95 %", "unit", "explains"], rows
 
 
 def _show_likes(effects: "tuple[Finding, ...]") -> None:

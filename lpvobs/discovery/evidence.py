@@ -50,6 +50,11 @@ class Candidate:
         return self.term.effect.id
 
     @property
+    def standard_error(self) -> float:
+        """Standard error of its size, wider where no single size fits every block."""
+        return float(np.sqrt(max(self.unevenness, 1.0) / self.information))
+
+    @property
     def changes(self) -> int:
         """The number of its ends that lie inside the log."""
         return int(np.isfinite(self.term.begin)) + int(np.isfinite(self.term.end))

@@ -68,6 +68,16 @@ class Finding:
     curve: Followed | UnsetType = UNSET
 
 
+@dataclass(frozen=True, kw_only=True)
+class Leading:
+    """A leading candidate of a residual without a name: alone in the model, with the share that it would explain."""
+
+    id: str
+    parameters: Mapping[str, Parameter]
+    explained: Fraction
+    proven: Annotated[bool, Meta(extra_json_schema={"const": False})] = False
+
+
 @dataclass(frozen=True)
 class BalanceError:
     """One balance of one log, where the effects act; of the whole log where there is none.
@@ -255,9 +265,11 @@ class Outcome:
     """What was found on all logs; `known_effects` are those that the model had already."""
 
     verdict: Verdict
+    p_value: Annotated[float, Meta(description="that nothing is there, all candidates counted")]
     effects: tuple[Finding, ...]
     error: ErrorOutput
     residual: ResidualOutput
+    candidates: tuple[Leading, ...] | UnsetType = UNSET
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
     logs: tuple[OutcomeOnLog, ...]
@@ -279,6 +291,10 @@ class Trace:
     ----------
     verdict : str
         `effect`, `none` or `unexplained`.
+    p_value : float
+        That nothing is there: the probability of the strongest candidate of all by chance.
+    leading : tuple of Leading
+        What comes nearest where the verdict is `unexplained`, best first.
     ranking : tuple of Ranked
         Best first.
     white : bool
@@ -296,7 +312,9 @@ class Trace:
     """
 
     verdict: str
+    p_value: float
     findings: tuple[Finding, ...]
+    leading: tuple[Leading, ...]
     ranking: tuple[Ranked, ...]
     comparison: Comparison
     white: bool
@@ -311,9 +329,11 @@ class Trace:
         left = {} if self.left is None else self.left.as_json()
         return Outcome(
             verdict=self.verdict,
+            p_value=self.p_value,
             effects=self.findings,
             error=error_output(self.comparison, refined, HOW),
             residual=ResidualOutput(self.white, tuple(self.correlated_with), **left),
+            candidates=self.leading if self.verdict == "unexplained" else UNSET,
             known_effects=self.known_effects or UNSET,
             error_on_held_out_logs=error_output(self.held_out, refined, HOW_WHOLE) if self.held_out else UNSET,
             logs=tuple(part.output(refined) for part in self.logs),

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import scipy.linalg
 
-from lpvobs.discovery.evidence import in_place
+from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
@@ -15,11 +15,11 @@ from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.outcome import Ranked, Trace
+from lpvobs.discovery.outcome import Leading, Ranked, Trace
 from lpvobs.discovery.per_log import shown_by
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Accepted, Selection, select
-from lpvobs.discovery.thresholds import LIKENESS
+from lpvobs.discovery.thresholds import LIKENESS, MOST_CANDIDATES
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -131,7 +131,9 @@ def refine(
     part_of = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
     result = Trace(
         verdict=selection.verdict,
+        p_value=selection.p_value,
         findings=findings,
+        leading=_leading(selection),
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
         comparison=selection.losses.comparison(),
         white=own[1].white,
@@ -183,6 +185,20 @@ def _selected(
     after = fit(problem.with_all(), [*base.terms, *selection.after.terms], passes=2, start=base)
     before = refit(after, after.terms[: len(known)]) if selection.accepted else after
     return selection, before, after
+
+
+def _leading(selection: Selection) -> tuple[Leading, ...]:
+    """Return the candidates that come nearest, with what each alone would explain of the residual's power above noise."""
+    power = float(loss_of(selection.before).sum())
+    return tuple(
+        Leading(
+            id=c.id,
+            parameters={c.term.effect.parameter: parameter_of(c.term, c.standard_error)},
+            explained=min(c.gain / max(power, c.gain, 1e-300), 1.0),
+        )
+        for c in selection.leading[:MOST_CANDIDATES]
+        if c.gain > 0.0
+    )
 
 
 def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:

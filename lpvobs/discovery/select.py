@@ -69,6 +69,10 @@ class Selection:
         Computed on stretches that no fit and no choice has seen.
     ranking : tuple of Candidate
         Of the first round.
+    p_value : float
+        That nothing is there.
+    leading : tuple of Candidate
+        What comes nearest: what the search had accepted on its way, then the ranking.
     """
 
     verdict: str
@@ -77,13 +81,28 @@ class Selection:
     after: Linear
     losses: Losses
     ranking: tuple[Candidate, ...]
+    p_value: float
+    leading: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Verdict, effects, the model with them, the first round, and what was accepted even where nothing is named in the end."""
+
+    verdict: str
+    accepted: Sequence[Named]
+    linear: Linear
+    first: Linear
+    ranking: Sequence[Candidate]
+    on_the_way: Sequence[Named] = ()
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
-    verdict, accepted, linear, ranking = _search(problem, progress)
-    losses = compare(_bare(linear), linear)
-    final = _with_all(linear)
+    search = _search(problem, progress)
+    accepted = search.accepted
+    losses = compare(_bare(search.linear), search.linear)
+    final = _with_all(search.linear)
     progress(0.95)
     errors = standard_errors(final)
     bare = _bare(final)
@@ -92,11 +111,14 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         for i, (c, curve) in enumerate(accepted)
     )
     progress(1.0)
-    return Selection(verdict, found, bare, final, losses, tuple(ranking))
+    nothing = chance_of_nothing(search.first, search.ranking)
+    on_the_way = [candidate for candidate, _ in search.on_the_way]
+    leading = (*on_the_way, *(c for c in search.ranking if c.id not in {other.id for other in on_the_way}))
+    return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
 
 
-def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, list[Named], Linear, list[Candidate]]:
-    """Return verdict, effects, the model with them, and the ranking of the first round; kept stretches take no part."""
+def _search(problem: Problem, progress: Callable[[float], None]) -> _Search:
+    """Return what the search comes to; kept stretches take no part."""
     before = linear = fit(problem)
     ranking: list[Candidate] = []
     accepted: list[Named] = []
@@ -106,7 +128,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         if any(_same_place_again(c, accepted) for c in (found[0], best) if is_relevant(c, linear)):
-            return "unexplained", [], before, ranking
+            return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear):
             break
         if any(c.id == best.id for c, _ in accepted):
@@ -121,8 +143,8 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> tuple[str, l
     goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
     apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
     if uneven or goes or apart or _structure_remains(linear):
-        return "unexplained", [], before, ranking
-    return "effect" if accepted else "none", accepted, linear, ranking
+        return _Search("unexplained", [], before, before, ranking, accepted)
+    return _Search("effect" if accepted else "none", accepted, linear, before, ranking)
 
 
 def _bare(linear: Linear) -> Linear:
@@ -148,10 +170,26 @@ def _with_term(linear: Linear, i: int, term: Term) -> Linear:
 
 def structure(linear: Linear) -> float:
     """Return the largest gain of any general effect that may have a size of its own in every block."""
-    blocks = linear.problem.coarse_blocks
+    return 0.5 * (_elsewhere(linear) - 1.0) * linear.problem.coarse_blocks
+
+
+def _elsewhere(linear: Linear) -> float:
+    """Return the largest mean square of the block sums of any general effect that has no name yet, over that of noise."""
     named = {term.effect.id for term in linear.terms}
     carriers = [effect for effect in linear.problem.carriers if effect.id not in named]
-    return max(0.5 * (fit_candidate(linear, effect).elsewhere - 1.0) * blocks for effect in carriers)
+    return max(fit_candidate(linear, effect).elsewhere for effect in carriers)
+
+
+def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
+    """Return the probability of the strongest candidate of all, or of such a structure in time, if nothing is there.
+
+    Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain.
+    """
+    problem, blocks = first.problem, first.problem.coarse_blocks
+    wider = 1.0 + thresholds.MODEL_ERROR * problem.data
+    single = min(p_value(replace(c, gain=c.gain / wider), tried(problem)) for c in ranking)
+    uneven = float(scipy.stats.chi2.sf(_elsewhere(first) * blocks / wider, blocks)) * len(problem.carriers)
+    return min(1.0, 2.0 * min(single, uneven))
 
 
 def _structure_remains(linear: Linear) -> bool:

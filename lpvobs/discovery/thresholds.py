@@ -118,6 +118,9 @@ LOOKED_AT = 9
 """[1] Effects that are fitted at all: those with the largest gain to first order. Set by time."""
 SIGNIFICANT = 1e-3
 """[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
+MODEL_ERROR = 5e-5
+"""[1] What the error of a sound model adds to the variance of every gain, per residual, in units of the noise. Set by 24 clean
+drives of three cycles with drawn constants, seeds 1100 to 1123: with noise alone the probability of nothing fell to 1e-5."""
 LEAST_SHARE = 0.008
 """[1] Share of the noise's sum of squares that an effect must explain. Set by clean logs of all cycles, seeds 1000 to 1009: what
 smoothing and a bilinear map leave gained 0.0015 at most with constants anywhere in their tolerance; this is five times that; held
@@ -191,6 +194,8 @@ PROBE = 10.0
 # --- What is said of the rest ----------------------------------------------------------------------------------------------
 LARGE = 2.0
 """[1] Multiple of the median power above which a stretch is named. Set by choice; held by run 9."""
+MOST_CANDIDATES = 5
+"""[1] Largest number of leading candidates that a residual without a name is handed over with. Set by choice."""
 MOST_NAMED = 5
 """[1] Largest number of stretches that are named. Set by choice."""
 LEAST_VISIT = 20

@@ -35,7 +35,7 @@ class Whiteness:
     periodogram_band : float
         its 95 % limit for white noise.
     correlated_with : mapping of str to float
-        The correlation with every signal where it is significant and notable; empty where the residual is white.
+        The correlation with every signal where it is significant and notable.
     """
 
     white: bool
@@ -73,7 +73,7 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
         p_values=p,
         periodogram_distance=distance,
         periodogram_band=1.36 / np.sqrt(max(sums.shape[1] // 2 - 1, 1)),
-        correlated_with=_followed(sums, means) if coloured.any() else {},
+        correlated_with=_followed(sums, means),
     )
 
 

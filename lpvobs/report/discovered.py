@@ -121,6 +121,17 @@ def effect_rows(found: Discovered) -> Table | None:
     return (header, rows) if rows else None
 
 
+def candidate_rows(found: Discovered) -> Table | None:
+    """Return what comes nearest to a residual without a name, None where there is none."""
+    header = ["candidate, not proven", "parameter", "value", "90 % from", "to", "unit", "would explain"]
+    rows = [
+        [item["id"], name, *with_interval(p["value"], *p["ci90"]), p["unit"], percent(item["explained"], 1)]
+        for item in found.content.get("candidates", [])
+        for name, p in item["parameters"].items()
+    ]
+    return (header, rows) if rows else None
+
+
 def error_rows(found: Discovered) -> Table:
     """Return the held-out error of all logs and of each."""
     header = ["log", "judged on", "before g/s"] + (["after g/s", "ratio", "90 % from", "to"] if found.refined else [])

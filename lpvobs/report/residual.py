@@ -12,6 +12,7 @@ from lpvobs.report.content import ResultView
 from lpvobs.report.discovered import (
     Discovered,
     balance_rows,
+    candidate_rows,
     day_rows,
     effect_rows,
     error_rows,
@@ -64,6 +65,7 @@ def residual_sections(view: ResultView, number: int) -> list[ResidualSection]:
 def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
     for rows, title in (
         (effect_rows(found), "Effects, with 90 % intervals"),
+        (candidate_rows(found), "What comes nearest, each alone in the model"),
         (error_rows(found), "Residual on data held out"),
         (balance_rows(found), "Balances where the effects act: rms of the relative residual"),
         (day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),

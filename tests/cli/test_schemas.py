@@ -12,7 +12,17 @@ import lpvobs.selftest.cases
 from lpvobs.cli.main import app
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.leftover import Leftover, Stretch
-from lpvobs.discovery.outcome import BalanceError, DayLevel, Finding, Followed, LogPart, Missing, Parameter, Trace
+from lpvobs.discovery.outcome import (
+    BalanceError,
+    DayLevel,
+    Finding,
+    Followed,
+    Leading,
+    LogPart,
+    Missing,
+    Parameter,
+    Trace,
+)
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
@@ -148,11 +158,13 @@ FINDING = Finding(
     "channel:T_amb", {"amplitude": Parameter(1.0, "1", (0.9, 1.1))}, 3.0, None, 0.4, 0.001, ("maf.temperature",), "a cold day",
     Followed("T_amb", "value", "maf.gain", (280.0, 300.0), (0.0, 0.1)),
 )  # fmt: skip
+LEADING = Leading(id="maf.lag", parameters={"tau": Parameter(0.1, "s", (0.05, 0.15))}, explained=0.3)
 LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.0), 3.0, 0.02, "filling", {"T_im": 0.4})
 
 
 @pytest.mark.parametrize(("verb", "refined"), [("trace", False), ("refine", True)])
-def test_what_the_chain_does_not_show(validator, verb, refined):
+@pytest.mark.parametrize("verdict", ["effect", "unexplained"])
+def test_what_the_chain_does_not_show(validator, verb, refined, verdict):
     """Left-over structure, effects of before, logs held out, and what a log without some channels cannot show."""
     part = LogPart(
         "drive", "effect", (FINDING,), ERROR, None,
@@ -160,10 +172,13 @@ def test_what_the_chain_does_not_show(validator, verb, refined):
         (DayLevel("fuel", 0.01, "1", 0.02),),
         Missing(("T_ic",), ("ambient",), (("a", "b"),)),
     )  # fmt: skip
-    found = Trace("effect", (FINDING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (part,), ERROR, LEFT)
+    found = Trace(
+        verdict, 1e-9, (FINDING,), (LEADING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (part,), ERROR, LEFT
+    )
     said = json.loads(json.dumps(found.as_json(refined)))
     content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
     validator(verb).validate(content)
+    assert ("candidates" in content) is (verdict == "unexplained")
     assert ("after" in content["error"]) is refined
     assert {"known_effects", "error_on_held_out_logs"} <= set(content)
     assert "when" in content["residual"]

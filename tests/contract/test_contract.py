@@ -397,6 +397,8 @@ def shape(said, *, after):
     """Expect what `trace` and `refine` have in common."""
     assert said["verdict"] in VERDICTS
     assert (said["verdict"] == "effect") == bool(said["effects"])
+    assert 0.0 <= said["p_value"] <= 1.0
+    assert ("candidates" in said) == (said["verdict"] == "unexplained")
     for effect in said["effects"]:
         assert effect["id"] in EFFECTS or effect["id"].startswith("channel:")
         assert {"onset", "end", "explained", "p_value", "indistinguishable"} <= set(effect)

@@ -71,6 +71,11 @@ def test_what_is_unexplained_is_placed_in_time(plant, config, clean, misread):
     assert 0.0 < left.half_power < 0.02  # Hz; a cycle of about 80 s
     shown = found.trace.as_json(refined=False)["residual"]
     assert {"white", "correlated_with", "when", "where", "frequency"} <= shown.keys()
+    said = found.trace.as_json(refined=False)
+    assert said["p_value"] < 1e-6
+    assert "maf.gain" in [item["id"] for item in said["candidates"]]
+    assert not any(item["proven"] for item in said["candidates"])
+    assert all(0.0 <= item["explained"] <= 1.0 for item in said["candidates"])
 
 
 def test_a_stretch_with_much_power_is_named(stepped):

@@ -8,6 +8,7 @@ from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.report.discovered import (
     Discovered,
+    candidate_rows,
     effect_rows,
     error_rows,
     ranking_rows,
@@ -62,7 +63,12 @@ def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
 
 def test_nothing_and_something_without_a_name(refined):
     assert sentence(replace(refined, content=content("none"))).startswith("a: the residual shows nothing")
-    said = sentence(replace(refined, content=content("unexplained"), left=LEFT))
+    leading = {"id": "maf.lag", "parameters": LAG["parameters"], "explained": 0.3, "proven": False}
+    unexplained = replace(refined, content=content("unexplained") | {"candidates": [leading]}, left=LEFT)
+    header, rows = candidate_rows(unexplained)
+    assert (header[0], rows[0][0], rows[0][-1]) == ("candidate, not proven", "maf.lag", "30.0 %")
+    assert candidate_rows(refined) is None
+    said = sentence(unexplained)
     assert "nothing was named" in said
     for part in ("40 to 80 s of a", "sensor-filling", "4 to 8 and speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
         assert part in said
