@@ -48,8 +48,8 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
     from lpvobs.report.numbers import chance
 
-    stands = "frozen" if frozen else "estimated jointly"
-    print(f"verdict: {found.verdict} (map {stands}; that nothing is there: p {chance(found.p_value)})")
+    print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
+    print(f"  probability that nothing is there: {chance(found.p_value)}")
     if found.verdict == "unexplained":
         from lpvobs.report.discovered import where
 
