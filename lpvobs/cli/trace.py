@@ -49,7 +49,8 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     from lpvobs.report.numbers import chance
 
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
-    print(f"  probability that nothing is there: {chance(found.p_value)}")
+    if not found.findings:
+        print(f"  probability that nothing is there: {chance(found.p_value)}")
     if found.verdict == "unexplained":
         from lpvobs.report.discovered import where
 
