@@ -1,33 +1,55 @@
-"""`extrapolate`: the quadratic of Eq. (37) into a result."""
+"""`extrapolate`: every node of a map, by kriging or by the quadratic of Eq. (37), into a result."""
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
 
 from lpvobs.api.files import File, updating
+from lpvobs.errors import UsageError
 from lpvobs.io.results.axes import axes_of
 from lpvobs.io.results.extrapolations import write_extrapolation
 from lpvobs.io.results.results import StoredResult, read_result, update
-from lpvobs.kinds import Fraction
-from lpvobs.maps.quadratic import QuadraticFit, fit, outer_coverage
+from lpvobs.kinds import Fraction, KgPerS
+from lpvobs.maps.kriging import krige
+from lpvobs.maps.quadratic import EXTRAPOLATED, Filled, fit, interval_factor, outer_coverage
+from lpvobs.records import Array
 from lpvobs.report.outputs import QuadraticOutput
+
+METHODS = ("kriging", "quadratic")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExtrapolateOutput(QuadraticOutput):
-    """The quadratic of Eq. (37), and how often it predicts the outer nodes."""
+    """How the map was filled, and how often the outer nodes are predicted by the others."""
 
     result: str
     outer_coverage: Fraction
+    half_widths: Annotated[
+        tuple[KgPerS, KgPerS] | None,
+        Meta(description="Of the filled nodes' 90 % intervals: the middle one, and the widest."),
+    ]
 
 
-def extrapolate(result: File) -> tuple[QuadraticFit, float]:
-    """Fill the nodes that no log informed from the quadratic of Eq. (37), and write `/extrapolation` into the result.
+def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) -> tuple[Filled, float]:
+    """Fill the nodes that no log informed, and write `/extrapolation` into the result.
+
+    Parameters
+    ----------
+    result : path
+    method : str
+        `kriging`: Eq. (37) as trend, and what the sensor's error has beyond it as a process whose lengths and amplitude come from
+        the map; `quadratic`: Eq. (37) alone, as in the paper.
+    smooth : bool
+        Replace estimated nodes as well by what the process makes of all of them; they are marked `smoothed`.
 
     Returns
     -------
-    fitted : QuadraticFit
-        Coefficients in kg/s over the units of the map's axes with standard errors; for every node, value and interval.
+    filled : Filled
+        For every node, value and covariance; the coefficients of Eq. (37) in kg/s over the units of the map's axes.
     outer_coverage : float
         Share of the outer estimated nodes inside their 90 % interval when they take no part in the fit.
 
@@ -35,22 +57,46 @@ def extrapolate(result: File) -> tuple[QuadraticFit, float]:
     ------
     DataError
         If the file is no result, or its nodes do not determine the quadratic.
+    UsageError
+        If the method is unknown, or a quadratic is to smooth.
 
     Notes
     -----
-    The observer as published has no covariance; its nodes then count alike.
+    The observer as published has no covariance: its nodes count alike, and a quadratic is all that they allow.
     """
-    _, fitted, held = fill(result)
-    return fitted, held
+    _, filled, held = fill(result, method, smooth)
+    return filled, held
 
 
-def fill(result: File) -> tuple[StoredResult, QuadraticFit, float]:
+def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[StoredResult, Filled, float]:
     """Return what `extrapolate` does behind the result that has it."""
+    if method not in METHODS:
+        raise UsageError(f"--method {method}: expected {' or '.join(METHODS)}")
+    if smooth and method == "quadratic":
+        raise UsageError("--smooth: a quadratic does not follow the map; leave it out, or use --method kriging")
     with updating(result) as path:
         stored = read_result(path)
-        known = np.isfinite(stored.covariance).all()
+        known = bool(np.isfinite(stored.covariance).all())
+        if not known and smooth:
+            raise UsageError(
+                f"--smooth: {path}: method {stored.method} gives no covariance; estimate with --method observer"
+            )
         covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
-        fitted = fit(stored.grid, stored.theta, covariance, stored.supported, noise, stored.design)
-        held = outer_coverage(stored.grid, stored.theta, noise, stored.supported, stored.design)
-        update(stored, lambda file: write_extrapolation(file, axes_of(file), stored.grid, fitted, held))
-    return replace(stored, extrapolation=fitted), fitted, held
+        grid, theta, design = stored.grid, stored.theta, stored.design
+
+        def under(errors: Array, used: NDArray[np.bool_], smoothed: bool = False) -> Filled:
+            if known and method == "kriging":
+                return krige(grid, theta, errors, used, design, smoothed)
+            return fit(grid, theta, errors, used, noise, design)
+
+        filled = under(covariance, stored.supported, smooth)
+        held = outer_coverage(partial(under, noise), grid, theta, noise, stored.supported)
+        update(stored, lambda file: write_extrapolation(file, axes_of(file), stored.grid, filled, held))
+    return replace(stored, extrapolation=filled), filled, held
+
+
+def half_widths(filled: Filled) -> tuple[float, float] | None:
+    """Return half of the middle and of the widest 90 % interval [kg/s] of the nodes that were filled; None where none was."""
+    errors = filled.map_standard_error[filled.support == EXTRAPOLATED]
+    half = interval_factor(filled.nodes, 0.9) * errors
+    return (float(np.median(half)), float(half.max())) if half.size else None

@@ -3,33 +3,54 @@
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import JsonOption, file_argument
+from lpvobs.cli.options import EXTRAPOLATIONS, JsonOption, file_argument, offer
 
 
 @guarded
 def extrapolate(
     result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate; its /extrapolation is written.")],
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=offer(EXTRAPOLATIONS),
+            help="kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) alone, as in the paper.",
+        ),
+    ] = "kriging",
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Smooth the estimated nodes as well; /extrapolation marks them.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit the quadratic of Eq. (37) to the estimated nodes and fill the nodes that no log visited.
+    """Fill the nodes that no log visited, with an interval for each.
 
     Example: lpvobs extrapolate nedc.h5
     """
-    from lpvobs.api.extrapolate import ExtrapolateOutput, fill
+    from lpvobs.api.extrapolate import ExtrapolateOutput, fill, half_widths
     from lpvobs.report.outputs import quadratic_fields
-    from lpvobs.report.tables import coefficient_tables, percent
+    from lpvobs.report.tables import coefficient_tables, grams, percent
 
-    stored, fitted, held = fill(result)
+    stored, fitted, held = fill(result, method, smooth)
     if as_json:
         print_json(
-            "extrapolate", ExtrapolateOutput(result=str(result), outer_coverage=held, **quadratic_fields(fitted))
+            "extrapolate",
+            ExtrapolateOutput(
+                result=str(result),
+                outer_coverage=held,
+                half_widths=half_widths(fitted),
+                **quadratic_fields(fitted),
+            ),
         )
         return
     for coefficients in coefficient_tables([("this map", stored)]):
         print(table(*coefficients))
-    filled = int((fitted.support == 2).sum())
+    more = f", {fitted.nodes} smoothed" if smooth else ""
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
-    say(
-        f"{result}: {filled} nodes filled; the surface scatters by {fitted.lack_of_fit * 1e3:.3g} g/s around the quadratic"
-    )
+    say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
+    if (half := half_widths(fitted)) is not None:
+        say(
+            f"their 90 % intervals: {grams(half[0])} g/s to either side at the middle one, {grams(half[1])} g/s at the widest"
+        )

@@ -11,6 +11,7 @@ import typer
 
 CYCLES = ("etc", "etc_part1", "ftp75", "ftp75_cold", "nedc", "whtc", "wltc")
 METHODS = ("observer", "published", "ekf", "batch")
+EXTRAPOLATIONS = ("kriging", "quadratic")
 CONSTANTS = ("joint", "consider")
 FORMATS = ("dcm", "csv", "netcdf")
 PROFILES = ("kit-obd", "liu-ice")

@@ -8,6 +8,7 @@ In raw units (u about 50, n about 3000) the normal matrix is hopeless, so the fi
 transformed back exactly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,19 +26,25 @@ COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
 """Order of Eq. (37): u^2, u, n^2, n, u n, 1."""
 
 
-@dataclass(frozen=True)
-class QuadraticFit:
-    """Eq. (37) fitted to the estimated part of a map."""
+ESTIMATED, EXTRAPOLATED, SMOOTHED = 1, 2, 4
+"""Where a node comes from, as files number it; 3 is what an export keeps of an old map."""
 
+
+@dataclass(frozen=True)
+class Filled:
+    """A map with every node filled, and Eq. (37), which is the whole of it or its trend."""
+
+    method: str  # quadratic or kriging
     coefficients: Array  # (6,) a2, a1, b2, b1, c2, c1 in kg/s per powers of the axes' units
     standard_error: Array  # (6,)
     # [kg/s], standard deviation of the surface around the quadratic beyond what the nodes' own errors explain
     lack_of_fit: float
-    nodes: int  # nodes that took part
-    delta_W_c: Array  # (p_2, p_1) every node: estimated ones as they are, the others from the quadratic
-    # (p_2, p_1) of estimated nodes as given; of the others the standard deviation of prediction, lack of fit included
-    map_standard_error: Array
-    support: NDArray[np.int8]  # (p_2, p_1) 1 estimated, 2 extrapolated
+    lengths: Array  # (2,) over which that is correlated, along fuel and speed in the axes' units; zero for a quadratic
+    nodes: int  # estimated nodes that took part
+    delta_W_c: Array  # (p_2, p_1) every node: estimated ones as they are unless smoothed
+    covariance: Array  # (p, p) of the errors of all nodes; of prediction, lack of fit included, where extrapolated
+    map_standard_error: Array  # (p_2, p_1)
+    support: NDArray[np.int8]  # (p_2, p_1) 1 estimated, 2 extrapolated, 4 smoothed
 
 
 def terms(u: Array, n: Array) -> Array:
@@ -63,7 +70,7 @@ def fit(
     supported: NDArray[np.bool_],
     noise: Array | None = None,
     design: Array | None = None,
-) -> QuadraticFit:
+) -> Filled:
     """Fit Eq. (37) to the supported nodes and fill the others.
 
     Raises DataError if fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not
@@ -87,11 +94,7 @@ def fit(
     X_all = scaled_terms(grid, u, n).reshape(-1, 6)
     chosen = np.flatnonzero(np.asarray(supported).reshape(-1))
     X, z = (X_all if design is None else design)[chosen], np.asarray(theta).reshape(-1)[chosen]
-    if chosen.size < 7 or np.linalg.matrix_rank(X) < 6:
-        raise DataError(
-            f"/map: {chosen.size} estimated nodes do not determine the six coefficients of Eq. (37), expected at least seven "
-            f"that vary in both axes; estimate from logs that visit more operating points"
-        )
+    refuse_too_few(X)
     Sigma = covariance[np.ix_(chosen, chosen)]
     own_noise = Sigma if noise is None else noise[np.ix_(chosen, chosen)]
     lack = 0.0
@@ -101,33 +104,53 @@ def fit(
     A = _fit_operator(X, np.diag(Sigma) + lack)
     c = A @ z
     cov = A @ (Sigma + lack * np.eye(z.size)) @ A.T
-    back = _to_raw(*_scale(grid.fuel), *_scale(grid.speed))
-    filled = (X_all @ c).reshape(grid.shape)
-    spread = np.sqrt(np.einsum("ij,jk,ik->i", X_all, cov, X_all) + lack).reshape(grid.shape)
-    own = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(grid.shape)
-    return QuadraticFit(
+    back = to_raw(grid)
+    shared = X_all @ A @ Sigma
+    whole = X_all @ cov @ X_all.T + lack * np.eye(grid.size)
+    whole[:, chosen], whole[chosen] = shared, shared.T
+    whole[np.ix_(chosen, chosen)] = Sigma
+    return Filled(
+        method="quadratic",
         coefficients=back @ c,
         standard_error=np.sqrt(np.diag(back @ cov @ back.T)),
         lack_of_fit=float(np.sqrt(lack)),
+        lengths=np.zeros(2),
         nodes=int(chosen.size),
-        delta_W_c=np.where(supported, theta, filled),
-        map_standard_error=np.where(supported, own, spread),
-        support=np.where(supported, 1, 2).astype(np.int8),
+        delta_W_c=np.where(supported, theta, (X_all @ c).reshape(grid.shape)),
+        covariance=whole,
+        map_standard_error=standard_errors(grid, whole),
+        support=np.where(supported, ESTIMATED, EXTRAPOLATED).astype(np.int8),
     )
 
 
-def outer_coverage(
-    grid: Grid, theta: Array, noise: Array, supported: NDArray[np.bool_], design: Array, level: float = 0.9
-) -> float:
-    """Return how often the interval of prediction holds where it can be checked: at the outer estimated nodes.
+def standard_errors(grid: Grid, covariance: Array) -> Array:
+    """Return the standard error of every node, shape (p_2, p_1)."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(grid.shape))
 
-    On each of the four sides in turn the outermost nodes are taken away, the quadratic is fitted to the others, and the nodes are
-    predicted. A share well under `level` says that the surface does not go on like a quadratic. The constants of the engine move
+
+def refuse_too_few(X: Array) -> None:
+    """Raise DataError for rows of Eq. (37), one an estimated node, that do not determine its coefficients."""
+    if X.shape[0] < 7 or np.linalg.matrix_rank(X) < 6:
+        raise DataError(
+            f"/map: {X.shape[0]} estimated nodes do not determine the six coefficients of Eq. (37), expected at least seven "
+            f"that vary in both axes; estimate from logs that visit more operating points"
+        )
+
+
+def outer_coverage(
+    fill: Callable[[NDArray[np.bool_]], Filled], grid: Grid, theta: Array, noise: Array, supported: NDArray[np.bool_]
+) -> float:
+    """Return how often the 90 % interval of prediction holds where it can be checked: at the outer estimated nodes.
+
+    On each of the four sides in turn the outermost nodes are taken away, the map is filled from the others, and the nodes are
+    predicted. A share well under 0.9 says that the surface does not go on as it is taken to. The constants of the engine move
     both sides of the comparison alike and are left out of its intervals. NaN where no side leaves enough nodes.
 
     Parameters
     ----------
-    grid, theta, noise, supported, design
+    fill : callable
+        Takes the nodes that may be used, shape (p_2, p_1), and fills the map from them under `noise`.
+    grid, theta, noise, supported
         As for `fit`.
     """
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
@@ -135,11 +158,11 @@ def outer_coverage(
     for axis in (u, -u, n, -n):
         outer = supported & (axis > np.quantile(axis[supported], 1.0 - OUTER_SHARE))
         try:
-            inner = fit(grid, theta, noise, supported & ~outer, noise, design)
+            inner = fill(supported & ~outer)
         except DataError:
             continue
         own = np.diag(noise).reshape(grid.shape)[outer]
-        half = interval_factor(inner.nodes, level) * np.sqrt(inner.map_standard_error[outer] ** 2 + own)
+        half = interval_factor(inner.nodes, 0.9) * np.sqrt(inner.map_standard_error[outer] ** 2 + own)
         inside.append(np.abs(inner.delta_W_c - theta)[outer] <= half)
     held = np.concatenate(inside) if inside else np.empty(0, dtype=bool)
     return float(held.mean()) if held.size else float("nan")
@@ -176,8 +199,9 @@ def _lack_of_fit(X: Array, z: Array, noise: Array, A: Array, variances: Array) -
     return max(excess / float(np.einsum("i,ij,ij->", weights, M, M)), 0.0)
 
 
-def _to_raw(u_0: float, u_s: float, n_0: float, n_s: float) -> Array:
-    """Return the matrix that turns coefficients in (u - u_0) / u_s, (n - n_0) / n_s into those in u, n."""
+def to_raw(grid: Grid) -> Array:
+    """Return the matrix that turns coefficients of `scaled_terms` into those of Eq. (37), shape (6, 6)."""
+    (u_0, u_s), (n_0, n_s) = _scale(grid.fuel), _scale(grid.speed)
     T = np.zeros((6, 6))
     T[0] = [1 / u_s**2, 0, 0, 0, 0, 0]
     T[1] = [-2 * u_0 / u_s**2, 1 / u_s, 0, 0, -n_0 / (u_s * n_s), 0]

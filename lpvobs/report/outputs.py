@@ -14,7 +14,7 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
-from lpvobs.maps.quadratic import QuadraticFit
+from lpvobs.maps.quadratic import Filled
 from lpvobs.report.names import paper_error
 
 StoredOutcome = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/StoredOutcome"})]
@@ -62,8 +62,9 @@ class Coefficients:
 
 @dataclass(frozen=True, kw_only=True)
 class QuadraticOutput:
-    """The quadratic of Eq. (37)."""
+    """A filled map and its Eq. (37)."""
 
+    method: str
     coefficients: Coefficients
     coefficients_standard_error: Coefficients
     lack_of_fit: KgPerS
@@ -140,7 +141,7 @@ def log_fields(log: LogSummary) -> dict[str, Any]:
     return metrics | {field.name: own[field.name] for field in fields(LogOutput) if field.name in own}
 
 
-def quadratic_fields(fitted: QuadraticFit) -> dict[str, Any]:
+def quadratic_fields(fitted: Filled) -> dict[str, Any]:
     """Return the fields of `QuadraticOutput` for a quadratic."""
     names = [field.name for field in fields(Coefficients)]
     value, error = (
@@ -148,6 +149,7 @@ def quadratic_fields(fitted: QuadraticFit) -> dict[str, Any]:
         for each in (fitted.coefficients, fitted.standard_error)
     )
     return {
+        "method": fitted.method,
         "coefficients": value,
         "coefficients_standard_error": error,
         "lack_of_fit": fitted.lack_of_fit,

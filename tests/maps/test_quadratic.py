@@ -5,7 +5,6 @@ import pytest
 
 from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import DataError
-from lpvobs.maps import quadratic
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import (
@@ -190,19 +189,18 @@ def test_lack_of_fit_with_nodes_of_very_different_quality():
     assert found == pytest.approx(expected, rel=1e-9)  # six digits are lost in the inverse, of sixteen
 
 
-def test_each_side_is_taken_away_in_turn(monkeypatch):
+def test_each_side_is_taken_away_in_turn():
     small = Grid(np.linspace(0.0, 8.0, 9), np.linspace(0.0, 9.0, 10))
     n, u = np.meshgrid(small.speed, small.fuel, indexing="ij")
     left = []
-
-    def watched(grid, theta, covariance, supported, *more):
-        left.append((u[supported].min(), u[supported].max(), n[supported].min(), n[supported].max()))
-        return fit(grid, theta, covariance, supported, *more)
-
-    monkeypatch.setattr(quadratic, "fit", watched)
     every, noise = np.ones(small.shape, dtype=bool), 1e-10 * np.eye(90)
     theta = 1e-3 * u + 1e-5 * np.random.default_rng(9).standard_normal(small.shape)
-    outer_coverage(small, theta, noise, every, scaled_terms(small, u, n).reshape(-1, 6))
+
+    def watched(supported):
+        left.append((u[supported].min(), u[supported].max(), n[supported].min(), n[supported].max()))
+        return fit(small, theta, noise, supported)
+
+    outer_coverage(watched, small, theta, noise, every)
     # A fifth of the nodes and what ties with them: of nine columns the outer one, since two are more than a fifth; of ten rows two.
     assert left == [(0, 7, 0, 9), (1, 8, 0, 9), (0, 8, 0, 7), (0, 8, 2, 9)]
 
@@ -281,21 +279,22 @@ def test_better_known_nodes_count_for_more():
     assert error[1] < 0.01 * error[0]
 
 
+def outer_held(grid, theta, noise, visited):
+    return outer_coverage(lambda used: fit(grid, theta, noise, used), grid, theta, noise, visited)
+
+
 def test_outer_nodes_tell_whether_the_surface_goes_on_like_a_quadratic():
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     visited = (n >= 750) & (n <= 3000) & (u <= 40)
     noise = (5e-5) ** 2 * np.eye(grid.size)
-    design = scaled_terms(grid, u, n).reshape(-1, 6)
     rng = np.random.default_rng(7)
     flat = evaluate(np.array(PUBLISHED.surfaces["FTP75 cold transient, Eq. (40)"]), u, n)
-    smooth = [
-        outer_coverage(grid, flat + 5e-5 * rng.standard_normal(grid.shape), noise, visited, design) for _ in range(20)
-    ]
+    smooth = [outer_held(grid, flat + 5e-5 * rng.standard_normal(grid.shape), noise, visited) for _ in range(20)]
     # Some 90 nodes are predicted in each of twenty draws.
     assert 0.85 < np.mean(smooth) < 0.95
     bent = flat + 8e-3 * np.clip((u - 28.0) / 12.0, 0.0, 1.0) ** 2 + 5e-5 * rng.standard_normal(grid.shape)
-    assert outer_coverage(grid, bent, noise, visited, design) < 0.8
+    assert outer_held(grid, bent, noise, visited) < 0.8
 
 
 def test_too_few_nodes_to_take_any_away_tell_nothing():
@@ -303,6 +302,5 @@ def test_too_few_nodes_to_take_any_away_tell_nothing():
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     few = np.zeros(grid.shape, dtype=bool)
     few[3:6, 2:5] = True
-    design = scaled_terms(grid, u, n).reshape(-1, 6)
-    found = outer_coverage(grid, evaluate(np.array(EQ_40), u, n), 1e-8 * np.eye(grid.size), few, design)
+    found = outer_held(grid, evaluate(np.array(EQ_40), u, n), 1e-8 * np.eye(grid.size), few)
     assert np.isnan(found)

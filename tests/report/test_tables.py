@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from lpvobs.maps.quadratic import QuadraticFit
+from lpvobs.maps.quadratic import Filled
 from lpvobs.report.tables import coefficient_tables
 
 NODES = np.zeros((2, 2))
-FITTED = QuadraticFit(np.arange(6.0), np.ones(6), 1e-4, 7, NODES, NODES, NODES.astype(np.int8))
+FITTED = Filled(
+    "quadratic", np.arange(6.0), np.ones(6), 1e-4, NODES[0], 7, NODES, np.eye(4), NODES, NODES.astype(np.int8)
+)
 
 
 def result(air_path, fitted=FITTED):

@@ -22,7 +22,7 @@ from lpvobs.io.results.mapping import Item, Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.unchanged import state_of
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import COEFFICIENTS, QuadraticFit
+from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array
@@ -51,7 +51,7 @@ class StoredResult:
     parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
     gain: StoredGain
-    extrapolation: QuadraticFit | None
+    extrapolation: Filled | None
     outer_coverage: float
     provenance: Provenance
     agreement: tuple[Agreement, ...] = ()
