@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from lpvobs.api.draft_profile import draft_profile
     from lpvobs.api.estimate import estimate
     from lpvobs.api.export import export
+    from lpvobs.api.export_unit import export_unit
     from lpvobs.api.extrapolate import extrapolate
     from lpvobs.api.ingest_log import ingest_log
     from lpvobs.api.inspect import inspect
@@ -30,6 +31,7 @@ __all__ = [
     "draft_profile",
     "estimate",
     "export",
+    "export_unit",
     "extrapolate",
     "ingest_log",
     "inspect",

@@ -1,11 +1,7 @@
 """`export`: the map of a result in a file for calibration tools."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-from msgspec import Meta
 
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.errors import DataError, UsageError
@@ -13,7 +9,6 @@ from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
 from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
 from lpvobs.io.calibration.surfaces import Surface, keep_old, onto, read_surface
 from lpvobs.io.safety.unchanged import file_digest
-from lpvobs.kinds import Count
 
 FORMATS = ("dcm", "csv", "netcdf")
 SOURCES = ("map", "extrapolation")
@@ -25,18 +20,6 @@ class Exported:
 
     surface: Surface
     changes: list[Change] | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportOutput:
-    """A map for calibration tools, and what it changes."""
-
-    out: str
-    format: Annotated[str, Meta(extra_json_schema={"enum": FORMATS})]
-    values: Annotated[str, Meta(extra_json_schema={"enum": SOURCES})]
-    digits: Count
-    nodes: Annotated[Mapping[str, Count], Meta(description="By origin.")]
-    changes: Sequence[Change] | None
 
 
 def export(

@@ -6,16 +6,26 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import FORMATS, JsonOption, file_argument, file_option, offer
+from lpvobs.cli.options import FORMATS, MAP_GAINS, JsonOption, file_argument, file_option, offer
+from lpvobs.errors import UsageError
 
 
 @guarded
 def export(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
+    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5.")],
     file_format: Annotated[
-        str, typer.Option("--format", metavar="FORMAT", autocompletion=offer(FORMATS), help="dcm, csv or netcdf.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            autocompletion=offer(FORMATS),
+            help="dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit.",
+        ),
     ],
-    out: Annotated[Path, file_option("FILE", "The file to write.")],
+    out: Annotated[Path, file_option("FILE", "The file to write; for c99 the folder.")],
+    start: Annotated[
+        Path | None, file_argument("[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.")
+    ] = None,
     source: Annotated[
         str,
         typer.Option("--values", metavar="GROUP", help="map or extrapolation; by default the latter if there is one."),
@@ -29,15 +39,45 @@ def export(
     name: Annotated[str, typer.Option(metavar="LABEL", help="Label of the map, also in the old file.")] = "delta_W_c",
     kind: Annotated[str, typer.Option(metavar="KIND", help="KENNFELD (default) or GRUPPENKENNFELD.")] = "",
     digits: Annotated[int, typer.Option(metavar="N", help="Significant digits in dcm and csv.")] = 7,
+    map_gain: Annotated[
+        str,
+        typer.Option(
+            metavar="GAIN",
+            autocompletion=offer(MAP_GAINS),
+            help="For c99 and fmu: falling (where the gain's proof covers it) or constant.",
+        ),
+    ] = "",
+    rate: Annotated[float, typer.Option(metavar="HZ", help="For c99 and fmu: samples a second, at most.")] = 100.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the map for calibration tools, and list what it changes against an old DCM.
+    """Write the map for calibration tools, and list what it changes against an old DCM; or the observer for a control unit.
 
-    Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c
+    Examples: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c;
+    lpvobs export gain.h5 nedc.h5 --format c99 --out unit
     """
-    from lpvobs.api.export import ExportOutput
     from lpvobs.api.export import export as export_map
+    from lpvobs.api.export_unit import FORMATS as UNITS
+    from lpvobs.api.export_unit import ExportOutput, export_unit
     from lpvobs.report.tables import change_rows, origin_counts
+
+    if file_format in UNITS:
+        unit = export_unit(result, out, file_format, result=start, map_gain=map_gain, rate=rate)
+        if as_json:
+            said = ExportOutput(
+                out=str(out), format=file_format, values=unit.start, digits=17, nodes={}, changes=None, unit=unit
+            )
+            print_json("export", said)
+            return
+        for number, size in unit.bytes_of_state.items():
+            print(
+                f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {unit.smallest_pivot[number]:.3g}"
+            )
+        say(f"{out}: the observer, {unit.map_gain} map gain, late by {unit.delay:g} s and up to two samples")
+        return
+    if start is not None or map_gain:
+        raise UsageError(
+            f"--format {file_format}: takes one result and no --map-gain; these belong to {' and '.join(UNITS)}"
+        )
 
     done = export_map(
         result,
@@ -59,6 +99,7 @@ def export(
             digits=digits,
             nodes=counts,
             changes=done.changes,
+            unit=None,
         )
         print_json("export", written)
         return

@@ -34,7 +34,7 @@ VERBS = {
     "extrapolate": "Fill the nodes that no log visited.",
     "trace": "Find what the model lacks, from its residual.",
     "refine": "Add what is proven, estimate again, error before and after.",
-    "export": "Write the map for calibration tools: DCM, CSV, netCDF.",
+    "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
     "report": "Tables, gates and the HTML report.",
     "selftest": "Try the installed package on cases with known answers.",
 }

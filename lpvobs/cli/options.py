@@ -13,7 +13,8 @@ CYCLES = ("etc", "etc_part1", "ftp75", "ftp75_cold", "nedc", "whtc", "wltc")
 METHODS = ("observer", "published", "ekf", "batch")
 EXTRAPOLATIONS = ("kriging", "quadratic")
 CONSTANTS = ("joint", "consider")
-FORMATS = ("dcm", "csv", "netcdf")
+FORMATS = ("dcm", "csv", "netcdf", "c99", "fmu")
+MAP_GAINS = ("falling", "constant")
 PROFILES = ("kit-obd", "liu-ice")
 
 

@@ -188,6 +188,8 @@ class EngineKind:
     # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
     suspects: Suspects = NONE_SUSPECTED  # what its logs are tried for beyond impossible readings
+    # for control units: the numbers by name that `model.c` in the engine's folder reads, from the air path
+    in_c: Callable[[Any], Mapping[str, float | Array]] | None = None
 
     @property
     def name(self) -> str:

@@ -9,6 +9,8 @@ import pytest
 
 from lpvobs.api.estimate import METHODS
 from lpvobs.api.export import FORMATS
+from lpvobs.api.export_unit import FORMATS as UNITS
+from lpvobs.api.export_unit import MAP_GAINS
 from lpvobs.cli import options
 from lpvobs.ingest.profiles import shipped
 from lpvobs.simulation.cycles import TABLES
@@ -68,5 +70,6 @@ def test_a_script_for_every_shell(command, shell, word):
 def test_what_is_offered_is_what_is_taken():
     assert set(options.CYCLES) == set(TABLES)
     assert set(options.METHODS) == set(METHODS)
-    assert set(options.FORMATS) == set(FORMATS)
+    assert set(options.FORMATS) == {*FORMATS, *UNITS}
+    assert options.MAP_GAINS == MAP_GAINS
     assert set(options.PROFILES) == set(shipped())

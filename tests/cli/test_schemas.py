@@ -78,6 +78,7 @@ def outputs(config, chain, other_engine, tmp_path_factory):
         "refine": ("refine", result, slow, "--out", refined),
         "export": ("export", result, "--format", "dcm", "--digits", 3, "--out", folder / "map.dcm"),
         "export again": ("export", result, "--format", "dcm", "--old", folder / "map.dcm", "--out", folder / "new.dcm"),
+        "export unit": ("export", chain.gain, result, "--format", "c99", "--out", folder / "unit"),
         "report": ("report", refined, result),
         "selftest": ("selftest",),
     }

@@ -7,7 +7,7 @@ import msgspec
 
 from lpvobs.api.draft_profile import ProfileOutput
 from lpvobs.api.estimate import EstimateOutput
-from lpvobs.api.export import ExportOutput
+from lpvobs.api.export_unit import ExportOutput
 from lpvobs.api.extrapolate import ExtrapolateOutput
 from lpvobs.api.inspect import InspectOutput
 from lpvobs.api.refine import RefineOutput

@@ -20,4 +20,5 @@ ENGINE = EngineKind(
     published=PUBLISHED,
     known_drive=drive,
     suspects=SUSPECTS,
+    in_c=lambda path: path.constants._asdict(),
 )

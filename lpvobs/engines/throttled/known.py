@@ -4,6 +4,7 @@ import numpy as np
 
 from lpvobs.engines.knowledge import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.records import Array
 
 
 def knowledge_of(engine: ThrottledEngine, learned: Learned) -> Knowledge:
@@ -52,3 +53,11 @@ def learned_of(known: Knowledge) -> Learned:
         sources=known.sources,
         calm_flow=numbers["calm_flow"].value,
     )
+
+
+def in_c(engine: ThrottledEngine, learned: Learned) -> dict[str, float | Array]:
+    """Return the numbers that `model.c` reads: what is configured, nodes of the curves, and the curves."""
+    configured = {**vars(engine.air), **vars(engine.geometry)}
+    nodes = {name: np.array(getattr(engine.curves, name)) for name in ("alpha_th", "n_e", "p_im")}
+    own = {"area": learned.area, "eta_vol": learned.eta_vol.reshape(-1), "V_ic": learned.V_ic, "V_im": learned.V_im}
+    return configured | nodes | own

@@ -1,0 +1,191 @@
+"""`export --format c99` and `fmu`: the observer for a control unit, its gain proven again in the numbers of the target."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from lpvobs.api.export import FORMATS as MAP_FORMATS
+from lpvobs.api.export import SOURCES
+from lpvobs.api.files import File, as_path, writing
+from lpvobs.api.known_engine import known_engine
+from lpvobs.api.verify import check_again, expect_proven
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.calibration.files import Change
+from lpvobs.io.calibration.surfaces import ESTIMATED, read_surface
+from lpvobs.io.configuration.config import config_of
+from lpvobs.io.control_unit.fmu import write_fmu
+from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
+from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
+from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.provenance import read_provenance
+from lpvobs.io.results.results import read_result
+from lpvobs.io.safety.atomic import replacing
+from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.kinds import Count
+
+FORMATS = ("c99", "fmu")
+MAP_GAINS = ("falling", "constant")
+STARTS = ("zero", *SOURCES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportedUnit:
+    """An observer for a control unit."""
+
+    map_gain: Annotated[str, Meta(extra_json_schema={"enum": MAP_GAINS})]
+    # where the map is from: `zero`, or the group of the result
+    start: Annotated[str, Meta(extra_json_schema={"enum": STARTS})]
+    files: Sequence[str]
+    delay: Annotated[float, Meta(description="s, half of the window")]
+    bytes_of_state: Mapping[str, Count]  # static memory of the state, by number format
+    smallest_pivot: Mapping[str, float]  # of the certificate, proven again for the gain rounded to each number format
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOutput:
+    """A map for calibration tools and what it changes, or an observer for a control unit."""
+
+    out: str
+    format: Annotated[str, Meta(extra_json_schema={"enum": (*MAP_FORMATS, *FORMATS)})]
+    values: Annotated[str, Meta(extra_json_schema={"enum": (*SOURCES, "zero")})]
+    digits: Count
+    nodes: Annotated[Mapping[str, Count], Meta(description="By origin.")]
+    changes: Sequence[Change] | None
+    unit: ExportedUnit | None
+
+
+def export_unit(
+    gain: File,
+    out: File,
+    file_format: str,
+    *,
+    result: File | None = None,
+    map_gain: str = "",
+    rate: float = 100.0,
+) -> ExportedUnit:
+    """Write the certified local observer as C99 sources, or as a unit for co-simulation (FMI 2.0).
+
+    Parameters
+    ----------
+    gain : path
+        Made by `synth_gain`.
+    out : path
+        The folder of the sources, or the FMU.
+    file_format : str
+        `c99` or `fmu`.
+    result : path, optional
+        Its map is where the observer starts, and its engine the one that the observer has; by default zero, and as configured.
+    map_gain : str
+        `constant`: Gamma of `[published]`; `falling`: it falls with the time that the nodes around have been driven, which is
+        proven for a gain whose sensor does not correct the state; by default where that holds.
+    rate : float
+        [Hz], of the samples at most: so many wait until their window is complete.
+
+    Raises
+    ------
+    UsageError
+        If the request contradicts itself.
+    DataError
+        If gain or result cannot be used, or do not belong together.
+    NotProven
+        If the certificate does not hold for the numbers of the target.
+
+    Notes
+    -----
+    Eq. (26) and (36) by backward Euler on smoothed signals, as `lpvobs.observer.recursion`.
+    """
+    stored = read_gain(as_path(gain))
+    falling = _falls(stored, map_gain)
+    if file_format not in FORMATS:
+        raise UsageError(f"--format {file_format}: expected {' or '.join(FORMATS)}")
+    if not 1.0 <= rate <= 10_000.0:
+        raise UsageError(f"--rate {rate:g}: expected 1 to 10000 samples a second")
+    pivots = {}
+    for name, number in (("double", np.float64), ("float", np.float32)):
+        rounded = replace(stored, gain=replace(stored.gain, L=stored.gain.L.astype(number).astype(float)))
+        certificate = check_again(rounded)
+        expect_proven(f"{gain} rounded to {name}", certificate)
+        pivots[name] = certificate.smallest_pivot
+    unit = unit_of(as_path(gain), stored, None if result is None else as_path(result), falling, rate)
+    made = sources(unit)
+    if file_format == "c99":
+        _write_folder(as_path(out), made)
+    else:
+        with writing(out, [gain, result]) as target, replacing(target) as temporary:
+            write_fmu(temporary, unit, made)
+    sizes = {"double": unit.bytes_of_state(8), "float": unit.bytes_of_state(4)}
+    return ExportedUnit(
+        map_gain=MAP_GAINS[0] if falling else MAP_GAINS[1],
+        start=unit.start,
+        files=tuple(sorted(made)),
+        delay=unit.half_width,
+        bytes_of_state=sizes,
+        smallest_pivot=pivots,
+    )
+
+
+def _falls(stored: StoredGain, map_gain: str) -> bool:
+    """Return whether the map's gain falls; raises UsageError where nothing is proven of that."""
+    cascade = not stored.gain.L[:, -1].any()
+    if map_gain not in ("", *MAP_GAINS):
+        raise UsageError(f"--map-gain {map_gain}: expected {' or '.join(MAP_GAINS)}")
+    if map_gain == "falling" and not cascade:
+        raise UsageError(
+            "--map-gain falling: the sensor corrects the state by this gain, and nothing is proven; use constant"
+        )
+    return cascade if not map_gain else map_gain == "falling"
+
+
+def unit_of(gain: Path, stored: StoredGain, result: Path | None, falling: bool, rate: float) -> Unit:
+    """Return what the C is made from; raises as `export_unit` does."""
+    origin, start = f"gain {file_digest(gain)}", STARTS[0]
+    if result is None:
+        with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
+            config = config_of(read_provenance(file).config, gain)
+        air_path, theta = config.engine_path(), np.zeros(config.grid().shape)
+        if air_path.learns:
+            raise UsageError(
+                f"a {air_path.name} engine is known from healthy logs alone; name the RESULT.h5 they made as well"
+            )
+        known = np.zeros(theta.shape, dtype=bool)
+    else:
+        found = read_result(result)
+        engine = known_engine(found)
+        config, air_path = engine.config, engine.air_path
+        if found.engine is not None and not air_path.learns:
+            names = found.engine.constants
+            air_path = air_path.deviating(dict(zip(names, found.engine.deviation.tolist(), strict=True)))
+        surface = read_surface(result)
+        theta, known, start = surface.values, surface.origin == ESTIMATED, surface.source
+        origin += f", result {file_digest(result)}"
+    expect_engine(gain, stored, config)
+    return Unit(
+        kind=config.kind,
+        air_path=air_path,
+        channels=config.policies.limited(air_path.channels),
+        grid=config.grid(),
+        stored=stored,
+        theta=np.nan_to_num(theta).reshape(-1),
+        driven=np.where(known, MEMORY, 0.0).reshape(-1),
+        half_width=config.estimate.smoothing,
+        gap=config.policies.gap_limit,
+        gamma=config.published.gamma,
+        rate=rate,
+        falling=falling,
+        origin=origin,
+        start=start,
+    )
+
+
+def _write_folder(folder: Path, made: Mapping[str, str]) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DataError(f"{folder}: no folder can be made here ({error.strerror}); name one beside it") from None
+    for name, text in made.items():
+        with replacing(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")

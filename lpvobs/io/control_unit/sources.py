@@ -1,0 +1,210 @@
+"""The C sources of an observer: fixed files of this folder, the engine's `model.c`, and tables filled in here."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from math import ceil
+
+import numpy as np
+
+from lpvobs import __version__
+from lpvobs.engines.base import AirPath, EngineKind
+from lpvobs.engines.channels import Channel
+from lpvobs.io.results.gains import StoredGain
+from lpvobs.maps.grid import Grid
+from lpvobs.observer.smoothing import LEAST
+from lpvobs.records import Array
+
+JITTER = 1.5
+"""Samples may come closer than at the stated rate by this factor before a window is cut."""
+MEMORY = 100.0
+"""[s] Beyond this the gain of a node falls no further: a sensor that ages is followed within minutes of driving there."""
+PACE = 8.0
+"""A falling gain is this over the time that its nodes have been driven: of 1 to 32 the best map on the cycles that were tried."""
+LATEST = 1e9
+"""[s] Latest time that a step takes: 30 years, which a double counts in steps of a tenth of a microsecond."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """All that an observer in C is made from."""
+
+    kind: EngineKind
+    air_path: AirPath  # with the constants of the engine that the map goes with
+    channels: Mapping[str, Channel]  # with their limits as configured
+    grid: Grid  # p nodes
+    stored: StoredGain
+    theta: Array  # MULTI (p,) [kg/s] and [s], the map at the start and how long its nodes have been driven
+    driven: Array  # SAME (p,) [kg/s] and [s], the map at the start and how long its nodes have been driven
+    # MULTI of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
+    half_width: float
+    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
+    gap: float
+    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
+    gamma: float
+    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
+    rate: float
+    falling: bool  # whether the map's gain falls with the time that its nodes have been driven
+    origin: str  # MULTI digests of gain and result, and where the map is from
+    start: str  # SAME digests of gain and result, and where the map is from
+
+    @property
+    def ring(self) -> int:
+        """Samples that wait for their window or belong to one, at most."""
+        return 2 * (ceil(JITTER * self.half_width * self.rate) + LEAST) + 2
+
+    def bytes_of_state(self, real: int) -> int:
+        """Return the size of the C state with reals of so many bytes; the compiler fills up to a multiple of eight."""
+        n, p = len(self.air_path.state_names), self.grid.size
+        reals = self.ring * len(self.channels) + n + p * (1 + self.falling) + 2
+        return -(-(8 * (self.ring + 2) + real * reals + 4 * 6) // 8) * 8
+
+
+def sources(unit: Unit) -> dict[str, str]:
+    """Return the text of every file by name."""
+    own = files("lpvobs.io.control_unit")
+    fixed = {name: (own / name).read_text(encoding="utf-8") for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
+    model = files(unit.kind.air_path.__module__.rpartition(".")[0]) / "model.c"
+    made = fixed | {"lpvobs_model.c": model.read_text(encoding="utf-8")}
+    header, tables = _header(unit), _tables(unit)
+    said = f"lpvobs {__version__}, {unit.origin}, sources {_digest(header, tables, *made.values())[:16]}"
+    return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", said)}
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
+def _numbers(unit: Unit) -> Mapping[str, float | Array]:
+    if unit.kind.in_c is None:
+        raise ValueError(f"a {unit.kind.name} has no model in C")
+    return unit.kind.in_c(unit.air_path)
+
+
+def _constants(unit: Unit) -> dict[str, float | int]:
+    """Return the single numbers of `lpvobs_config.h`; those that are real in C are floats."""
+    path, grid = unit.air_path, unit.grid
+    names = list(unit.channels)
+    return {
+        "STATES": len(path.state_names),
+        "OUTPUTS": len(unit.stored.outputs) + 1,
+        "PARAMETERS": len(path.parameter_names),
+        "CHANNELS": len(names),
+        "SMOOTHED": len(path.smoothed),
+        "SUMS": len(unit.stored.gain.region.nonnegative_sums),
+        "FUEL_NODES": grid.fuel.size,
+        "SPEED_NODES": grid.speed.size,
+        "NODES": grid.size,
+        "RING": unit.ring,
+        "FALLING": int(unit.falling),
+        "SENSOR": names.index(path.sensor),
+        "FUEL": names.index(path.axes[0].channel),
+        "SPEED": names.index(path.axes[1].channel),
+        "GAMMA": unit.gamma,
+        "MEMORY": MEMORY,
+        "PACE": PACE,
+        "LARGEST": unit.channels[path.sensor].high,
+    }
+
+
+def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
+    """Return the tables with their types, by name."""
+    path, region, names = unit.air_path, unit.stored.gain.region, list(unit.channels)
+    measured = [*unit.stored.outputs, path.sensor]
+    states = [path.state_names.index(name) for name in unit.stored.outputs]
+    sums = [[region.names.index(name) for name in pair] for pair in region.nonnegative_sums]
+    found = {
+        "L": ("real_t", unit.stored.gain.L),
+        "region": ("real_t", np.array([region.lower, region.upper]).T),
+        "range": ("real_t", np.array([[item.low, item.high] for item in unit.channels.values()])),
+        "fuel": ("real_t", unit.grid.fuel),
+        "speed": ("real_t", unit.grid.speed),
+        "map": ("real_t", unit.theta),
+        "smoothed": ("uint32_t", np.array([names.index(name) for name in path.smoothed])),
+        "output_state": ("uint32_t", np.array([*states, len(path.state_names)])),
+        "output_channel": ("uint32_t", np.array([names.index(name) for name in measured])),
+    }
+    if sums:
+        found["sums"] = ("uint32_t", np.array(sums))
+    if unit.falling:
+        found["driven"] = ("real_t", unit.driven)
+    return found
+
+
+def _literal(value: float | int) -> str:
+    return f"{value}U" if isinstance(value, int) else f"((real_t){value!r})"
+
+
+def _shape(values: Array) -> str:
+    return "".join(f"[{size}]" for size in values.shape)
+
+
+def _header(unit: Unit) -> str:
+    channels = [
+        f"    LPVOBS_IN_{name} = {i}, /* {item.unit}, {item.low:g} to {item.high:g}: {item.meaning} */"
+        for i, (name, item) in enumerate(unit.channels.items())
+    ]
+    members = [f"    real_t {name}{_shape(np.asarray(value))};" for name, value in _numbers(unit).items()]
+    return _lines(
+        f"/* What {unit.origin} says of observer and engine; SI units.",
+        f" * State: {unit.bytes_of_state(8)} bytes in double, {unit.bytes_of_state(4)} in single precision.",
+        f" * States: {', '.join(unit.air_path.state_names)}. Parameters: {', '.join(unit.air_path.parameter_names)}. */",
+        "#ifndef LPVOBS_CONFIG_H",
+        "#define LPVOBS_CONFIG_H",
+        *(f"#define LPVOBS_{name} {_literal(value)}" for name, value in _constants(unit).items()),
+        f"#define LPVOBS_HALF_WIDTH {unit.half_width!r} /* s */",
+        f"#define LPVOBS_GAP {unit.gap!r} /* s */",
+        f"#define LPVOBS_LATEST {LATEST!r} /* s */",
+        "enum {",
+        *channels,
+        "    LPVOBS_IN_END",
+        "};",
+        "typedef struct {",
+        *members,
+        "} lpvobs_constants;",
+        "extern const lpvobs_constants lpvobs_engine;",
+        *(f"extern const {kind} lpvobs_{name}{_shape(values)};" for name, (kind, values) in _arrays(unit).items()),
+        "extern const char *const lpvobs_channel_names[LPVOBS_CHANNELS];",
+        "extern const char lpvobs_version[];",
+        "extern const uint32_t lpvobs_table_bytes;",
+        "#endif",
+    )
+
+
+def _tables(unit: Unit) -> str:
+    numbers = [
+        f"    {_initialiser(np.asarray(value, dtype=float))}, /* {name} */" for name, value in _numbers(unit).items()
+    ]
+    arrays = _arrays(unit)
+    names = ", ".join(map(json.dumps, unit.channels))
+    sizes = " + ".join(f"sizeof(lpvobs_{name})" for name in ("engine", *arrays))
+    return _lines(
+        '#include "lpvobs.h"',
+        "#define R(x) ((real_t)(x))",
+        'const char lpvobs_version[] = "@VERSION@";',
+        "const lpvobs_constants lpvobs_engine = {",
+        *numbers,
+        "};",
+        *(
+            f"const {kind} lpvobs_{name}{_shape(values)} = {_initialiser(values)};"
+            for name, (kind, values) in arrays.items()
+        ),
+        f"const char *const lpvobs_channel_names[LPVOBS_CHANNELS] = {{{names}}};",
+        f"const uint32_t lpvobs_table_bytes = (uint32_t)({sizes});",
+    )
+
+
+def _initialiser(values: Array) -> str:
+    if values.ndim == 0:
+        return f"R({float(values)!r})"
+    if values.ndim > 1:
+        return "{" + ",\n    ".join(_initialiser(row) for row in values) + "}"
+    if values.dtype.kind == "i":
+        return "{" + ", ".join(f"{value}U" for value in values.tolist()) + "}"
+    return "{" + ", ".join(f"R({value!r})" for value in values.tolist()) + "}"
+
+
+def _lines(*lines: str) -> str:
+    return "\n".join(lines) + "\n"
