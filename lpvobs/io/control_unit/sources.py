@@ -36,19 +36,15 @@ class Unit:
     channels: Mapping[str, Channel]  # with their limits as configured
     grid: Grid  # p nodes
     stored: StoredGain
-    theta: Array  # MULTI (p,) [kg/s] and [s], the map at the start and how long its nodes have been driven
-    driven: Array  # SAME (p,) [kg/s] and [s], the map at the start and how long its nodes have been driven
-    # MULTI of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
-    half_width: float
-    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
-    gap: float
-    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
-    gamma: float
-    # SAME of the window [s], between segments [s], of the map's gain at most [1/s], of the samples at most [Hz]
-    rate: float
+    theta: Array  # (p,) [kg/s], the map at the start
+    driven: Array  # (p,) [s], how long its nodes have been driven
+    half_width: float  # [s], of the window
+    gap: float  # [s], longest step inside a segment
+    gamma: float  # [1/s], largest gain of the map
+    rate: float  # [Hz], of the samples at most
     falling: bool  # whether the map's gain falls with the time that its nodes have been driven
-    origin: str  # MULTI digests of gain and result, and where the map is from
-    start: str  # SAME digests of gain and result, and where the map is from
+    origin: str  # digests of gain and result
+    start: str  # where the map is from
 
     @property
     def ring(self) -> int:

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import fmpy
@@ -29,7 +30,7 @@ HERE = Path(__file__).parent
 STATE, MAP = 1e-12, 1e-10
 """Of C in double against Python: the same operations in the same order; libm alone may round differently."""
 FLOAT_STATE, FLOAT_MAP = 2e-5, 2e-5
-"""[-] and [kg/s] of C in single precision, docs/control-unit.md: a hundred times the rounding of 6e-8, through a matrix of condition 100."""
+"""[-] and [kg/s] of C in single precision, docs/control-unit.md: rounding of 6e-8 through a matrix of condition some hundred."""
 
 
 @pytest.fixture(scope="module", params=["constant", "falling"])
@@ -55,7 +56,7 @@ def part(log, kept):
     """Return some samples of a log, split where they are more than a second apart."""
     time = log.time[kept]
     cuts = [0, *(np.flatnonzero(np.diff(time) > 1.0) + 1).tolist(), time.size]
-    segments = tuple(zip(cuts[:-1], cuts[1:], strict=True))
+    segments = tuple(pairwise(cuts))
     return replace(log, time=time, channels={n: c[kept] for n, c in log.channels.items()}, segments=segments)
 
 
