@@ -31,6 +31,7 @@ from lpvobs.io.results.refinements import (
     write_structure,
 )
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
+from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Log
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
@@ -128,6 +129,7 @@ def close(
     freeze_map: bool | None,
     progress: Callable[[float], None],
     anew: bool = False,
+    calibrated: Path | None = None,
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
@@ -147,9 +149,11 @@ def close(
         Takes the fraction done.
     anew : bool
         Whether a map would be made that replaces the stored one.
+    calibrated : Path or None
+        The engine to start from, in place of the one that the result was made with.
     """
     stored = read_result(path)
-    engine = known_engine(stored)
+    engine = known_engine(stored, calibrated)
     with reading(path, KIND, REMEDY) as file:
         refined = read_refinement(file)
     (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
@@ -161,14 +165,25 @@ def close(
     model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
     prior_map = engine.config.estimate.prior_map
     if frozen:
+        _expect_made_with(stored, calibrated)
         start = nominal_start(model, known_from(stored, model, prior_map), refined, logs)
     else:
-        start = free_start(model, free_map(engine.config.grid(), len(model.names), prior_map), refined, logs)
+        free = free_map(engine.config.grid(), len(model.names), prior_map)
+        start = free_start(model, free, refined, logs, engine.calibrated)
     known = () if refined is None else refined.effects
     found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out)
     if found.trace.verdict == "unexplained":
         _refuse_slow(logs)
     return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
+
+
+def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
+    """Raise UsageError where a map that stands was estimated with another engine."""
+    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs.values():
+        raise UsageError(
+            f"{stored.path}: was not made with {calibrated}, and a map that stands goes with the engine it was made with; "
+            f"drop --engine, estimate the map with it, or say --free-map"
+        )
 
 
 def _refuse_slow(logs: Sequence[Log]) -> None:

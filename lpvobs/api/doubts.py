@@ -7,11 +7,10 @@ from operator import add
 
 import numpy as np
 
-from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
 from lpvobs.maps.excitation import corners
-from lpvobs.observer.balance_agreement import DISAGREE, BalanceAgreement, BalanceSums, agreement
+from lpvobs.observer.balance_agreement import DISAGREE, BalanceAgreement, BalanceSums, Judged, agreement
 from lpvobs.observer.estimate import MapEstimate
 
 NEXT_TO_NOTHING = 0.2
@@ -27,24 +26,22 @@ class Doubts:
     says: tuple[str, ...]
 
 
-def doubts_of(
-    config: Config, air_path: AirPath, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]
-) -> Doubts:
+def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]) -> Doubts:
     """Return what speaks against logs and engine; raises DataError if the map is larger than a sensor can be wrong."""
-    variance = config.estimate.of_engine(air_path.usual_tolerance).constants_variance
-    grid, axes = config.grid(), [axis.channel for axis in air_path.axes]
+    covariance = engine.unknowns.reduced(engine.unknowns.covariance)
+    grid, axes = config.grid(), [axis.channel for axis in engine.air_path.axes]
     ratios: dict[str, float] = {}
     says: list[str] = []
 
     def noted(name: str, sums: BalanceSums) -> BalanceSums:
-        own = agreement(grid, sums, variance, axes)
+        own = agreement(grid, sums, covariance, axes)
         ratios[name] = own.ratio
         says.extend(f"{name}: {text}" for text in _said(config, sums, own))
         return sums
 
     total = reduce(add, (noted(name, sums) for name, sums in logs))
     refuse_too_large(estimate, total, config.estimate.largest_error, says)
-    return Doubts(agreement(grid, total, variance, axes), ratios, tuple(says))
+    return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says))
 
 
 def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[str]:

@@ -30,7 +30,7 @@ from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
-from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Watched
+from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import StateGain
@@ -101,7 +101,8 @@ def estimate(
     gain : path, optional
         Made by `synth_gain`; without it one is made and proven first.
     engine : path, optional
-        Made by `calibrate` from the same configuration; without it the engine is as configured, within its tolerances.
+        Made by `calibrate` from the same configuration; by default what `[engine] file` names, else the engine is as configured,
+        within its tolerances.
     method : str
         `observer`; `published`: Gamma = 200 I, as in the paper; `ekf`; `batch`.
     constants : str, optional
@@ -134,15 +135,16 @@ def estimate(
     """
     paths = some_logs(logs)
     given = None if gain is None else as_path(gain)
-    calibrated = None if engine is None else as_path(engine)
+    configuration, text = load_config(as_path(config))
+    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
     with writing(out, [config, *paths, given, calibrated]) as target:
-        configuration, text = load_config(as_path(config))
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
         workplace = workplace_for(method, len(paths), jobs, scheduler)
         stored = gain_for(configuration, paths, given, method)
         known = used_engine(configuration, calibrated, method)
-        return estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace, known)
+        done = estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace, known)
+    return replace(done, engine=calibrated)
 
 
 def used_engine(config: Config, engine: Path | None, method: str) -> CalibratedEngine | None:
@@ -230,7 +232,8 @@ def _one_after_another(
     progress(0.5)
     estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     refuse_empty(estimate)
-    doubts = doubts_of(config, air_path, estimate, ((log.name, _looked_into(config, air_path, log)) for _, log in logs))
+    engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
+    doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
     progress(0.9)
     summaries = tuple(
         summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
@@ -239,10 +242,9 @@ def _one_after_another(
     return Estimated(estimate, summaries, refused, doubts)
 
 
-def _looked_into(config: Config, air_path: AirPath, log: Log) -> BalanceSums:
+def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
     """Return what the balances say of a log."""
-    uncertain = config.estimate.of_engine(air_path.usual_tolerance).tolerance
-    watched = Watched(log, air_path, config.grid(), tuple(uncertain), config.kind.suspects)
+    watched = Watched(log, engine, config.grid(), config.kind.suspects)
     for _ in watched.pieces():
         pass
     return watched.sums

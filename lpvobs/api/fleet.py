@@ -27,7 +27,7 @@ from lpvobs.io.results.log_summaries import LogSummary, summary_of
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
-from lpvobs.observer.balance_agreement import Watched
+from lpvobs.observer.balance_agreement import Watched, judged
 from lpvobs.observer.beginning import Beginning
 from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
@@ -62,6 +62,8 @@ class Estimated:
         [kg/s], between logs; NaN where it is not known.
     agreement : tuple of Agreement
         Of each log with the map of all; none for a single log or a rival method.
+    engine : Path or None
+        The calibrated engine that it started from.
     doubts : Doubts
         What speaks against logs and engine.
     """
@@ -72,6 +74,7 @@ class Estimated:
     doubts: Doubts
     scatter: float = float("nan")
     agreement: tuple[Agreement, ...] = ()
+    engine: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ def estimate_fleet(
         estimate, solution = merged(grid, store.parts(found), task.point)
         refuse_empty(estimate)
         sums = ((path.stem, store.read(sha256).balances) for sha256, path in sorted(found.items()))
-        doubts = doubts_of(config, air_path, estimate, sums)
+        doubts = doubts_of(config, judged(air_path, task.point.settings, task.point.known), estimate, sums)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
@@ -264,7 +267,7 @@ def part_of(task: PartTask) -> PartOutcome:
         if sha256 in task.done:
             return PartOutcome(sha256)
         beginning = Beginning(log, task.seconds)
-        watched = Watched(beginning, point.configured, task.grid, tuple(point.settings.tolerance), task.suspects)
+        watched = Watched(beginning, judged(point.configured, point.settings, point.known), task.grid, task.suspects)
         part = inform(air_path, task.grid, task.gain, watched, point.settings, point.unknowns)
     except DataError as error:
         return PartOutcome(sha256, refusal=str(error))

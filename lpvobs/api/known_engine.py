@@ -1,4 +1,4 @@
-"""The engine of a stored result: its configuration, and what healthy logs have taught of it."""
+"""The engine of a stored result: its configuration, and what a calibration or healthy logs have taught of it."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -9,9 +9,12 @@ import h5py
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.unknowns import Unknowns
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.reading import read_log
+from lpvobs.io.results.engine_found import read_engine_before
+from lpvobs.io.results.engines import read_engine
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.learned import read_learned, write_learned
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult
@@ -28,15 +31,18 @@ class KnownEngine:
         With what was learned.
     healthy : HealthyErrors or None
         How wrong its balances are on an engine in order; None for an engine that learns nothing.
+    calibrated : Unknowns or None
+        What a calibration knew before the logs; None where that is the configuration alone.
     """
 
     config: Config
     air_path: AirPath
     healthy: HealthyErrors | None
+    calibrated: Unknowns | None = None
 
     def residual_model(self, taught: Collection[str] = ()) -> ResidualModel:
         """Return the engine as the loop sees it; `taught` are the digests of logs that must not be judged by what they taught."""
-        return self.config.kind.residual_model(self.config, self.air_path, self.healthy, taught)
+        return self.config.kind.residual_model(self.config, self.air_path, self.healthy, taught, self.calibrated)
 
     def read(self, path: Path) -> Log:
         """Return a log that may lack channels that the loop can do without; raises DataError as `read_log` does."""
@@ -51,12 +57,14 @@ class KnownEngine:
             write_learned(file, known, self.healthy, self.residual_model().balances)
 
 
-def known_engine(stored: StoredResult) -> KnownEngine:
-    """Return the engine of a result; raises DataError where it should have learned and has not."""
+def known_engine(stored: StoredResult, engine: Path | None = None) -> KnownEngine:
+    """Return the engine of a result, or of a calibration in place of that; raises DataError where it lacks what it should know."""
     config = config_of(stored.provenance.config, stored.path)
     air_path = config.engine_path()
-    if not air_path.learns:
-        return KnownEngine(config, air_path, None)
+    if engine is not None:
+        return KnownEngine(config, air_path, None, read_engine(engine, air_path).unknowns)
     with reading(stored.path, KIND, REMEDY) as file:
+        if not air_path.learns:
+            return KnownEngine(config, air_path, None, read_engine_before(file, air_path))
         known, healthy = read_learned(file)
         return KnownEngine(config, air_path.knowing(known), healthy)

@@ -40,5 +40,5 @@ def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> C
         return None
     logs = usable_logs(config, paths)
     healthy = errors(config.engine, logs)
-    balances = config.kind.residual_model(config, air_path, healthy, ()).balances
+    balances = config.kind.residual_model(config, air_path, healthy, (), None).balances
     return lambda file: write_learned(file, known, healthy, balances)

@@ -33,6 +33,7 @@ def refine(
     *,
     hold_out: File | Iterable[File] = (),
     freeze_map: bool | None = None,
+    engine: File | None = None,
     progress: Progress | None = None,
 ) -> Traced:
     """Add the effects that the logs prove to the model, estimate again, and write the refined result.
@@ -42,7 +43,7 @@ def refine(
 
     Parameters
     ----------
-    result, logs, freeze_map, progress
+    result, logs, freeze_map, engine, progress
         As for `trace`.
     out : path
         The refined result to write; without a finding, the model of before.
@@ -62,9 +63,18 @@ def refine(
         If an effect adds a state and the larger observer is not proven.
     """
     paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
-    with writing(out, [result, *paths, *unseen]) as target:
+    calibrated = None if engine is None else as_path(engine)
+    with writing(out, [result, *paths, *unseen, calibrated]) as target:
         told = progress or silent
-        closed = close(as_path(result), paths, unseen, freeze_map, lambda share: told(0.95 * share), anew=True)
+        closed = close(
+            as_path(result),
+            paths,
+            unseen,
+            freeze_map,
+            lambda share: told(0.95 * share),
+            anew=True,
+            calibrated=calibrated,
+        )
         if not closed.refinement.trace.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)

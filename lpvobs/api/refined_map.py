@@ -60,7 +60,8 @@ def estimate_refined(
     refined = refined_model(engine, gain, effects, constants)
     air_path, grid = refined.air_path, engine.config.grid()
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
-    point = Point(engine.air_path, settings, {name: constants.get(name, 0.0) for name in settings.tolerance})
+    moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
+    point = Point(engine.air_path, settings, moved, engine.calibrated)
     parts = [_part(refined, point, grid, gain.gain.region, log) for _, log in logs]
     estimate = of_parts(grid, parts, point)
     refuse_empty(estimate)
@@ -96,7 +97,7 @@ def refined_model(
     to 1 % the map of a refined model missed by 0.7 to 2.1 %, and by 1.3 to 6.8 % with the constants as configured; where they are
     exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
     """
-    there = replace(engine, air_path=engine.air_path.deviating(constants))
+    there = replace(engine, air_path=engine.air_path.deviating(constants), calibrated=None)
     smoothing = engine.config.estimate.smoothing
     return Refined(there.residual_model(), there.air_path, gain.outputs, gain.gain.L, smoothing, effects)
 

@@ -8,6 +8,7 @@ import numpy as np
 from lpvobs.discovery.refine import nominal_map
 from lpvobs.discovery.residual import MapPrior
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.engine_found import EngineOfMap
 from lpvobs.io.results.refinements import StoredRefinement
@@ -57,7 +58,9 @@ class Start:
 
     def total(self, found: Mapping[str, float]) -> dict[str, float]:
         """Return deviations from this start as deviations from the configured or learned values."""
-        return {name: (1.0 + self.constants.get(name, 0.0)) * (1.0 + b) - 1.0 for name, b in found.items()}
+        names = self.model.names
+        own, further = (np.array([values.get(name, 0.0) for name in names]) for values in (self.constants, found))
+        return dict(zip(names, self.model.both(own, further).tolist(), strict=True))
 
 
 def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> Known:
@@ -81,10 +84,11 @@ def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> 
     prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, found.covariance, prior_map)
     deviation, own, conditional = _of_model(found, model.names)
     moved = deviation - found.deviation
-    relative = conditional / np.outer(1.0 + deviation, 1.0 + deviation)[np.ix_(own, own)]
     covariance, S = model.covariance.copy(), np.zeros((prior.mean.size, len(model.names)))
     place = [model.names.index(found.constants[i]) for i in own]
-    covariance[np.ix_(place, place)] = relative + np.diag((LEAST_LEFT * model.spread[place]) ** 2)
+    seen = np.where(np.array(place) < len(model.names) - model.adding, 1.0 + deviation[own], 1.0)
+    relative = conditional / np.outer(seen, seen)
+    covariance[np.ix_(place, place)] = relative + LEAST_LEFT**2 * model.covariance[np.ix_(place, place)]
     S[:, place] = prior.sensitivity[:, own]
     constants = {found.constants[i]: float(deviation[i]) for i in own}
     return Known(replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S), constants, covariance)
@@ -102,14 +106,23 @@ def _of_model(found: EngineOfMap, names: Sequence[str]) -> tuple[Array, list[int
     return deviation, own, C[np.ix_(own, own)] - answer @ C[np.ix_(others, own)]
 
 
-def free_start(model: ResidualModel, prior: MapPrior, refined: StoredRefinement | None, logs: Sequence[Log]) -> Start:
+def free_start(
+    model: ResidualModel,
+    prior: MapPrior,
+    refined: StoredRefinement | None,
+    logs: Sequence[Log],
+    calibrated: Unknowns | None = None,
+) -> Start:
     """Return where the search on logs starts that make the map anew.
 
     Logs that have not told of the effects of a refined model begin with its constants, and with what it left of their tolerance;
-    on logs that have, all is estimated from the configured ones anew, so that nothing counts twice.
+    on logs that have, all is estimated from the configured or calibrated ones anew, so that nothing counts twice.
     """
     if refined is None or any(effect.took_part(logs) for effect in refined.effects):
-        return Start(model, prior)
+        if calibrated is None:
+            return Start(model, prior)
+        found = calibrated.deviation()
+        return Start(model.restarted(found, model.covariance), prior, found)
     moved, covariance = _refined_constants(model, refined)
     return Start(model.restarted(moved, covariance), prior, moved)
 

@@ -1,13 +1,14 @@
 """`simulate`: a cycle through the simulated engine into a log."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
 from lpvobs.io.logs.parquet import write_log
+from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Seconds
 from lpvobs.simulation.plants import PLANTS, Simulator
 from lpvobs.simulation.simulate import SimulatedLog
@@ -29,6 +30,7 @@ def simulate(
     out: File,
     *,
     effects: File | None = None,
+    engine: File | None = None,
     rate: float = 100.0,
     seed: int = 1,
     progress: Progress | None = None,
@@ -45,6 +47,8 @@ def simulate(
         The Parquet log to write.
     effects : path, optional
         TOML file of what is wrong with engine and sensors, see `configs/effects`.
+    engine : path, optional
+        Made by `calibrate` from the same configuration: drives its constants. By default what `[engine] file` names.
     rate : float
         [Hz]
     seed : int
@@ -69,8 +73,8 @@ def simulate(
     -----
     The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.
     """
-    with writing(out, [config, cycle, effects]) as target:
-        configuration, plant = plant_of(config)
+    with writing(out, [config, cycle, effects, engine]) as target:
+        configuration, plant = plant_of(config, engine)
         wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
         log = plant.run(
             configuration.engine,
@@ -87,8 +91,8 @@ def simulate(
     return log
 
 
-def plant_of(config: File) -> tuple[Config, Simulator]:
-    """Return a configuration and what simulates its engine; raises UsageError where nothing does."""
+def plant_of(config: File, engine: File | None = None) -> tuple[Config, Simulator]:
+    """Return a configuration with the constants of a calibrated engine, and its plant; raises UsageError where it has none."""
     configuration, _ = load_config(as_path(config))
     plant = configuration.kind.plant
     if not plant:
@@ -98,4 +102,9 @@ def plant_of(config: File) -> tuple[Config, Simulator]:
         raise UsageError(
             f"{config}: has no [simulation] tables; simulate needs them, see configs/{configuration.kind.example}"
         )
+    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
+    if calibrated is not None:
+        air_path = configuration.engine_path()
+        there = air_path.deviating(read_engine(calibrated, air_path).deviation)
+        configuration = replace(configuration, engine=there.engine)
     return configuration, PLANTS[plant]

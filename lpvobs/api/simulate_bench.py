@@ -7,7 +7,13 @@ from lpvobs.simulation.stationary import BenchTable
 
 
 def simulate_bench(
-    config: File, points: int, out: File, *, seed: int = 1, progress: Progress | None = None
+    config: File,
+    points: int,
+    out: File,
+    *,
+    seed: int = 1,
+    engine: File | None = None,
+    progress: Progress | None = None,
 ) -> BenchTable:
     """Bring the simulated engine to rest at many operating points and write the table that a test bench records.
 
@@ -21,6 +27,8 @@ def simulate_bench(
         The table to write: Parquet with units, or CSV with the units in a second line where the name ends in `.csv`.
     seed : int
         Of noise and of where the points lie.
+    engine : path, optional
+        As for `simulate`.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
@@ -37,8 +45,8 @@ def simulate_bench(
     DataError
         If the engine does not come to rest, or the table cannot be written.
     """
-    with writing(out, [config]) as target:
-        configuration, plant = plant_of(config)
+    with writing(out, [config, engine]) as target:
+        configuration, plant = plant_of(config, engine)
         table = plant.bench(configuration.engine, configuration.simulation, points, seed, progress or silent)
         write_table(target, table.channels, table.units)
     return table

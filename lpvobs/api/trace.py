@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from lpvobs.api.closed_loop import close
-from lpvobs.api.files import File, Progress, silent, some_logs, updating
+from lpvobs.api.files import File, Progress, as_path, silent, some_logs, updating
 from lpvobs.api.pooled import Traced
 from lpvobs.discovery.outcome import Outcome
 from lpvobs.io.results.results import update
@@ -20,7 +20,12 @@ class TraceOutput(Outcome):
 
 
 def trace(
-    result: File, logs: File | Iterable[File], *, freeze_map: bool | None = None, progress: Progress | None = None
+    result: File,
+    logs: File | Iterable[File],
+    *,
+    freeze_map: bool | None = None,
+    engine: File | None = None,
+    progress: Progress | None = None,
 ) -> Traced:
     """Find what the model of a result lacks on logs, and write `/trace` into the result.
 
@@ -31,6 +36,8 @@ def trace(
         Parquet logs, patterns, or folders of logs; pooled.
     freeze_map : bool, optional
         Whether the map stands; by default on logs that did not make it, while on those that did it is estimated jointly.
+    engine : path, optional
+        Made by `calibrate`; by default the engine that the result was made with.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
@@ -49,6 +56,7 @@ def trace(
     """
     paths = some_logs(logs)
     with updating(result) as path:
-        closed = close(path, paths, (), freeze_map, progress or silent)
+        calibrated = None if engine is None else as_path(engine)
+        closed = close(path, paths, (), freeze_map, progress or silent, calibrated=calibrated)
         update(closed.stored, closed.write_trace)
     return closed.traced

@@ -97,7 +97,7 @@ def estimate(
             scatter=done.scatter,
             agreement=done.agreement,
             balance_agreement=done.doubts.agreement,
-            engine=EngineUsed(source="configuration" if engine is None else str(engine), calibrated=engine is not None),
+            engine=EngineUsed(source=str(done.engine or "configuration"), calibrated=done.engine is not None),
             doubts=done.doubts.says,
         )
         print_json("estimate", content)

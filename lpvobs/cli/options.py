@@ -47,6 +47,7 @@ ConfigOption = Annotated[
 ]
 LogsArgument = Annotated[list[Path], file_argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
+MADE_WITH = "An engine made by calibrate to start from; by default, the one that the result was made with."
 MapOption = Annotated[
     bool | None,
     typer.Option(

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say
-from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument, file_option
+from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, file_argument, file_option
 from lpvobs.cli.trace import show
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def refine(
         ),
     ] = None,
     freeze_map: MapOption = None,
+    engine: Annotated[Path | None, file_option("ENGINE.h5", MADE_WITH)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
@@ -40,7 +41,9 @@ def refine(
     from lpvobs.api.refine import refine as refine_model
 
     with progress("refining") as report:
-        traced = refine_model(result, logs, out, hold_out=hold_out or (), freeze_map=freeze_map, progress=report)
+        traced = refine_model(
+            result, logs, out, hold_out=hold_out or (), freeze_map=freeze_map, engine=engine, progress=report
+        )
     if as_json:
         found = vars(traced.found.output(refined=True))
         print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))

@@ -36,6 +36,10 @@ def simulate(
             "another error surface: configs/surfaces.",
         ),
     ] = None,
+    engine: Annotated[
+        Path | None,
+        file_option("ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."),
+    ] = None,
     rate: Annotated[float | None, typer.Option(metavar="HZ", help="Samples per second.", show_default="100")] = None,
     seed: Annotated[int, typer.Option(help="Of sensor noise, road, points; same seed, same bytes.")] = 1,
     config: ConfigOption = None,
@@ -51,7 +55,9 @@ def simulate(
     """
     config = chosen_config(config)
     if bench is not None:
-        _bench(config, bench, out, seed, [name for name, given in _others(cycle, effects, rate) if given], as_json)
+        _bench(
+            config, bench, out, seed, engine, [name for name, given in _others(cycle, effects, rate) if given], as_json
+        )
         return
     if cycle is None:
         raise UsageError("neither --cycle nor --bench; name a cycle, or how many stationary points")
@@ -59,9 +65,8 @@ def simulate(
     from lpvobs.api.simulate import simulate as drive
 
     with progress(f"simulating {cycle}") as report:
-        log = drive(
-            config, cycle, out, effects=effects, rate=100.0 if rate is None else rate, seed=seed, progress=report
-        )
+        speed = 100.0 if rate is None else rate
+        log = drive(config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, progress=report)
     time = log.channels["time"]
     duration = float(time[-1] - time[0])
     if as_json:
@@ -76,7 +81,9 @@ def _others(cycle: str | None, effects: Path | None, rate: float | None) -> list
     return [("--cycle", cycle is not None), ("--effects", effects is not None), ("--rate", rate is not None)]
 
 
-def _bench(config: Path, points: int, out: Path, seed: int, refused: list[str], as_json: bool) -> None:
+def _bench(
+    config: Path, points: int, out: Path, seed: int, engine: Path | None, refused: list[str], as_json: bool
+) -> None:
     """Write a bench table and say so; options of a cycle are refused."""
     from lpvobs.api.simulate import SimulateOutput
     from lpvobs.api.simulate_bench import simulate_bench
@@ -86,7 +93,7 @@ def _bench(config: Path, points: int, out: Path, seed: int, refused: list[str], 
             f"--bench goes without {' and '.join(refused)}: what belongs to a cycle has no place at rest; leave it out"
         )
     with progress(f"simulating {points} points") as report:
-        table = simulate_bench(config, points, out, seed=seed, progress=report)
+        table = simulate_bench(config, points, out, seed=seed, engine=engine, progress=report)
     if as_json:
         print_json(
             "simulate",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
-from lpvobs.cli.options import JsonOption, LogsArgument, MapOption, file_argument
+from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, file_argument, file_option
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Leading, Trace
@@ -19,6 +19,7 @@ def trace(
     result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate or refine; its /trace is written.")],
     logs: LogsArgument,
     freeze_map: MapOption = None,
+    engine: Annotated[Path | None, file_option("ENGINE.h5", MADE_WITH)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.
@@ -34,7 +35,7 @@ def trace(
     from lpvobs.api.trace import trace as trace_residual
 
     with progress("tracing") as report:
-        traced = trace_residual(result, logs, freeze_map=freeze_map, progress=report)
+        traced = trace_residual(result, logs, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
         found = vars(traced.found.output(refined=False))
         print_json("trace", TraceOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))

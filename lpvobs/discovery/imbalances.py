@@ -147,12 +147,16 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
     """
     model, K = problem.model, problem.K
     q, spread = len(model.names), problem.spread
-    found = np.zeros((beta.size, 2, len(model.balances), K))
+    B = len(model.balances)
+    found = np.zeros((beta.size, 2, B, K))
+    quotients = q
     if model.by_unknowns is not None:
         for on, s in scenes:
             own = model.by_unknowns(s.constants, s, problem.blocks)
-            found[:q, 0] = own if on is None else np.where(on, own, found[:q, 0])
-    for i in range(q if model.by_unknowns is None else 0):
+            quotients = q - len(own)
+            both = views(own.reshape(len(own) * B, -1), K).reshape(2, len(own), B, K).swapaxes(0, 1)
+            found[quotients:q] = both if on is None else np.where(on, both, found[quotients:q])
+    for i in range(quotients):
         moved = beta.copy()
         moved[i] += STEP
         constants = model.with_unknowns(moved[:q])

@@ -11,7 +11,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
+from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart, Unknowns
 from lpvobs.records import Array, Log
 
 
@@ -73,6 +73,10 @@ class AirPath(Protocol):
     learns: ClassVar[bool]  # whether parts of the engine are known only after a healthy log has shown them
     # channels that the loop can do without: it loses balances with them, and says so
     dispensable: ClassVar[tuple[str, ...]]
+
+    @property
+    def engine(self) -> Any:
+        """The configuration's `[engine]`."""
 
     def __init__(self, engine: Any) -> None:
         """Take the configuration's `[engine]`."""
@@ -178,8 +182,8 @@ class EngineKind:
     recorded: Mapping[str, Recorded]  # under which names foreign recordings hold its channels, beside those of `COMMON`
     example: str  # the shipped, commented configuration, a name in `configs`
     # the engine as the closed loop sees it, from the configuration, the air path with what it has learned, the errors
-    # of the healthy engine, and the digests of the logs that taught it
-    residual_model: Callable[[Any, AirPath, HealthyErrors | None, Collection[str]], ResidualModel]
+    # of the healthy engine, the digests of the logs that taught it, and what a calibration knows
+    residual_model: Callable[[Any, AirPath, HealthyErrors | None, Collection[str], Unknowns | None], ResidualModel]
     # those errors, from the configuration's `[engine]` and healthy logs; for an engine that learns
     errors: Callable[[Any, Sequence[Log]], HealthyErrors] | None = None
     plant: str = ""  # what simulates it, a name in `lpvobs.simulation.plants`; empty where nothing does

@@ -86,9 +86,10 @@ class ResidualModel:
     # instant counts.
     blocks: bool = False
     levels: tuple[Level, ...] = ()
-    # derivatives of the imbalances by the unknowns, shape (q, B, K), from constants, signals and blocks; None for
-    # difference quotients
+    # derivatives of the imbalances by the last m of the unknowns, shape (m, B, 2K) or (m, B, K), from constants, signals
+    # and blocks; difference quotients give the others
     by_unknowns: Callable[[Any, Signals, Blocks | None], Array] | None = None
+    adding: int = 0  # how many of the last unknowns are modes of corrections: changes of them add up, others multiply
     # further standard deviation of the residual, shape (B, K), from constants, signals and blocks
     blur: Callable[[Any, Signals, Blocks | None], Array] | None = None
     # what an engine that was learned without each place in turn says beyond this one, shape (B, K), from logs, signals
@@ -114,5 +115,10 @@ class ResidualModel:
             self,
             constants=at(moved),
             covariance=covariance,
-            with_unknowns=lambda beta: at((1.0 + old) * (1.0 + beta) - 1.0),
+            with_unknowns=lambda beta: at(self.both(old, beta)),
         )
+
+    def both(self, first: Array, second: Array) -> Array:
+        """Return the deviation of the unknowns after two of them, the second counted from the first, shape (q,)."""
+        multiplied = (1.0 + first) * (1.0 + second) - 1.0
+        return np.where(np.arange(first.size) < first.size - self.adding, multiplied, first + second)

@@ -6,12 +6,17 @@ whose values at the nodes are correlated over a length of each axis (Matern 3/2)
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from lpvobs.engines.curves import Weights
 from lpvobs.engines.knowledge import Nodes
 from lpvobs.records import Array
+
+NEGLIGIBLE = 1e-3
+"""Standard deviation below which a mode of the corrections is left out: it moves no flow by more than a thousandth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,31 @@ class Unknowns:
     def size(self) -> int:
         """Their number q."""
         return self.mean.size
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the m coordinates of `reduction`."""
+        modes = self.reduction.shape[1] - len(self.constants)
+        return self.constants + tuple(f"corrections[{i}]" for i in range(modes))
+
+    @cached_property
+    def reduction(self) -> Array:
+        """What every coordinate moves, shape (q, m): a constant, or a mode of the corrections that a calibration left uncertain."""
+        n = len(self.constants)
+        if not self.learned:
+            return np.eye(self.size)[:, :n]
+        variance, modes = np.linalg.eigh(self.covariance[n:, n:])
+        modes = modes[:, variance > NEGLIGIBLE**2][:, ::-1]
+        largest = np.take_along_axis(modes, np.abs(modes).argmax(axis=0)[None], axis=0)  # libraries differ in the sign
+        return np.asarray(scipy.linalg.block_diag(np.eye(n), modes * np.sign(largest)))
+
+    def reduced(self, covariance: Array) -> Array:
+        """Return a covariance of all unknowns as one of the coordinates, shape (m, m)."""
+        return np.asarray(self.reduction.T @ covariance @ self.reduction)
+
+    def deviation(self) -> dict[str, float]:
+        """Return the mean of every constant."""
+        return dict(zip(self.constants, self.mean.tolist(), strict=False))
 
     def places(self) -> dict[str, slice]:
         """Return where the values of each component stand."""

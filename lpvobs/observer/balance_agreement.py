@@ -15,9 +15,11 @@ from scipy.special import gammaincc
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Channels, Suspects
+from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.maps.grid import Grid
+from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 
 BLOCK = 0.2
@@ -50,7 +52,7 @@ class BalanceSums:
     power : ndarray, shape (D, 1 + H)
         [kg^2/s^2], square of the difference over all cells, on the log as it is and with each of H mistakes put right.
     slope : ndarray, shape (cells, D, q)
-        [kg/s], of the difference by the relative change of each uncertain constant.
+        [kg/s], of the difference by the relative change of each uncertain constant, and the modes of a calibrated engine.
     visits : ndarray, shape (cells, D, 3)
         Over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2.
     broken : ndarray, shape (checks,)
@@ -96,13 +98,26 @@ class BalanceAgreement:
     where: Mapping[str, tuple[float, float]]
 
 
+@dataclass(frozen=True)
+class Judged:
+    """The engine whose balances are judged: around its constants, with what is not known of them and of its corrections."""
+
+    air_path: AirPath
+    unknowns: Unknowns
+
+
+def judged(configured: AirPath, settings: EstimateSettings, known: Unknowns | None) -> Judged:
+    """Return the engine as calibrated, with its corrections; where nothing is, as configured within its tolerances."""
+    if known is None:
+        return Judged(configured, unknowns_of(settings.tolerance, ()))
+    return Judged(configured.deviating(known.deviation()), known.seen_from(known.deviation()))
+
+
 class Watched:
     """A recording that is looked into while somebody else goes through it; how it is cut into pieces changes no bit of the sums."""
 
-    def __init__(
-        self, recording: Recording, air_path: AirPath, grid: Grid, uncertain: Sequence[str], suspects: Suspects
-    ):
-        self.recording, self.look = recording, (air_path, grid, tuple(uncertain), suspects)
+    def __init__(self, recording: Recording, engine: Judged, grid: Grid, suspects: Suspects):
+        self.recording, self.look = recording, (engine, grid, suspects)
         self.name, self.sha256 = recording.name, recording.sha256
         self._sums: BalanceSums | None = None
 
@@ -155,17 +170,16 @@ def _block_means(columns: Channels, first: NDArray[np.int64]) -> Channels:
     return {name: np.add.reduceat(v[: first[-1]], first[:-1]) / np.diff(first) for name, v in columns.items()}
 
 
-def sums_of(
-    means: Channels, air_path: AirPath, grid: Grid, uncertain: tuple[str, ...], suspects: Suspects
-) -> BalanceSums:
+def sums_of(means: Channels, engine: Judged, grid: Grid, suspects: Suspects) -> BalanceSums:
     """Return the sums over blocks, from the means of their channels."""
-    flow, slope = _balances(air_path, means, uncertain)
+    air_path = engine.air_path
+    flow, slope = _balances(engine, means)
     difference, power = flow[1:] - flow[0], [np.sum((flow[1:] - flow[0]) ** 2, axis=1)]
     for mix_up in suspects.mix_ups:
         mended = mix_up.mended(means)
         impossible = any(check.broken(mended).mean() > check.most for check in suspects.checks)
         with np.errstate(all="ignore"):  # a mistake that is none may leave nothing possible
-            other, _ = _balances(air_path, mended, ())
+            other, _ = _balances(engine, mended, slopes=False)
         left = np.sum((other[1:] - other[0]) ** 2, axis=1)
         power.append(np.where(np.isfinite(left) & (not impossible), left, np.inf))
     fuel, speed = (means[axis.channel] for axis in air_path.axes)
@@ -192,16 +206,26 @@ def sums_of(
     )
 
 
-def _balances(air_path: AirPath, means: Channels, uncertain: tuple[str, ...]) -> tuple[Array, Array]:
-    """Return the flows of all balances [kg/s] and their slopes by the constants; states and rates are those of the means."""
-    time = means["time"]
+def _balances(engine: Judged, means: Channels, slopes: bool = True) -> tuple[Array, Array]:
+    """Return the flows of all balances [kg/s] and their slopes by what is not known; states and rates are those of the means."""
+    time, air_path, unknowns = means["time"], engine.air_path, engine.unknowns
     rates = {name: np.gradient(means[name], time) if time.size > 1 else np.zeros(1) for name in air_path.smoothed}
     log = Log("", "", time, means, {}, ((0, time.size),), np.arange(time.size), Defects(time.size))
-    found = air_path.balances(log, rates, uncertain)
-    return found.flow, found.slope
+    found = air_path.balances(log, rates, unknowns.constants if slopes else ())
+    if not unknowns.components:
+        return found.flow, found.slope
+    flow, n = found.flow.copy(), len(unknowns.constants)
+    modes = np.zeros((len(flow), unknowns.reduction.shape[1] - n if slopes else 0, time.size))
+    for place, correction in zip(unknowns.places().values(), air_path.corrections(log, rates), strict=True):
+        on = slice(None) if correction.balance is None else correction.balance
+        columns = correction.columns(place.stop - place.start)
+        flow[on] += columns @ unknowns.mean[place]
+        if slopes:
+            modes[on] += (columns @ unknowns.reduction[place, n:]).T
+    return flow, np.concatenate([found.slope, modes], axis=1)
 
 
-def agreement(grid: Grid, sums: BalanceSums, constants_variance: Array, axes: Sequence[str]) -> BalanceAgreement:
+def agreement(grid: Grid, sums: BalanceSums, unknown: Array, axes: Sequence[str]) -> BalanceAgreement:
     """Return how far the balances agree: of the pair that does so least.
 
     Parameters
@@ -209,8 +233,8 @@ def agreement(grid: Grid, sums: BalanceSums, constants_variance: Array, axes: Se
     grid : Grid
     sums : BalanceSums
         Of a log, or of several added up.
-    constants_variance : ndarray, shape (q,)
-        Of the relative constants that the slopes are by.
+    unknown : ndarray, shape (q, q)
+        Covariance of what the slopes are by.
     axes : sequence of str
         Names of the map's axes, fuel first.
     """
@@ -223,7 +247,7 @@ def agreement(grid: Grid, sums: BalanceSums, constants_variance: Array, axes: Se
         ss, sn, nn = sums.visits[cells, pair].T
         own = np.maximum(ss - 2.0 * mean * sn + mean**2 * nn, 0.0) / n**2
         noise = own + np.median(own * n) / n  # a cell that was visited once has none of its own
-        covariance = np.diag(noise + (LEFT_OUT * flow) ** 2) + slope.T * constants_variance @ slope
+        covariance = np.diag(noise + (LEFT_OUT * flow) ** 2) + slope.T @ unknown @ slope
         scale = np.sqrt(np.diag(covariance))
         squares = share * (mean / scale) ** 2
         # The probability of a larger sum of correlated chi-squares, as of one with the same mean, 1, and variance, twice `half`.

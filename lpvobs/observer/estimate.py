@@ -67,6 +67,10 @@ class EngineFound:
         """Return the relative deviation of every constant from the configured one."""
         return {name: (1.0 + self.point.get(name, 0.0)) * (1.0 + share) - 1.0 for name, share in self.moved().items()}
 
+    def before(self) -> Unknowns:
+        """Return the prior, deviations counted from the configured values."""
+        return self.unknowns.seen_from({name: 1.0 / (1.0 + share) - 1.0 for name, share in self.point.items()})
+
 
 @dataclass(frozen=True)
 class Point:
@@ -128,7 +132,7 @@ class MapEstimate:
         [s], delta_1 of Eq. (29) of every cell.
     runs : tuple of LogRun
     constants : tuple of str
-        The q uncertain constants of the engine; none where the method does not tell.
+        The q uncertain constants of the engine, and the modes of a calibrated one; none where the method does not tell.
     sensitivity : ndarray, shape (q, p_2, p_1)
         [kg/s], change of the map per relative change of each constant, the others being known.
     engine : EngineFound or None
@@ -212,14 +216,13 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     solution = solve(layout, total, Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances))
     if settings.consider:
         solution = considered(solution, total, settings.prior_map, unknowns)
-    constants = slice(layout.nodes, layout.nodes + len(unknowns.constants))
-    coupled = solution.covariance[: layout.nodes, constants]
-    own = solution.covariance[constants, constants]
+    coupled = solution.covariance[: layout.nodes, solution.engine] @ unknowns.reduction
+    own = unknowns.reduced(solution.covariance[solution.engine, solution.engine])
     estimate = replace(
         finished("observer", grid, solution.theta, solution.map_covariance, runs, excitation_of(grid, total), settings),
         noise=solution.noise,
         design=solution.design,
-        constants=unknowns.constants,
+        constants=unknowns.coordinates,
         sensitivity=np.asarray(np.linalg.solve(own, coupled.T)).reshape(-1, *grid.shape),
         engine=EngineFound(
             unknowns,

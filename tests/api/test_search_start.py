@@ -47,7 +47,7 @@ def known(prior):
 
 def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model, prior, known):
     start = nominal_start(model, known, None, [log("2")])
-    assert start.model.constants.V_d == pytest.approx(1.001 * model.constants.V_d)
+    assert start.model.constants.constants.V_d == pytest.approx(1.001 * model.constants.constants.V_d)
     np.testing.assert_array_equal(start.model.covariance, known.covariance)
     assert start.prior is prior
     assert start.total({"V_d": 0.003})["V_d"] == pytest.approx(1.001 * 1.003 - 1.0)
@@ -55,9 +55,9 @@ def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model
 
 def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, prior, known):
     start = nominal_start(model, known, REFINED, [log("2")])
-    assert start.model.constants.V_d == pytest.approx(1.004 * model.constants.V_d)
+    assert start.model.constants.constants.V_d == pytest.approx(1.004 * model.constants.constants.V_d)
     again = start.model.with_unknowns(np.array([0.01, 0.0]))
-    assert again.V_d == pytest.approx(1.004 * 1.01 * model.constants.V_d)
+    assert again.constants.V_d == pytest.approx(1.004 * 1.01 * model.constants.constants.V_d)
     # No refinement narrows a tolerance below a third; a deviation above it narrows to itself.
     assert start.model.spread == pytest.approx([LEAST_LEFT * 0.01 / np.sqrt(3.0), 0.009])
     assert start.prior.mean == pytest.approx(prior.mean + prior.sensitivity @ [0.004 - 0.001, -0.01])
@@ -66,7 +66,7 @@ def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, 
 
 def test_logs_that_told_already_start_with_the_engine_of_the_map(model, prior, known):
     start = nominal_start(model, known, REFINED, [log("1")])
-    assert start.model.constants.V_d == pytest.approx(1.001 * model.constants.V_d)
+    assert start.model.constants.constants.V_d == pytest.approx(1.001 * model.constants.constants.V_d)
     assert start.prior is prior
 
 

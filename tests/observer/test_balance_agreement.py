@@ -9,10 +9,11 @@ from scipy.stats import chi2
 
 from lpvobs.engines.diesel.suspects import SUSPECTS
 from lpvobs.engines.registry import ENGINES
+from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import balance_agreement
-from lpvobs.observer.balance_agreement import DISAGREE, BalanceSums, Watched, agreement
+from lpvobs.observer.balance_agreement import DISAGREE, BalanceSums, Judged, Watched, agreement
 from lpvobs.records import Piece
 
 GRID = Grid(np.array([0.0, 10.0, 20.0, 30.0]), np.array([1000.0, 2000.0, 3000.0]))
@@ -29,14 +30,14 @@ def sums(difference, visits=None, slope=0.0, flow=0.05, n=20.0, power=((1.0,),))
 
 
 def test_a_difference_as_large_as_the_model_leaves_out_has_ratio_one():
-    found = agreement(GRID, sums(0.001), np.zeros(1), AXES)
+    found = agreement(GRID, sums(0.001), np.zeros((1, 1)), AXES)
     assert found.ratio == pytest.approx(1.0)
     assert found.p_value == pytest.approx(chi2.sf(6.0, 6), rel=1e-6)  # six cells with independent errors
 
 
 def test_a_tolerance_of_a_constant_is_one_degree_of_freedom():
     """Slope 0.05 kg/s and a relative variance of 0.2^2: the model's 0.001 vanishes beside 0.01 in all cells at once."""
-    found = agreement(GRID, sums(0.02, slope=0.05), np.array([0.04]), AXES)
+    found = agreement(GRID, sums(0.02, slope=0.05), np.array([[0.04]]), AXES)
     assert found.ratio == pytest.approx(2.0, rel=0.01)
     assert found.p_value == pytest.approx(chi2.sf(4.0, 1), rel=0.1)
 
@@ -47,8 +48,8 @@ def test_scatter_between_visits_is_allowed_for_and_the_worst_cell_is_named():
     visits = np.tile([[np.sum(s * s), np.sum(5.0 * s), 100.0]], (6, 1, 1))
     difference = np.full((6, 1), 0.01)
     difference[4] = 0.05
-    calm = agreement(GRID, sums(difference), np.zeros(1), AXES)
-    wild = agreement(GRID, sums(difference, visits), np.zeros(1), AXES)
+    calm = agreement(GRID, sums(difference), np.zeros((1, 1)), AXES)
+    wild = agreement(GRID, sums(difference, visits), np.zeros((1, 1)), AXES)
     assert calm.where == wild.where == {"fuel": (10.0, 20.0), "speed": (2000.0, 3000.0)}
     assert wild.ratio < 0.3 * calm.ratio
 
@@ -69,22 +70,22 @@ def test_the_mistake_without_which_balances_agree_is_found(power, found):
 
 def test_one_balance_cannot_disagree():
     single = replace(sums(0.0), difference=np.zeros((6, 0)), power=np.zeros((0, 4)))
-    assert np.isnan(agreement(GRID, single, np.zeros(1), AXES).ratio)
-    assert agreement(GRID, single, np.zeros(1), AXES).where == {}
+    assert np.isnan(agreement(GRID, single, np.zeros((1, 1)), AXES).ratio)
+    assert agreement(GRID, single, np.zeros((1, 1)), AXES).where == {}
     assert single.mended_by() is None
 
 
 def test_sums_of_two_logs_are_those_of_both():
     one = sums(0.02)
-    assert agreement(GRID, one + one, np.zeros(1), AXES).ratio == pytest.approx(
-        agreement(GRID, one, np.zeros(1), AXES).ratio
+    assert agreement(GRID, one + one, np.zeros((1, 1)), AXES).ratio == pytest.approx(
+        agreement(GRID, one, np.zeros((1, 1)), AXES).ratio
     )
     np.testing.assert_array_equal((one + one).blocks, 2.0 * one.blocks)
 
 
 def test_a_recording_is_passed_on_as_it_is(air_path, drive):
     log = drive[0]
-    watched = Watched(log, air_path, GRID, ("R_c",), SUSPECTS)
+    watched = Watched(log, Judged(air_path, unknowns_of({"R_c": 0.01}, ())), GRID, SUSPECTS)
     with pytest.raises(DataError, match="no sample"):
         _ = watched.sums
     (piece,) = watched.pieces()
@@ -112,7 +113,8 @@ class Cut:
 
 
 def sums_along(recording, air_path, grid=GRID, uncertain=()):
-    watched = Watched(recording, air_path, grid, uncertain, SUSPECTS)
+    engine = Judged(air_path, unknowns_of(dict.fromkeys(uncertain, 0.01), ()))
+    watched = Watched(recording, engine, grid, SUSPECTS)
     for _ in watched.pieces():
         pass
     return watched.sums
@@ -137,7 +139,7 @@ def judged(air_path, grid, drive, settings):
     def judge(change=dict, **deviation):
         log = replace(drive[0], channels=change(drive[0].channels))
         engine = air_path.deviating(deviation)
-        variance = settings.constants_variance
+        variance = np.diag(settings.constants_variance)
         found = sums_along(log, engine, grid, tuple(settings.tolerance))
         return agreement(grid, found, variance, AXES).ratio, found.mended_by()
 

@@ -1,6 +1,7 @@
 """Four balances of a diesel with EGR and VGT, with room for what the model lacks."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from numba import njit
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
+from lpvobs.engines.diesel.corrections import COMPONENTS, corrections
 from lpvobs.engines.effects import Signals
 from lpvobs.records import Array
 
@@ -34,6 +36,29 @@ class Lacks(NamedTuple):
 
 
 IN_ORDER = Lacks()
+T_EM, W_MAF = CHANNELS.index("T_em"), CHANNELS.index("W_maf")
+COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, W_MAF_LAG = range(5)
+PARTS = {
+    "compressor": COMPRESSOR,
+    "eta_vol": CYLINDERS,
+    "eta_vol_waves": CYLINDERS,
+    "eta_vol_exhaust": CYLINDERS,
+    "eta_vol_charge": CYLINDERS,
+    "egr": EXHAUST_RETURN,
+    "T_em_lag": T_EM_LAG,
+    "W_maf_lag": W_MAF_LAG,
+}
+"""What the corrections change: flows of compressor, cylinders and EGR [kg/s], and two signals by their lag [s]."""
+NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4)
+"""Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
+
+
+@dataclass(frozen=True, eq=False)
+class DieselAsFound:
+    """A diesel's constants, and the values of its corrections; none where nothing is known beyond the configuration."""
+
+    constants: DieselConstants
+    values: Array
 
 
 @njit(cache=True)
@@ -60,10 +85,11 @@ def egr_per_area(c: DieselConstants, p_im: float, p_em: float, T_im: float, T_em
 
 
 @njit(cache=True)
-def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Array:
+def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
     """Return what is left of each balance, shape (4, K) [kg/s].
 
-    x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`.
+    x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`; flows : (3, K) what
+    corrections add to the flows of compressor, cylinders and EGR.
     """
     K = x.shape[1]
     out = np.empty((4, K))
@@ -71,10 +97,10 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array) -> Arra
         n_e, u_delta, u_egr, u_vgt = x[0, k], x[1, k], x[2, k], x[3, k]
         p_im, p_em, omega_t = x[4, k], x[5, k], x[6, k]
         T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
-        rho_1 = lacks[4, k] * relation.rho_1(c, p_im, omega_t, p_amb, T_amb)
+        rho_1 = lacks[4, k] * (relation.rho_1(c, p_im, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
         W_c = rho_1 * omega_t
-        W_ei = lacks[3, k] * relation.rho_3(c, p_im, n_e, T_im) * p_im
-        W_egr = lacks[2, k] * relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em
+        W_ei = lacks[3, k] * (relation.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
+        W_egr = lacks[2, k] * (relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
         if lacks[1, k] != 0.0:
             W_egr += lacks[1, k] * egr_per_area(c, p_im, p_em, T_im, T_em)
         W_leak = lacks[0, k] * escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
@@ -124,12 +150,55 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
     return min(P, 0.9999)
 
 
-def imbalances(c: DieselConstants, s: Signals, _: Blocks | None = None) -> Array:
+def imbalances(found: DieselAsFound, s: Signals, _: Blocks | None = None) -> Array:
     """Return what is left of each balance, shape (4, C) [kg/s]."""
-    return np.asarray(imbalances_of(c, _stacked(s.value), _stacked(s.rate), s.lacks))
+    return _imbalances(found, s, _changes(found, s))
 
 
-def further(c: DieselConstants, s: Signals) -> tuple[Array, Array]:
+def _imbalances(found: DieselAsFound, s: Signals, changes: Array) -> Array:
+    """Return the balances with changes of `PARTS`, shape (5, C)."""
+    x, dx = _stacked(s.value), _stacked(s.rate)
+    x[T_EM] += changes[T_EM_LAG] * dx[T_EM]
+    x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
+    return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
+
+
+def _changes(found: DieselAsFound, s: Signals) -> Array:
+    """Return what the values of the corrections change, shape (5, C)."""
+    changes = np.zeros((len(NUDGES), s.lacks.shape[1]))
+    if found.values.size:
+        for part, place, columns in _columns(found, s):
+            changes[part] += columns @ found.values[place]
+    return changes
+
+
+def _columns(found: DieselAsFound, s: Signals) -> Iterator[tuple[int, slice, Array]]:
+    """Yield of every correction what it changes, where its values stand, and the change by each of them, shape (C, size)."""
+    still, begin = np.zeros(s.lacks.shape[1]), 0
+    rates = {name: s.rate.get(name, still) for name in CHANNELS}
+    for component, correction in zip(COMPONENTS, corrections(found.constants, s.value, rates), strict=True):
+        part, place = PARTS[component.name], slice(begin, begin + component.size)
+        lag = part >= T_EM_LAG
+        columns = np.ones((s.lacks.shape[1], 1)) if lag else correction.columns(component.size)
+        yield part, place, -columns if part == EXHAUST_RETURN else columns  # that flow lowers the one past the sensor
+        begin = place.stop
+
+
+def by_corrections(modes: Array, found: DieselAsFound, s: Signals, _: Blocks | None) -> Array:
+    """Return the derivatives of the balances by modes of the corrections, given as (values, m), shape (m, 4, C)."""
+    changes, along = _changes(found, s), np.zeros((len(NUDGES), s.lacks.shape[1], modes.shape[1]))
+    for part, place, columns in _columns(found, s):
+        along[part] += columns @ modes[place]
+    at = _imbalances(found, s, changes)
+    derivatives = np.zeros((modes.shape[1], *at.shape))
+    for part, nudge in enumerate(NUDGES):
+        nudged = changes.copy()
+        nudged[part] += nudge
+        derivatives += (_imbalances(found, s, nudged) - at) / nudge * along[part].T[:, None]
+    return derivatives
+
+
+def further(found: DieselAsFound, s: Signals) -> tuple[Array, Array]:
     """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N).
 
     The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third what
@@ -137,7 +206,8 @@ def further(c: DieselConstants, s: Signals) -> tuple[Array, Array]:
     """
     x, dx = _stacked(s.value), _stacked(s.rate)
     in_order = np.tile(np.array(IN_ORDER)[:, None], (1, x.shape[1]))
-    change = imbalances_of(c, x, dx, s.lacks) - imbalances_of(c, x, dx, in_order)
+    c, flows = found.constants, _changes(found, s)[:T_EM_LAG]
+    change = imbalances_of(c, x, dx, s.lacks, flows) - imbalances_of(c, x, dx, in_order, flows)
     a_1, a_2 = c.R_a * s["T_im"] / c.V_im, c.R_e * s["T_em"] / c.V_em
     inputs = (
         a_1 * (change[1] - change[0]),

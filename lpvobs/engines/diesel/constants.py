@@ -122,7 +122,7 @@ class Egr:
 
 @dataclass(frozen=True)
 class DieselEngine:
-    """All that the observer knows of the engine."""
+    """All that the observer knows of the engine; `file`, beside the configuration: what `calibrate` has found of it."""
 
     gas: Gas
     geometry: Geometry
@@ -130,6 +130,7 @@ class DieselEngine:
     compressor: Compressor
     turbine: Turbine
     egr: Egr
+    file: str = ""
 
 
 class DieselConstants(NamedTuple):

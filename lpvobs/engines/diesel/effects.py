@@ -1,14 +1,25 @@
 """The effects of the contract that a diesel with EGR and VGT may have, and the engine as the loop sees it."""
 
 from collections.abc import Collection, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from lpvobs.engines.blocks import Blocks
-from lpvobs.engines.diesel.balances import BALANCES, CHANNELS, IN_ORDER, Lacks, further, imbalances
-from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
+from lpvobs.engines.diesel.balances import (
+    BALANCES,
+    CHANNELS,
+    IN_ORDER,
+    DieselAsFound,
+    Lacks,
+    by_corrections,
+    further,
+    imbalances,
+)
+from lpvobs.engines.diesel.constants import DieselEngine, constants_of
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -27,6 +38,7 @@ from lpvobs.engines.effects import (
 )
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
+from lpvobs.engines.unknowns import Unknowns
 from lpvobs.records import Array
 
 PULSATION_SPEED = 2000.0
@@ -54,7 +66,7 @@ def bypass(s: Signals, area: float) -> Signals:
 
     The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: the flow is that of the filling.
     """
-    share = area * np.sqrt(2.0 * s["p_amb"] / (s.constants.R_a * s["T_amb"]) * FILTER)
+    share = area * np.sqrt(2.0 * s["p_amb"] / (s.constants.constants.R_a * s["T_amb"]) * FILTER)
     filling = s[SENSOR] - imbalances(s.constants, s, None)[1]
     return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
 
@@ -88,12 +100,33 @@ CATALOGUE = (
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
 
 
-def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY) -> ResidualModel:
-    """Return the diesel as the loop sees it: its constants are known within a tolerance, as if uniformly distributed."""
-    constants, names = constants_of(engine), tuple(tolerance)
+def diesel_model(
+    engine: DieselEngine,
+    tolerance: Mapping[str, float],
+    day: DayToDay = ANY_DAY,
+    known: Unknowns | None = None,
+) -> ResidualModel:
+    """Return the diesel as the loop sees it, around its configured constants.
 
-    def with_unknowns(beta: Array) -> DieselConstants:
-        return constants._replace(**{n: getattr(constants, n) * (1.0 + b) for n, b in zip(names, beta, strict=True)})
+    They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a calibration
+    knows them, relative to where it found them.
+    """
+    constants, names = constants_of(engine), tuple(tolerance)
+    covariance = np.diag(np.array(list(tolerance.values())) ** 2 / 3.0)
+    values, modes = np.zeros(0), np.zeros((0, 0))
+    if known is not None:
+        n = len(known.constants)
+        others = {name: share for name, share in tolerance.items() if name not in known.constants}
+        seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
+        own = known.reduced(known.covariance) / np.outer(seen, seen)
+        apart = np.diag(np.array(list(others.values())) ** 2 / 3.0)
+        names, covariance = (*others, *known.coordinates), block_diag(apart, own)
+        values, modes = known.mean[n:], known.reduction[n:, n:]
+    count = len(names) - modes.shape[1]
+
+    def with_unknowns(beta: Array) -> DieselAsFound:
+        moved = {n: getattr(constants, n) * (1.0 + b) for n, b in zip(names[:count], beta.tolist(), strict=False)}
+        return DieselAsFound(constants._replace(**moved), values + modes @ beta[count:] if values.size else values)
 
     return ResidualModel(
         balances=BALANCES,
@@ -103,9 +136,9 @@ def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float], day: DayT
         fuel="u_delta",
         speed="n_e",
         lacks=tuple(IN_ORDER),
-        constants=constants,
+        constants=DieselAsFound(constants, values),
         names=names,
-        covariance=np.diag(np.array(list(tolerance.values())) ** 2 / 3.0),
+        covariance=covariance,
         with_unknowns=with_unknowns,
         imbalances=imbalances,
         by_reading=by_reading,
@@ -114,10 +147,12 @@ def diesel_model(engine: DieselEngine, tolerance: Mapping[str, float], day: DayT
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
+        by_unknowns=None if known is None else partial(by_corrections, modes),
+        adding=modes.shape[1],
     )
 
 
-def by_reading(_: DieselConstants, s: Signals, __: Blocks | None) -> Array:
+def by_reading(_: DieselAsFound, s: Signals, __: Blocks | None) -> Array:
     """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (4, K)."""
     return np.repeat([[1.0], [1.0], [0.0], [0.0]], s.time.size // 2, axis=1)
 
@@ -127,6 +162,8 @@ def shown(s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
     return np.ones((len(BALANCES), s.time.size // 2), dtype=bool)
 
 
-def residual_model(config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str]) -> ResidualModel:
-    """Return the model of a configuration; nothing of it is learned."""
-    return diesel_model(path.engine, config.estimate.tolerance, config.trace)
+def residual_model(
+    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], known: Unknowns | None
+) -> ResidualModel:
+    """Return the model of a configuration, with what a calibration knows; no log teaches any of it."""
+    return diesel_model(path.engine, config.estimate.tolerance, config.trace, known)

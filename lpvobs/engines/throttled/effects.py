@@ -119,6 +119,8 @@ def throttled_model(
     )
 
 
-def residual_model(config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str]) -> ResidualModel:
+def residual_model(
+    config: Any, path: Any, healthy: HealthyErrors | None, taught: Collection[str], _: object
+) -> ResidualModel:
     """Return the model of a configuration, for an air path that has learned."""
     return throttled_model(config.engine, path.learned, healthy, config.trace, taught)

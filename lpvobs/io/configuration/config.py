@@ -79,6 +79,11 @@ class Config:
         """The kind of the configured engine."""
         return ENGINES[self.air_path]
 
+    def engine_file(self, path: Path) -> Path | None:
+        """Return the calibrated engine that `[engine] file` names, beside the configuration at `path`; None for none."""
+        name = getattr(self.engine, "file", "")  # only an engine with corrections has the key
+        return path.parent / name if name else None
+
     def engine_path(self) -> AirPath:
         """Return the air path of the configured engine."""
         return self.kind.air_path(self.engine)

@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.unknowns import Unknowns
+from lpvobs.io.results.engines import read_unknowns, unknowns_fields
 from lpvobs.io.results.hdf import Field, write_group
 from lpvobs.io.results.mapping import Item, Layout, fields, read
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array
 
-GROUP = "engine_found"
+GROUP, BEFORE = "engine_found", "engine_before"
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,9 +23,9 @@ class EngineOfMap:
     Attributes
     ----------
     constants : tuple of str
-        q constants.
+        q constants, and modes of the corrections of a calibrated engine.
     deviation : ndarray, shape (q,)
-        Relative, from the configured values.
+        Relative, from the configured values; of a mode, from what the calibration found.
     covariance : ndarray, shape (q, q)
     groups : tuple of str
         Of components, whose corrections share an amplitude.
@@ -52,19 +55,26 @@ FOUND = Layout(
 
 def stored_engine(found: EngineFound) -> EngineOfMap:
     """Return what a result keeps of the constants; their deviations are seen from the configured values."""
-    q = len(found.unknowns.constants)
-    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in found.unknowns.constants])
+    unknowns, q = found.unknowns, len(found.unknowns.constants)
+    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
+    deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
+    deviation[:q] = list(found.deviation().values())
     return EngineOfMap(
-        constants=found.unknowns.constants,
-        deviation=np.array(list(found.deviation().values())),
-        covariance=found.covariance[:q, :q] * np.outer(seen_from, seen_from),
-        groups=found.unknowns.groups(),
+        constants=unknowns.coordinates,
+        deviation=deviation,
+        covariance=unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from),
+        groups=unknowns.groups(),
         amplitudes=found.amplitudes,
     )
 
 
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
-    """Write constants, and every component's correction over its own axes, into a result that has none."""
+    """Write constants, and every component's correction over its own axes, into a result that has none.
+
+    Of a calibrated engine, what the calibration knew is written beside it.
+    """
+    if found.unknowns.learned:
+        write_group(file, BEFORE, unknowns_fields(found.before()))
     group = write_group(file, GROUP, fields(FOUND, stored_engine(found)))
     places = found.unknowns.places()
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
@@ -83,3 +93,8 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
 def read_engine_found(file: h5py.File) -> EngineOfMap | None:
     """Return what an open result says of its engine's constants, None where the method does not tell."""
     return read(file[GROUP], FOUND) if GROUP in file else None
+
+
+def read_engine_before(file: h5py.File, air_path: AirPath) -> Unknowns | None:
+    """Return what was known of the engine before an open result's logs, None where that is the configuration alone."""
+    return read_unknowns(file[BEFORE], air_path) if BEFORE in file else None

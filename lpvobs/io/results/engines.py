@@ -72,7 +72,7 @@ class StoredEngine:
     @property
     def deviation(self) -> dict[str, float]:
         """Relative deviation of every constant from the configured one."""
-        return dict(zip(self.unknowns.constants, self.unknowns.mean.tolist(), strict=False))
+        return self.unknowns.deviation()
 
     @property
     def error(self) -> Array:
@@ -120,17 +120,34 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
             group = file.create_group(name)
             for key, value in getattr(stored, name).items():
                 group.attrs[key] = value
-        square = ("unknown", "other_unknown")
-        names = {axis: Field(text(unknowns.names), "1", "constant, or node of a correction") for axis in square}
-        contents = {
-            "mean": Field(unknowns.mean, "1", "relative deviation of a constant, value of a correction", square[:1]),
-            "prior_error": Field(stored.prior_error, "1", "standard deviation before the data", square[:1]),
-            "covariance": Field(unknowns.covariance, "1", "covariance of mean", square),
-        }
-        write_group(file, "unknowns", names | contents)
+        before = Field(stored.prior_error, "1", "standard deviation before the data", ("unknown",))
+        write_group(file, "unknowns", {**unknowns_fields(unknowns), "prior_error": before})
         _write_components(file.create_group("components"), stored)
         write_group(file, "rows", rows(ROWS, stored.rows))
         stored.provenance.write(file)
+
+
+def unknowns_fields(unknowns: Unknowns) -> dict[str, Field]:
+    """Return the unknowns of an engine as a file has them."""
+    square = ("unknown", "other_unknown")
+    names = {axis: Field(text(unknowns.names), "1", "constant, or node of a correction") for axis in square}
+    return names | {
+        "mean": Field(unknowns.mean, "1", "relative deviation of a constant, value of a correction", square[:1]),
+        "covariance": Field(unknowns.covariance, "1", "covariance of mean", square),
+    }
+
+
+def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
+    """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
+    names = tuple(map(str, group["unknown"].asstr()[()]))
+    q, components = len(names), air_path.components
+    own = names[: max(q - sum(component.size for component in components), 0)]
+    found = Unknowns(own, components, _finite(group, "mean", q), _finite(group, "covariance", q, q), learned=True)
+    if found.names != names or not set(own) <= set(air_path.engine_constants()):
+        raise DataError(
+            f"{group.file.filename}: has unknowns that this version of lpvobs does not know; {REMEDY} again"
+        )
+    return found
 
 
 def _write_components(parent: h5py.Group, stored: StoredEngine) -> None:
@@ -164,19 +181,12 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     with reading(path, KIND, REMEDY) as file:
         constants = _numbers(file["constants"])
         _expect_engine(path, str(file.attrs["air_path"]), constants, air_path)
-        group, components = file["unknowns"], air_path.components
-        names = tuple(map(str, group["unknown"].asstr()[()]))
-        q = len(names)
-        own = names[: max(q - sum(component.size for component in components), 0)]
-        mean, covariance = _finite(group, "mean", q), _finite(group, "covariance", q, q)
-        unknowns = Unknowns(own, components, mean, covariance, learned=True)
-        if unknowns.names != names or not set(own) <= set(constants):
-            raise DataError(f"{path}: has unknowns that this version of lpvobs does not know; calibrate again")
+        unknowns = read_unknowns(file["unknowns"], air_path)
         return StoredEngine(
             air_path=air_path.name,
             constants=constants,
             unknowns=unknowns,
-            prior_error=_finite(group, "prior_error", q),
+            prior_error=_finite(file["unknowns"], "prior_error", unknowns.size),
             amplitudes=_numbers(file["amplitudes"]),
             left=_numbers(file["left"]),
             rows=read_rows(file["rows"], ROWS),

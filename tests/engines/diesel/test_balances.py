@@ -27,7 +27,7 @@ def test_the_sensor_balances_are_those_of_the_air_path(engine):
     air_path, log = Diesel(engine), scattered(3)
     value, rate, rates = columns(log)
     flows = air_path.balances(log, rates, ()).flow
-    left = imbalances_of(air_path.constants, value, rate, with_lacks(len(log)))
+    left = imbalances_of(air_path.constants, value, rate, with_lacks(len(log)), np.zeros((3, len(log))))
     np.testing.assert_allclose(left[:2], log["W_maf"] - flows, rtol=0, atol=1e-12)  # kg/s, rounding
 
 
@@ -39,8 +39,8 @@ def test_turbine_side_is_the_equation_of_the_states(engine):
     dx = np.einsum("kij,kj->ki", way.A, np.stack([log["p_im"], log["p_em"], log["omega_t"]], 1)) + way.E
     i, j = CHANNELS.index("p_em"), CHANNELS.index("omega_t")
     rate[i], rate[j] = dx[:, 1], dx[:, 2]  # what the model says the states do
-    left = imbalances_of(c, value, rate, with_lacks(len(log)))
-    scale = np.abs(imbalances_of(c, value, 0 * rate, with_lacks(len(log))))
+    left = imbalances_of(c, value, rate, with_lacks(len(log)), np.zeros((3, len(log))))
+    scale = np.abs(imbalances_of(c, value, 0 * rate, with_lacks(len(log)), np.zeros((3, len(log)))))
     assert np.all(np.abs(left[2:]) <= 1e-9 * (1e-3 + scale[2:]))
 
 
@@ -59,9 +59,9 @@ def test_turbine_side_is_the_equation_of_the_states(engine):
 def test_each_lack_has_its_place(engine, name, size, moved):
     log = scattered(7)
     value, rate, _ = columns(log)
-    c = Diesel(engine).constants
-    change = imbalances_of(c, value, rate, with_lacks(len(log), **{name: size})) - imbalances_of(
-        c, value, rate, with_lacks(len(log))
+    c, still = Diesel(engine).constants, np.zeros((3, len(log)))
+    change = imbalances_of(c, value, rate, with_lacks(len(log), **{name: size}), still) - imbalances_of(
+        c, value, rate, with_lacks(len(log)), still
     )
     assert {b for b, row in zip(BALANCES, change, strict=True) if np.abs(row).max() > 0} == moved
     assert set(Lacks._fields) >= {name}
