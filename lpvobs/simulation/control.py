@@ -5,35 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
-from lpvobs.simulation.flat import flat
-from lpvobs.simulation.parameters import SimulationParameters
+from lpvobs.simulation.parameters import Control, Setpoints, SimulationParameters
 
 
-class Targets(NamedTuple):
-    """Set-points and gains as the compiled functions read them; see `parameters.Setpoints` and `parameters.Control`."""
-
-    boost_n_e: Array
-    boost_u_delta: Array
-    boost: Array
-    air_n_e: Array
-    air_u_delta: Array
-    air: Array
-    egr_off_above_u_delta: float
-    egr_off_below_u_delta: float
-    egr_off_above_n_e: float
-    delta_p: Array
-    n_cyl: float
-    period: float
-    egr_proportional: float
-    egr_integral: float
-    egr_max: float
-    pressure_proportional: float
-    pressure_integral: float
-    boost_proportional: float
-    boost_integral: float
-    vgt_min: float
-    vgt_max: float
+class Targets(flat_type([*names_of(Setpoints, Control), "n_cyl"])):  # type: ignore[misc]
+    """Set-points and gains as the compiled functions read them."""
 
 
 class Commands(NamedTuple):

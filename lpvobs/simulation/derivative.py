@@ -45,10 +45,10 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
     W_ei = cylinder_flow(plant, p_im, given.n_e, T_im)
     if s.wave + s.residual_gas + s.charge_heating > 0.0:
-        W_ei *= filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, W_ei / c.V_d, b.r_c)
+        W_ei *= filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, W_ei / c.V_d, b.compression_ratio)
     u_delta = max(0.0, min(given.u_demand, smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
     W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl  # Eq. (2)
-    needed = W_f * b.air_fuel * b.X_Oc
+    needed = W_f * b.air_fuel_stoichiometric * b.X_Oc
     lambda_O = W_ei * x[X_OIM] / needed if needed > 0.0 else 1e9  # no fuel counts as lean
     W_eo = W_ei + W_f
     T_e = cylinder_out_temperature(plant, W_ei, W_f, lambda_O, p_im, p_em, T_im)
@@ -61,9 +61,9 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
         air = Stage(W_c, given.p_amb, p_im, given.T_amb, 1.0, 0.0)
     heating = compressor_heating(plant, air.W_c, air.p_out, air.p_in, air.T_in, air.loss)
     warming = heating + air.warming + (air.T_in - given.T_amb)
-    effectiveness = b.eps_ic
+    effectiveness = b.effectiveness_intercooler
     if s.thermocouple > 0.0:
-        effectiveness = cooler_effectiveness(s.thermocouple, b.eps_ic, given.v_air, air.W_c / c.V_d)
+        effectiveness = cooler_effectiveness(s.thermocouple, b.effectiveness_intercooler, given.v_air, air.W_c / c.V_d)
     if s.turbine > 0.0:
         W_t, P_t = other_turbine(plant, p_em, x[U_VGT], omega_t, T_em, W_eo, given)
     else:
@@ -95,7 +95,7 @@ def mixed_temperature(plant: Plant, f: Flows, T_im: float, T_amb: float) -> floa
     """Return the temperature [K] of cooled charge air, cooled EGR and air from a leak together, weighted with W c_p (+)."""
     c, b = plant.engine, plant.body
     charge = T_amb + f.charge_warming
-    recirculated = f.T_em - b.eps_egr * (f.T_em - b.T_cool)
+    recirculated = f.T_em - b.effectiveness_egr * (f.T_em - b.T_cool)
     air, exhaust, drawn_in = f.W_c * c.c_pa, max(f.W_egr, 0.0) * c.c_pe, max(-f.W_leak, 0.0) * c.c_pa
     if air + exhaust + drawn_in <= 0.0:
         return T_im

@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
-from lpvobs.simulation.parameters import SimulationParameters
+from lpvobs.engines.flat import flat, flat_type, names_of
+from lpvobs.simulation.parameters import Actuators, Combustion, Cooling, SimulationParameters
 from lpvobs.simulation.structure.amplitudes import Amplitudes
 
 Array = NDArray[np.float64]
@@ -27,27 +28,11 @@ ROTOR_SPEED = 1.0
 """Place of the form `rotor_speed` among the forms of the compressor, and among those of the turbine."""
 
 
-class Body(NamedTuple):
-    """The constants that only the plant has; names and units as in the parameters."""
+BODY = (*names_of(Combustion, Cooling, Actuators, without=("friction_bar",)), "pipe")
 
-    X_Oc: float
-    q_HV: float
-    air_fuel: float
-    gamma_cyl: float
-    r_c: float
-    eta_ig: float
-    eta_sc: float
-    x_cv: float
-    pipe: float  # W/K, heat transfer coefficient times area
-    lambda_min: float
-    eps_ic: float
-    eps_egr: float
-    T_cool: float
-    tau_T_im: float
-    tau_egr1: float
-    tau_egr2: float
-    K_egr: float
-    tau_vgt: float
+
+class Body(flat_type(BODY)):  # type: ignore[misc]
+    """The constants that only the plant has; `pipe` [W/K] is the exhaust pipes' heat transfer coefficient times their area."""
 
 
 class Condition(NamedTuple):
@@ -107,28 +92,10 @@ class Flows(NamedTuple):
 
 def plant_of(engine: DieselEngine, parameters: SimulationParameters) -> Plant:
     """Return the plant's constants, flat, as the compiled functions read them."""
-    fire, cool, drive = parameters.combustion, parameters.cooling, parameters.actuators
-    body = Body(
-        X_Oc=fire.X_Oc,
-        q_HV=fire.q_HV,
-        air_fuel=fire.air_fuel_stoichiometric,
-        gamma_cyl=fire.gamma_cyl,
-        r_c=fire.compression_ratio,
-        eta_ig=fire.eta_ig,
-        eta_sc=fire.eta_sc,
-        x_cv=fire.x_cv,
-        pipe=fire.h_tot * pi * fire.d_pipe * fire.l_pipe * fire.n_pipe,
-        lambda_min=fire.lambda_min,
-        eps_ic=cool.effectiveness_intercooler,
-        eps_egr=cool.effectiveness_egr,
-        T_cool=cool.T_cool,
-        tau_T_im=cool.tau_T_im,
-        tau_egr1=drive.tau_egr1,
-        tau_egr2=drive.tau_egr2,
-        K_egr=drive.K_egr,
-        tau_vgt=drive.tau_vgt,
-    )
-    return Plant(constants_of(engine), Body(*map(float, body)), SOUND, parameters.structure.inside)
+    fire = parameters.combustion
+    pipe = fire.h_tot * pi * fire.d_pipe * fire.l_pipe * fire.n_pipe
+    body = flat(Body, fire, parameters.cooling, parameters.actuators, pipe=pipe)
+    return Plant(constants_of(engine), body, SOUND, parameters.structure.inside)
 
 
 def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:
@@ -233,7 +200,7 @@ def intake_leak(plant: Plant, p_im: float, T_im: float, p_amb: float, T_amb: flo
 @njit(cache=True)
 def smoke_limit(plant: Plant, W_ei: float, X_Oim: float, n_e: float) -> float:
     """Return the most fuel [mg/cycle] that leaves the cylinder lambda_min times the air it needs."""
-    W_f = W_ei * X_Oim / (plant.body.lambda_min * plant.body.air_fuel * plant.body.X_Oc)
+    W_f = W_ei * X_Oim / (plant.body.lambda_min * plant.body.air_fuel_stoichiometric * plant.body.X_Oc)
     return W_f * 120.0e6 / (n_e * plant.engine.n_cyl)
 
 
@@ -244,7 +211,7 @@ def cylinder_out_temperature(
     """Return T_e [K] of a limited-pressure cycle: residual gas and its temperature by four fixed-point passes."""
     c, b = plant.engine, plant.body
     c_va = c.c_pa - c.R_a
-    heated = b.r_c ** (c.gamma_a - 1.0)
+    heated = b.compression_ratio ** (c.gamma_a - 1.0)
     Pi_e = p_em / p_im
     expansion = Pi_e ** (1.0 / c.gamma_a)
     heat = min(1.0, lambda_O) * W_f * b.q_HV / (W_ei + W_f)
@@ -255,7 +222,7 @@ def cylinder_out_temperature(
         x_p = 1.0 + q * b.x_cv / (c_va * compressed)
         x_v = 1.0 + q * (1.0 - b.x_cv) / (c.c_pa * (q * b.x_cv / c_va + compressed))
         lowered = x_p ** (-1.0 / c.gamma_a)
-        x_r = expansion * lowered / (b.r_c * x_v)
+        x_r = expansion * lowered / (b.compression_ratio * x_v)
         released = q * ((1.0 - b.x_cv) / c.c_pa + b.x_cv / c_va) + compressed
         T_e = b.eta_sc * (Pi_e / expansion) / heated / (x_p * lowered) * released
         T_1 = x_r * T_e + (1.0 - x_r) * T_im

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import SpeedCycle
-from lpvobs.simulation.flat import flat
 from lpvobs.simulation.parameters import Vehicle
 from lpvobs.simulation.torque import Work, fuel, interpolate, torque
 
@@ -25,28 +25,11 @@ STANDSTILL = 0.3  # m/s
 RPM = 60.0 / (2.0 * pi)
 
 
-class Car(NamedTuple):
-    """The vehicle's constants as the compiled functions read them; see `parameters.Vehicle`."""
+class Car(flat_type([*names_of(Vehicle), "ratio", "road_0", "road_2"])):  # type: ignore[misc]
+    """The vehicle's constants as the compiled functions read them.
 
-    ratio: Array  # engine speed [rad/s] per vehicle speed [m/s], a value per gear
-    efficiency: float
-    mass: float
-    road_0: float  # N
-    road_2: float  # N/(m/s)^2
-    accessory_torque: float
-    idle_speed: float
-    launch_speed: float
-    shift_down_below: float
-    shift_up_light: float
-    shift_up_full: float
-    shift_up_always: float
-    shift_reserve: float
-    shift_time: float
-    shift_dwell: float
-    speed_gain: float
-    pedal_time: float
-    pedal_n_e: Array
-    pedal_u_delta: Array
+    `ratio` is the engine speed [rad/s] per vehicle speed [m/s], a value per gear; road load is road_0 [N] + road_2 [N/(m/s)^2] v^2.
+    """
 
 
 class Moment(NamedTuple):

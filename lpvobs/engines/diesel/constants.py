@@ -5,10 +5,11 @@ The attributes bear the names of the configuration's `[engine.*]` tables.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from typing import Annotated, Any, NamedTuple, TypeVar
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Annotated, Any, TypeVar
 
 from lpvobs.engines.bounds import Within
+from lpvobs.engines.flat import flat, flat_type
 
 Record = TypeVar("Record")
 
@@ -52,18 +53,11 @@ class Filling:
     c_vol3: Annotated[float, Within(0.2, 3, "1", "level of the volumetric efficiency")]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Compressor:
     """Ellipse of flow over head coefficient in one of `COMPRESSOR_FORMS`; efficiency as a quadratic around an optimum."""
 
     R_c: Annotated[float, Within(5e-3, 0.3, "m", "radius of a compressor")]
-    k_neg: Annotated[float, Within(0, 10, "1", "slope of the flow below a pressure ratio of one")]
-    eta_c_max: Annotated[float, Within(0.2, 0.9, "1", "efficiency of a compressor")]
-    W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best")]
-    pi_c_opt: Annotated[float, Within(0, 3, "1", "pressure ratio term of a compressor at its best")]
-    c_pi: Annotated[float, Within(0.05, 1.5, "1", "exponent of the pressure ratio")]
-    Q: Annotated[tuple[float, float, float], Within(-1e5, 1e5, "1", "slope of an efficiency")]  # Q_11, Q_12, Q_22
-    eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "least efficiency of a compressor")]
     form: str = "tip_speed"
     psi_0: Annotated[float | None, Within(0.3, 3, "1", "head coefficient")] = None
     psi_1: Annotated[float | None, Within(-2, 2, "1", "slope of the head coefficient")] = None
@@ -77,12 +71,19 @@ class Compressor:
     c_w_phi1: Annotated[float | None, Within(-1e-4, 1e-4, "s^2", "curvature of the flow's coefficient")] = None
     c_w_phi2: Annotated[float | None, Within(-1, 1, "s", "slope of the flow's coefficient")] = None
     c_w_phi3: Annotated[float | None, Within(1, 1e4, "1", "level of the flow's coefficient")] = None
+    k_neg: Annotated[float, Within(0, 10, "1", "slope of the flow below a pressure ratio of one")]
+    eta_c_max: Annotated[float, Within(0.2, 0.9, "1", "efficiency of a compressor")]
+    W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best")]
+    pi_c_opt: Annotated[float, Within(0, 3, "1", "pressure ratio term of a compressor at its best")]
+    c_pi: Annotated[float, Within(0.05, 1.5, "1", "exponent of the pressure ratio")]
+    Q: Annotated[tuple[float, float, float], Within(-1e5, 1e5, "1", "slope of an efficiency")]  # Q_11, Q_12, Q_22
+    eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "least efficiency of a compressor")]
 
     def __post_init__(self) -> None:
         _check_form(self, self.form, COMPRESSOR_FORMS)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Turbine:
     """Variable nozzle, efficiency over the blade speed ratio in one of `TURBINE_FORMS`, back pressure and inertia."""
 
@@ -96,14 +97,14 @@ class Turbine:
     f_vgt_min: Annotated[float, Within(0, 1, "1", "least share of the turbine's area")]
     eta_tm_max: Annotated[float, Within(0.2, 1, "1", "efficiency of a turbine")]
     bsr_opt: Annotated[float, Within(0.2, 2, "1", "blade speed ratio")]
-    eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "least efficiency of a turbine")]
-    k_exhaust: Annotated[float, Within(0, 1e9, "Pa/(kg/s)^2", "back pressure")]
-    J_t: Annotated[float, Within(1e-8, 0.1, "kg m^2", "inertia of a turbocharger")]
     form: str = "constant"
     c_m: Annotated[float | None, Within(0, 20, "1", "slope of the turbine's efficiency")] = None
     c_m1: Annotated[float | None, Within(0, 1e3, "1", "slope of the turbine's efficiency")] = None
     c_m2: Annotated[float | None, Within(0, 4e4, "rad/s", "turbine speed")] = None
     c_m3: Annotated[float | None, Within(0, 5, "1", "exponent of the turbine's speed")] = None
+    eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "least efficiency of a turbine")]
+    k_exhaust: Annotated[float, Within(0, 1e9, "Pa/(kg/s)^2", "back pressure")]
+    J_t: Annotated[float, Within(1e-8, 0.1, "kg m^2", "inertia of a turbocharger")]
 
     def __post_init__(self) -> None:
         _check_form(self, self.form, TURBINE_FORMS)
@@ -133,83 +134,28 @@ class DieselEngine:
     file: str = ""
 
 
-class DieselConstants(NamedTuple):
+def _flat_names(part: type) -> list[str]:
+    """Return the names that the constants of a part have in the flat tuple."""
+    own = {"Q": ("Q_11", "Q_12", "Q_22"), "form": (f"{part.__name__.lower()}_form",)}
+    return [name for item in fields(part) for name in own.get(item.name, (item.name,))]
+
+
+NAMES = [name for part in (Gas, Geometry, Filling, Compressor, Turbine, Egr) for name in _flat_names(part)]
+
+
+class DieselConstants(flat_type(NAMES)):  # type: ignore[misc]
     """The same constants, flat, for the compiled relations (numba reads a named tuple by field name).
 
     A form is its place among the forms; the constants of other forms are zero.
     """
 
-    R_a: float
-    R_e: float
-    c_pa: float
-    c_pe: float
-    gamma_a: float
-    gamma_e: float
-    V_d: float
-    n_cyl: float
-    V_im: float
-    V_em: float
-    c_vol1: float
-    c_vol2: float
-    c_vol3: float
-    R_c: float
-    compressor_form: float
-    psi_0: float
-    psi_1: float
-    phi_0: float
-    phi_1: float
-    c_psi2: float
-    c_phi2: float
-    c_w_psi1: float
-    c_w_psi2: float
-    c_w_psi3: float
-    c_w_phi1: float
-    c_w_phi2: float
-    c_w_phi3: float
-    k_neg: float
-    eta_c_max: float
-    W_c_opt: float
-    pi_c_opt: float
-    c_pi: float
-    Q_11: float
-    Q_12: float
-    Q_22: float
-    eta_c_min: float
-    R_t: float
-    A_vgt_max: float
-    K_t: float
-    c_f1: float
-    c_f2: float
-    c_vgt1: float
-    c_vgt2: float
-    f_vgt_min: float
-    eta_tm_max: float
-    bsr_opt: float
-    turbine_form: float
-    c_m: float
-    c_m1: float
-    c_m2: float
-    c_m3: float
-    eta_tm_min: float
-    k_exhaust: float
-    J_t: float
-    A_egr_max: float
-    c_egr1: float
-    c_egr2: float
-    pi_egr_opt: float
-    k_reverse: float
-
 
 def constants_of(engine: DieselEngine) -> DieselConstants:
     """Return the engine's constants as one flat tuple of floats."""
-    values: dict[str, float] = {}
-    for part in (engine.gas, engine.geometry, engine.filling, engine.compressor, engine.turbine, engine.egr):
-        values |= asdict(part)
-    del values["form"]
-    values["compressor_form"] = list(COMPRESSOR_FORMS).index(engine.compressor.form)
-    values["turbine_form"] = list(TURBINE_FORMS).index(engine.turbine.form)
-    values["Q_11"], values["Q_12"], values["Q_22"] = values.pop("Q")  # type: ignore[misc]
-    return DieselConstants(**{name: float(value or 0.0) for name, value in values.items()})
+    further = dict(zip(("Q_11", "Q_12", "Q_22"), engine.compressor.Q, strict=True))
+    further["compressor_form"] = list(COMPRESSOR_FORMS).index(engine.compressor.form)
+    further["turbine_form"] = list(TURBINE_FORMS).index(engine.turbine.form)
+    return flat(DieselConstants, *vars(engine).values(), **further)
 
 
 def own_constants(engine: DieselEngine) -> dict[str, float]:

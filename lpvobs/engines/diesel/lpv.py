@@ -20,6 +20,8 @@ from lpvobs.engines.diesel.constants import (
     COMPRESSOR_FORMS,
     DieselConstants,
     DieselEngine,
+    Egr,
+    Filling,
     Gas,
     constants_of,
     own_constants,
@@ -34,20 +36,7 @@ PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
 OWNED_CONSTANTS = (
     ("R_a", "c_pa", "gamma_a", "R_c", "k_neg", *(name for names in COMPRESSOR_FORMS.values() for name in names)),
-    (
-        "R_a",
-        "R_e",
-        "V_d",
-        "V_im",
-        "c_vol1",
-        "c_vol2",
-        "c_vol3",
-        "A_egr_max",
-        "c_egr1",
-        "c_egr2",
-        "pi_egr_opt",
-        "k_reverse",
-    ),
+    ("R_a", "R_e", "V_d", "V_im", *Filling.__dataclass_fields__, *Egr.__dataclass_fields__),
 )
 """The constants that each balance depends on, in any form of the components."""
 GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
