@@ -155,7 +155,8 @@ def constants_of(engine: DieselEngine) -> DieselConstants:
     further = dict(zip(("Q_11", "Q_12", "Q_22"), engine.compressor.Q, strict=True))
     further["compressor_form"] = list(COMPRESSOR_FORMS).index(engine.compressor.form)
     further["turbine_form"] = list(TURBINE_FORMS).index(engine.turbine.form)
-    return flat(DieselConstants, *vars(engine).values(), **further)
+    parts = (engine.gas, engine.geometry, engine.filling, engine.compressor, engine.turbine, engine.egr)
+    return flat(DieselConstants, *parts, **further)
 
 
 def own_constants(engine: DieselEngine) -> dict[str, float]:
