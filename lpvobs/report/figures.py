@@ -1,7 +1,6 @@
 """The figures of the page: content in, SVG text out."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +14,11 @@ from lpvobs.engines.base import MapAxis
 from lpvobs.records import Array
 from lpvobs.report.content import Corrected, CycleView, Drive, SurfaceView
 from lpvobs.report.series import busiest, thin, window
-from lpvobs.report.svg import INK, TIP, render
+from lpvobs.report.svg import INK, TIP, drawn
 
 TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
-WIDE, TALL = (7.4, 4.5), (7.4, 5.2)
 COLUMNS = 250
 """Pixel columns that a time series is drawn with."""
 DETAIL = 40.0
@@ -34,87 +32,82 @@ def error_limit(surfaces: Sequence[SurfaceView]) -> float:
     return max((float(size.max()) for size in sizes if size.size), default=0.0) or 1e-3
 
 
-def error_map(name: str, alt: str, surface: SurfaceView, limit: float) -> str:
-    """Return a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
+@drawn()
+def error_map(figure: Figure, surface: SurfaceView, limit: float) -> None:
+    """Draw a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
     scale = Normalize(-GRAMS * limit, GRAMS * limit)
-    return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="sensor error [g/s]"))
+    _node_map(figure, surface=surface, scale=scale, label="sensor error [g/s]")
 
 
-def standard_error_map(name: str, alt: str, surface: SurfaceView) -> str:
-    """Return a heat map of the standard error with its values, [g/s]."""
+@drawn()
+def standard_error_map(figure: Figure, surface: SurfaceView) -> None:
+    """Draw a heat map of the standard error with its values, [g/s]."""
     known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
     scale = _log_scale(known)
-    return render(name, alt, WIDE, partial(_node_map, surface=surface, scale=scale, label="standard error [g/s]"))
+    _node_map(figure, surface=surface, scale=scale, label="standard error [g/s]")
 
 
-def excitation_map(name: str, alt: str, surface: SurfaceView, excitation: Array) -> str:
-    """Return a heat map of delta_1 of Eq. (29) of every cell, [s], shape (p_2 - 1, p_1 - 1); blank where it is zero."""
+@drawn()
+def excitation_map(figure: Figure, surface: SurfaceView, excitation: Array) -> None:
+    """Draw a heat map of delta_1 of Eq. (29) of every cell, [s], shape (p_2 - 1, p_1 - 1); blank where it is zero."""
+    axes = figure.add_subplot()
+    excited = np.where(excitation > 0, excitation, np.nan)
+    grid = surface.grid
+    image = axes.pcolormesh(
+        grid.fuel, grid.speed, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
+    )
+    figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
+    label_axes(axes, surface.axes)
+    axes.grid(visible=True)
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        excited = np.where(excitation > 0, excitation, np.nan)
-        grid = surface.grid
-        image = axes.pcolormesh(
-            grid.fuel, grid.speed, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
-        )
-        figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
-        label_axes(axes, surface.axes)
+
+@drawn()
+def drive_series(figure: Figure, cycle: CycleView, drive: Drive) -> None:
+    """Draw the map's two inputs over time."""
+    rows = figure.subplots(2, 1, sharex=True)
+    for axes, axis, values in zip(rows, cycle.axes, (drive.fuel, drive.speed), strict=True):
+        axes.plot(*thin(drive.time, values, drive.segments, COLUMNS), color=ESTIMATE, linewidth=0.8)
+        axes.set_ylabel(f"{axis.channel} [{axis.unit}]")
         axes.grid(visible=True)
-
-    return render(name, alt, WIDE, draw)
-
-
-def drive_series(name: str, alt: str, cycle: CycleView, drive: Drive) -> str:
-    """Return the map's two inputs over time."""
-
-    def draw(figure: Figure) -> None:
-        rows = figure.subplots(2, 1, sharex=True)
-        for axes, axis, values in zip(rows, cycle.axes, (drive.fuel, drive.speed), strict=True):
-            axes.plot(*thin(drive.time, values, drive.segments, COLUMNS), color=ESTIMATE, linewidth=0.8)
-            axes.set_ylabel(f"{axis.channel} [{axis.unit}]")
-            axes.grid(visible=True)
-        rows[1].set_xlabel("time [s]")
-        rows[1].set_xlim(drive.time[0], drive.time[-1])
-
-    return render(name, alt, WIDE, draw)
+    rows[1].set_xlabel("time [s]")
+    rows[1].set_xlim(drive.time[0], drive.time[-1])
 
 
-def trajectory(name: str, alt: str, cycle: CycleView, drive: Drive, surface: SurfaceView) -> str:
-    """Return the path of the operating point over the grid of the map; the line is an image, it is too dense for vectors."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        for start, stop in drive.segments:
-            part = slice(start, stop)
-            (line,) = axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, rasterized=True)
-            line.set_antialiased(False)  # an image of two colours is small
-        grid = surface.grid
-        axes.set_xticks(grid.fuel, minor=True)
-        axes.set_yticks(grid.speed, minor=True)
-        axes.grid(visible=True, which="minor")
-        label_axes(axes, cycle.axes)
-
-    return render(name, alt, WIDE, draw)
+@drawn()
+def trajectory(figure: Figure, cycle: CycleView, drive: Drive, surface: SurfaceView) -> None:
+    """Draw the path of the operating point over the grid of the map; the line is an image, it is too dense for vectors."""
+    axes = figure.add_subplot()
+    for start, stop in drive.segments:
+        part = slice(start, stop)
+        (line,) = axes.plot(drive.fuel[part], drive.speed[part], color=ESTIMATE, linewidth=0.5, rasterized=True)
+        line.set_antialiased(False)  # an image of two colours is small
+    grid = surface.grid
+    axes.set_xticks(grid.fuel, minor=True)
+    axes.set_yticks(grid.speed, minor=True)
+    axes.grid(visible=True, which="minor")
+    label_axes(axes, cycle.axes)
 
 
-def error_series(name: str, alt: str, drive: Drive, correction: Corrected) -> str:
-    """Return reference and estimated error over time, [g/s], whole and enlarged."""
+@drawn(5.2)
+def error_series(figure: Figure, drive: Drive, correction: Corrected) -> None:
+    """Draw reference and estimated error over time, [g/s], whole and enlarged."""
     lines = [
         ("reference error", drive.reference, TRUTH, "-"),
         ("estimated error", correction.estimate, ESTIMATE, "--"),
     ]
-    return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="sensor error [g/s]"))
+    _two_scales(figure, drive=drive, lines=lines, label="sensor error [g/s]")
 
 
-def flow_series(name: str, alt: str, drive: Drive, correction: Corrected) -> str:
-    """Return true flow, reading, and reading after correction over time, [g/s], whole and enlarged."""
+@drawn(5.2)
+def flow_series(figure: Figure, drive: Drive, correction: Corrected) -> None:
+    """Draw true flow, reading, and reading after correction over time, [g/s], whole and enlarged."""
     corrected = None if correction.estimate is None else drive.measured - correction.estimate
     lines = [
         ("reading", drive.measured, READING, "-"),
         ("reading after correction", corrected, ESTIMATE, "-"),
         ("true flow", drive.true_flow, TRUTH, "--"),
     ]
-    return render(name, alt, TALL, partial(_two_scales, drive=drive, lines=lines, label="mass air flow [g/s]"))
+    _two_scales(figure, drive=drive, lines=lines, label="mass air flow [g/s]")
 
 
 def _two_scales(figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array | None, str, str]], label: str) -> None:
@@ -174,17 +167,9 @@ def _node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str
 
 def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
     """Return the extrapolated nodes as one hatched area."""
+    around = ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))
     corners = [
-        Outline(
-            [
-                (u_edges[i], n_edges[j]),
-                (u_edges[i + 1], n_edges[j]),
-                (u_edges[i + 1], n_edges[j + 1]),
-                (u_edges[i], n_edges[j + 1]),
-                (u_edges[i], n_edges[j]),
-            ],
-            closed=True,
-        )
+        Outline([(u_edges[i + right], n_edges[j + up]) for right, up in around], closed=True)
         for j, i in np.argwhere(filled)
     ]
     outline = Outline.make_compound_path(*corners)

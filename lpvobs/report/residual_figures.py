@@ -1,7 +1,6 @@
 """Figures of the residual before and after: content in, SVG text out."""
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,36 +12,34 @@ from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Array
-from lpvobs.report.svg import INK, label_of, render
+from lpvobs.report.svg import INK, drawn, label_of
 
 BEFORE, AFTER = "#c4621a", "#2f7fc1"
 """Orange and blue, as everywhere on the page: told apart with any colour vision, on white and on black."""
 GRAMS = 1e3
 MOST_BARS = 12
-LABELS = ("before", "after")
+LABELS, COLOURS = ("before", "after"), (BEFORE, AFTER)
+WHITE: dict[str, Any] = {"color": INK, "alpha": 0.12, "linewidth": 0, "label": "95 % of white noise"}
 
 
+@drawn()
 def residual_series(
-    name: str, alt: str, track: Track, balances: Sequence[str], effects: Sequence[Mapping[str, Any]]
-) -> str:
-    """Return the residual of every balance along a log, before and after, with onset and end of the effects, [g/s]."""
-
-    def draw(figure: Figure) -> None:
-        rows = np.atleast_1d(figure.subplots(len(balances), 1, sharex=True))
-        for axes, balance, before, after in zip(rows, balances, track.before, track.after, strict=True):
-            for (low, high), colour, label in ((before, BEFORE, LABELS[0]), (after, AFTER, LABELS[1])):
-                axes.fill_between(
-                    track.time, GRAMS * low, GRAMS * high, color=colour, linewidth=0.0, alpha=0.75, label=label
-                )
-            _mark_judged(axes, track)
-            _mark_effects(axes, effects)
-            axes.set_ylabel(f"{balance}\n[g/s]", fontsize=7.5)
-            axes.grid(visible=True)
-        rows[-1].set_xlabel("time since the start of the log [s]")
-        rows[-1].set_xlim(track.time[0], track.time[-1])
-        figure.legend(*rows[0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
-
-    return render(name, alt, (7.4, 1.4 + 1.15 * len(balances)), draw)
+    figure: Figure, track: Track, balances: Sequence[str], effects: Sequence[Mapping[str, Any]]
+) -> None:
+    """Draw the residual of every balance along a log, before and after, with onset and end of the effects, [g/s]."""
+    figure.set_figheight(1.4 + 1.15 * len(balances))
+    rows = np.atleast_1d(figure.subplots(len(balances), 1, sharex=True))
+    for axes, balance, before, after in zip(rows, balances, track.before, track.after, strict=True):
+        for (low, high), colour, label in zip((before, after), COLOURS, LABELS, strict=True):
+            band = GRAMS * low, GRAMS * high
+            axes.fill_between(track.time, *band, color=colour, linewidth=0.0, alpha=0.75, label=label)
+        _mark_judged(axes, track)
+        _mark_effects(axes, effects)
+        axes.set_ylabel(f"{balance}\n[g/s]", fontsize=7.5)
+        axes.grid(visible=True)
+    rows[-1].set_xlabel("time since the start of the log [s]")
+    rows[-1].set_xlim(track.time[0], track.time[-1])
+    figure.legend(*rows[0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
 
 
 def _mark_judged(axes: Axes, track: Track) -> None:
@@ -66,136 +63,104 @@ def _mark_effects(axes: Axes, effects: Sequence[Mapping[str, Any]]) -> None:
                 first = False
 
 
-def ranking_bars(name: str, alt: str, ranking: Sequence[Ranked]) -> str:
-    """Return the evidence for each candidate alone, best first."""
+@drawn()
+def ranking_bars(figure: Figure, ranking: Sequence[Ranked]) -> None:
+    """Draw the evidence for each candidate alone, best first."""
     shown = [item for item in ranking[:MOST_BARS] if item.gain > 0.0]
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        place = np.arange(len(shown))[::-1]
-        axes.barh(place, [item.gain for item in shown], color=AFTER, height=0.7)
-        axes.set_yticks(place, [label_of(item.id) for item in shown])
-        axes.set_xscale("log")
-        axes.set_xlabel("evidence: fall of half the sum of squares, in units of the noise")
-        axes.grid(visible=True, axis="x")
-
-    return render(name, alt, (7.4, 1.2 + 0.26 * len(shown)), draw)
+    figure.set_figheight(1.2 + 0.26 * len(shown))
+    axes = figure.add_subplot()
+    place = np.arange(len(shown))[::-1]
+    axes.barh(place, [item.gain for item in shown], color=AFTER, height=0.7)
+    axes.set_yticks(place, [label_of(item.id) for item in shown])
+    axes.set_xscale("log")
+    axes.set_xlabel("evidence: fall of half the sum of squares, in units of the noise")
+    axes.grid(visible=True, axis="x")
 
 
-def partial_residual(name: str, alt: str, seen: Partial) -> str:
-    """Return the residual without an effect against what the effect says of it; its size is right where the slope is one."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        axes.plot(
-            seen.regressor,
-            seen.residual,
-            ".",
-            color=BEFORE,
-            markersize=2.0,
-            alpha=0.5,
-            label="some instants",
-            rasterized=True,
-        )
-        reach = np.array([seen.binned[0].min(), seen.binned[0].max()])
-        axes.plot(reach, reach, color=INK, linestyle="--", label="the effect at its size")
-        mean, residual, error = seen.binned
-        axes.errorbar(
-            mean, residual, 1.645 * error, fmt="o", color=AFTER, markersize=3.5, label="means of all instants"
-        )
-        spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
-        axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
-        axes.set_xlabel(f"what {label_of(seen.id)} says [noise standard deviations]")
-        axes.set_ylabel("residual without it")
-        axes.grid(visible=True)
-        axes.legend(loc="upper left")
-
-    return render(name, alt, (7.4, 4.2), draw)
+@drawn(4.2)
+def partial_residual(figure: Figure, seen: Partial) -> None:
+    """Draw the residual without an effect against what the effect says of it; its size is right where the slope is one."""
+    axes = figure.add_subplot()
+    few: dict[str, Any] = {"color": BEFORE, "markersize": 2.0, "alpha": 0.5, "label": "some instants"}
+    axes.plot(seen.regressor, seen.residual, ".", **few, rasterized=True)
+    reach = np.array([seen.binned[0].min(), seen.binned[0].max()])
+    axes.plot(reach, reach, color=INK, linestyle="--", label="the effect at its size")
+    mean, residual, error = seen.binned
+    axes.errorbar(mean, residual, 1.645 * error, fmt="o", color=AFTER, markersize=3.5, label="means of all instants")
+    spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
+    axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
+    axes.set_xlabel(f"what {label_of(seen.id)} says [noise standard deviations]")
+    axes.set_ylabel("residual without it")
+    axes.grid(visible=True)
+    axes.legend(loc="upper left")
 
 
-def spectra(name: str, alt: str, seen: Portrait) -> str:
-    """Return the spectral density of every balance's residual in units of its noise, before and after."""
-    return render(name, alt, (7.4, 4.6), partial(_by_balance, seen=seen, draw_one=partial(_spectrum, seen=seen)))
+@drawn(4.6)
+def spectra(figure: Figure, seen: Portrait) -> None:
+    """Draw the spectral density of every balance's residual in units of its noise, before and after."""
+    for b, axes in _panels(figure, seen.balances):
+        for label, colour, density in zip(LABELS, COLOURS, seen.spectrum[:, b], strict=True):
+            axes.loglog(seen.frequency, np.maximum(density, 1e-12), color=colour, label=label, linewidth=1.0)
+        axes.set_xlabel("frequency [Hz]")
+        axes.set_ylabel("density [1/Hz]")
 
 
-def _spectrum(axes: Axes, b: int, seen: Portrait) -> None:
-    for i, colour in enumerate((BEFORE, AFTER)):
-        axes.loglog(
-            seen.frequency, np.maximum(seen.spectrum[i, b], 1e-12), color=colour, label=LABELS[i], linewidth=1.0
-        )
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel("density [1/Hz]")
-
-
-def autocorrelations(name: str, alt: str, seen: Portrait, structure: Mapping[str, Whiteness]) -> str:
-    """Return the autocorrelation of every balance's block sums, before and after, with the band of white noise."""
-    draw_one = partial(_autocorrelation, seen=seen, structure=structure)
-    return render(name, alt, (7.4, 4.6), partial(_by_balance, seen=seen, draw_one=draw_one))
-
-
-def _autocorrelation(axes: Axes, b: int, seen: Portrait, structure: Mapping[str, Whiteness]) -> None:
+@drawn(4.6)
+def autocorrelations(figure: Figure, seen: Portrait, structure: Mapping[str, Whiteness]) -> None:
+    """Draw the autocorrelation of every balance's block sums, before and after, with the band of white noise."""
     lag = seen.block * np.arange(1, LAGS + 1)
-    band = structure["after"].band[b]
-    axes.fill_between(lag, -band, band, color=INK, alpha=0.12, linewidth=0, label="95 % of white noise")
-    for label, colour, shift in ((LABELS[0], BEFORE, -0.12), (LABELS[1], AFTER, 0.12)):
-        values = structure[label].autocorrelation[b]
-        axes.vlines(lag + shift * seen.block, 0.0, values, color=colour, linewidth=2.5, label=label)
-    axes.axhline(0.0, color=INK, linewidth=0.6)
-    axes.set_xlabel("lag [s]")
-    axes.set_ylabel("autocorrelation")
+    for b, axes in _panels(figure, seen.balances):
+        band = structure["after"].band[b]
+        axes.fill_between(lag, -band, band, **WHITE)
+        for label, colour, shift in zip(LABELS, COLOURS, (-0.12, 0.12), strict=True):
+            values = structure[label].autocorrelation[b]
+            axes.vlines(lag + shift * seen.block, 0.0, values, color=colour, linewidth=2.5, label=label)
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        axes.set_xlabel("lag [s]")
+        axes.set_ylabel("autocorrelation")
 
 
-def periodograms(name: str, alt: str, seen: Portrait, structure: Mapping[str, Whiteness]) -> str:
-    """Return the cumulated periodogram of every balance's block sums, before and after, with the band of white noise."""
-    draw_one = partial(_periodogram, seen=seen, band=structure["after"].periodogram_band)
-    return render(name, alt, (7.4, 4.6), partial(_by_balance, seen=seen, draw_one=draw_one))
+@drawn(4.6)
+def periodograms(figure: Figure, seen: Portrait, structure: Mapping[str, Whiteness]) -> None:
+    """Draw the cumulated periodogram of every balance's block sums, before and after, with the band of white noise."""
+    share, band = np.linspace(0.0, 1.0, seen.cumulated.shape[2] + 1), structure["after"].periodogram_band
+    for b, axes in _panels(figure, seen.balances):
+        axes.fill_between(share, share - band, share + band, **WHITE)
+        for label, colour, power in zip(LABELS, COLOURS, seen.cumulated[:, b], strict=True):
+            axes.plot(share, np.concatenate([[0.0], power]), color=colour, label=label)
+        axes.set_ylim(0.0, 1.0)
+        axes.set_xlabel("share of the frequencies")
+        axes.set_ylabel("share of the power")
 
 
-def _periodogram(axes: Axes, b: int, seen: Portrait, band: float) -> None:
-    share = np.linspace(0.0, 1.0, seen.cumulated.shape[2] + 1)
-    axes.fill_between(
-        share, share - band, share + band, color=INK, alpha=0.12, linewidth=0, label="95 % of white noise"
-    )
-    for i, colour in enumerate((BEFORE, AFTER)):
-        axes.plot(share, np.concatenate([[0.0], seen.cumulated[i, b]]), color=colour, label=LABELS[i])
-    axes.set_ylim(0.0, 1.0)
-    axes.set_xlabel("share of the frequencies")
-    axes.set_ylabel("share of the power")
-
-
-def _by_balance(figure: Figure, seen: Portrait, draw_one: Any) -> None:
-    """Draw one small panel per balance."""
+def _panels(figure: Figure, balances: Sequence[str]) -> Iterator[tuple[int, Axes]]:
+    """Yield the number and the small panel of every balance, to be drawn in."""
     columns = 2
-    rows = -(-len(seen.balances) // columns)
-    panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
-    for b, balance in enumerate(seen.balances):
-        draw_one(panels[b], b)
+    panels = np.atleast_1d(figure.subplots(-(-len(balances) // columns), columns, sharex=True)).ravel()
+    for b, balance in enumerate(balances):
+        yield b, panels[b]
         panels[b].set_title(balance)
         panels[b].grid(visible=True)
-    for spare in panels[len(seen.balances) :]:
+    for spare in panels[len(balances) :]:
         spare.set_visible(False)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
 
 
-def cross_correlations(name: str, alt: str, seen: Portrait) -> str:
-    """Return the correlation with every input and channel at lags of either sign, before and after; dots are beyond noise."""
-
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, 2, sharey=True)
-        lag: Array = seen.block * np.arange(-LAGS, LAGS + 1, dtype=float)
-        largest = max(0.1, float(np.abs(seen.cross).max()))
-        for axes, label, values, limit in zip(panels, LABELS, seen.cross, seen.cross_limit, strict=True):
-            image = axes.pcolormesh(
-                lag, np.arange(len(seen.signals)), values, cmap="RdBu_r", vmin=-largest, vmax=largest
-            )
-            _dots(axes, lag, values, limit)
-            axes.set_title(label)
-            axes.set_xlabel("residual later by [s]")
-        panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
-        panels[0].invert_yaxis()
-        figure.colorbar(image, ax=panels, label="correlation", pad=0.015)
-
-    return render(name, alt, (7.4, 1.4 + 0.24 * len(seen.signals)), draw)
+@drawn()
+def cross_correlations(figure: Figure, seen: Portrait) -> None:
+    """Draw the correlation with every input and channel at lags of either sign, before and after; dots are beyond noise."""
+    figure.set_figheight(1.4 + 0.24 * len(seen.signals))
+    panels = figure.subplots(1, 2, sharey=True)
+    lag: Array = seen.block * np.arange(-LAGS, LAGS + 1, dtype=float)
+    largest = max(0.1, float(np.abs(seen.cross).max()))
+    for axes, label, values, limit in zip(panels, LABELS, seen.cross, seen.cross_limit, strict=True):
+        image = axes.pcolormesh(lag, np.arange(len(seen.signals)), values, cmap="RdBu_r", vmin=-largest, vmax=largest)
+        _dots(axes, lag, values, limit)
+        axes.set_title(label)
+        axes.set_xlabel("residual later by [s]")
+    panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
+    panels[0].invert_yaxis()
+    figure.colorbar(image, ax=panels, label="correlation", pad=0.015)
 
 
 def _dots(axes: Axes, lag: Array, values: Array, limit: Array) -> None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from lpvobs.maps.planning import Plan
 from lpvobs.records import Array
 from lpvobs.report.content import SurfaceView
-from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, WIDE, label_axes
-from lpvobs.report.svg import INK, render
+from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, label_axes
+from lpvobs.report.svg import INK, drawn
 
 CUTS = 3
 """Cuts through a map along each of its axes."""
@@ -24,60 +24,54 @@ FAINT = 0.35
 """Opacity of what is extrapolated."""
 
 
-def surface_view(name: str, alt: str, surface: SurfaceView, limit: float) -> str:
-    """Return the map as a surface in space, [g/s]; extrapolated parts are pale."""
-
-    def draw(figure: Figure) -> None:
-        with mpl.rc_context({"grid.color": "#80808050"}):
-            axes: Any = figure.add_subplot(projection="3d")
-        grid, scale = surface.grid, Normalize(-GRAMS * limit, GRAMS * limit)
-        values = GRAMS * surface.values
-        middle = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
-        filled = surface.filled
-        pale = filled[:-1, :-1] | filled[1:, :-1] | filled[:-1, 1:] | filled[1:, 1:]
-        colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
-        colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
-        axes.plot_surface(
-            *np.meshgrid(grid.fuel, grid.speed),
-            values,
-            facecolors=colours,
-            rcount=values.shape[0],
-            ccount=values.shape[1],
-            edgecolor=(0.5, 0.5, 0.5, 0.5),
-            linewidth=0.3,
-            shade=False,
-        )
-        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-            axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
-        label_axes(axes, surface.axes)
-        axes.set_zlabel("sensor error [g/s]")
-        axes.view_init(elev=28.0, azim=-120.0)
-        axes.set_box_aspect((1.3, 1.3, 0.8), zoom=0.95)
-
-    return render(name, alt, (7.4, 5.2), draw)
+@drawn(5.2)
+def surface_view(figure: Figure, surface: SurfaceView, limit: float) -> None:
+    """Draw the map as a surface in space, [g/s]; extrapolated parts are pale."""
+    with mpl.rc_context({"grid.color": "#80808050"}):
+        axes: Any = figure.add_subplot(projection="3d")
+    grid, scale = surface.grid, Normalize(-GRAMS * limit, GRAMS * limit)
+    values = GRAMS * surface.values
+    middle = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
+    filled = surface.filled
+    pale = filled[:-1, :-1] | filled[1:, :-1] | filled[:-1, 1:] | filled[1:, 1:]
+    colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
+    colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
+    axes.plot_surface(
+        *np.meshgrid(grid.fuel, grid.speed),
+        values,
+        facecolors=colours,
+        rcount=values.shape[0],
+        ccount=values.shape[1],
+        edgecolor=(0.5, 0.5, 0.5, 0.5),
+        linewidth=0.3,
+        shade=False,
+    )
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
+    label_axes(axes, surface.axes)
+    axes.set_zlabel("sensor error [g/s]")
+    axes.view_init(elev=28.0, azim=-120.0)
+    axes.set_box_aspect((1.3, 1.3, 0.8), zoom=0.95)
 
 
-def cuts(name: str, alt: str, surface: SurfaceView, deviation: Array) -> str:
-    """Return the map along a few speeds and a few fuel quantities with 90 % intervals, [g/s]; extrapolated parts are dashed."""
+@drawn()
+def cuts(figure: Figure, surface: SurfaceView, deviation: Array) -> None:
+    """Draw the map along a few speeds and a few fuel quantities with 90 % intervals, [g/s]; extrapolated parts are dashed."""
     grid = surface.grid
     known = np.isfinite(surface.values) & ~surface.filled
-
-    def draw(figure: Figure) -> None:
-        left, right = figure.subplots(1, 2, sharey=True)
-        fuel, speed = surface.axes
-        for j, look in zip(_spread(known.sum(1)), LOOKS, strict=False):
-            text = f"{grid.speed[j]:g} {speed.unit}"
-            _line(left, grid.fuel, surface.values[j], deviation[j], surface.filled[j], text, look)
-        for i, look in zip(_spread(known.sum(0)), LOOKS, strict=False):
-            text = f"{grid.fuel[i]:g} {fuel.unit}"
-            _line(right, grid.speed, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
-        for axes, axis in ((left, fuel), (right, speed)):
-            axes.set_xlabel(f"{axis.meaning} [{axis.unit}]")
-            axes.grid(visible=True)
-            axes.legend()
-        left.set_ylabel("sensor error [g/s]")
-
-    return render(name, alt, WIDE, draw)
+    left, right = figure.subplots(1, 2, sharey=True)
+    fuel, speed = surface.axes
+    for j, look in zip(_spread(known.sum(1)), LOOKS, strict=False):
+        text = f"{grid.speed[j]:g} {speed.unit}"
+        _line(left, grid.fuel, surface.values[j], deviation[j], surface.filled[j], text, look)
+    for i, look in zip(_spread(known.sum(0)), LOOKS, strict=False):
+        text = f"{grid.fuel[i]:g} {fuel.unit}"
+        _line(right, grid.speed, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
+    for axes, axis in ((left, fuel), (right, speed)):
+        axes.set_xlabel(f"{axis.meaning} [{axis.unit}]")
+        axes.grid(visible=True)
+        axes.legend()
+    left.set_ylabel("sensor error [g/s]")
 
 
 LOOKS = ((ESTIMATE, "o"), (READING, "s"), (TRUTH, "^"))
@@ -102,30 +96,27 @@ def _line(
     axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
 
 
-def plan_map(name: str, alt: str, surface: SurfaceView, plan: Plan) -> str:
-    """Return a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        u, n = surface.grid.fuel, surface.grid.speed
-        left = np.where(plan.time > 0.0, plan.time, np.nan)
-        top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
-        image = axes.pcolormesh(u, n, left, cmap=SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
-        figure.colorbar(image, ax=axes, label="time to drive in the cell [s]", pad=0.015)
-        for number, (row, column) in enumerate(plan.cells, 1):
-            corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
-            axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=READING, linewidth=1.8))
-            middle = corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1]
-            axes.text(
-                *middle,
-                str(number),
-                ha="center",
-                va="center_baseline",
-                fontsize=8.0,
-                color="#000000",
-                bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
-            )
-        label_axes(axes, surface.axes)
-        axes.grid(visible=True, color=INK)
-
-    return render(name, alt, WIDE, draw)
+@drawn()
+def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
+    """Draw a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
+    axes = figure.add_subplot()
+    u, n = surface.grid.fuel, surface.grid.speed
+    left = np.where(plan.time > 0.0, plan.time, np.nan)
+    top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
+    image = axes.pcolormesh(u, n, left, cmap=SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
+    figure.colorbar(image, ax=axes, label="time to drive in the cell [s]", pad=0.015)
+    for number, (row, column) in enumerate(plan.cells, 1):
+        corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
+        axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=READING, linewidth=1.8))
+        middle = corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1]
+        axes.text(
+            *middle,
+            str(number),
+            ha="center",
+            va="center_baseline",
+            fontsize=8.0,
+            color="#000000",
+            bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
+        )
+    label_axes(axes, surface.axes)
+    axes.grid(visible=True, color=INK)

@@ -6,15 +6,22 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, cast
+from functools import update_wrapper
+from typing import Any, Concatenate, ParamSpec, cast
 
 import matplotlib as mpl
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
+P = ParamSpec("P")
+Draw = Callable[Concatenate[Figure, P], None]
 INK = "#0d0e0f"
 """Stands for the page's text colour while a figure is drawn, so that one figure serves light and dark."""
 FONT = "DejaVu Sans"
+WIDTH = 7.4
+"""[inch], of every figure."""
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "text.parse_math": False,  # names of channels may hold dollars
@@ -39,6 +46,7 @@ STYLE: dict[str, Any] = {
 } | dict.fromkeys(
     ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color", "hatch.color"), INK
 )
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIP = "tip: "
 """Begins the identifier of an element whose rest is shown when the pointer rests on it."""
 RASTER_DPI = 120
@@ -47,8 +55,8 @@ MOST_LETTERS = 40
 """Of a name in a figure; a longer one would leave no room to draw in."""
 
 
-def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figure], None]) -> str:
-    """Return a figure of a size [inch] as an `<svg>` element; `draw` draws into an empty figure.
+def render(name: str, alt: str, height: float, draw: Callable[[Figure], None]) -> str:
+    """Return a figure of a height [inch] as an `<svg>` element; `draw` draws into an empty figure.
 
     The name, of letters, digits and hyphens, is unique on the page; `alt` says what the figure shows, for those who cannot see
     it.
@@ -58,12 +66,47 @@ def render(name: str, alt: str, size: tuple[float, float], draw: Callable[[Figur
         warnings.filterwarnings(
             "ignore", "Glyph .* missing from font"
         )  # letters stay letters: the reader's fonts draw them
-        figure = Figure(figsize=size, dpi=RASTER_DPI, layout="constrained")
+        figure = Figure(figsize=(WIDTH, height), dpi=RASTER_DPI, layout="constrained")
         figure.patch.set_visible(False)
         draw(figure)
+        _without_formulas(figure)
         metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)  # type: ignore[no-untyped-call]
     return clean(stream.getvalue(), name, alt)
+
+
+class _Power(LogFormatter):
+    """Labels of a logarithmic axis as text, where matplotlib writes formulas: 0.02, 10⁻⁵; few of them within a decade."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Return the label of a value, empty where matplotlib would leave it out."""
+        mantissa, exponent = f"{x:.0e}".split("e")
+        plain = (
+            f"{x:g}" if 1e-4 < x < 1e6 else f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".removeprefix("1·")
+        )
+        return plain if super().__call__(x, pos) else ""
+
+
+def _without_formulas(figure: Figure) -> None:
+    for axis in figure.findobj(lambda found: isinstance(found, Axis)):
+        for which in ("major", "minor"):
+            if isinstance(old := getattr(axis, f"get_{which}_formatter")(), LogFormatter):
+                getattr(axis, f"set_{which}_formatter")(_Power(labelOnlyBase=old.labelOnlyBase))
+
+
+def drawn(height: float = 4.5) -> Callable[[Draw[P]], Callable[Concatenate[str, str, P], str]]:
+    """Turn functions that draw into an empty figure of a height [inch] into such that return it as SVG.
+
+    Instead of the figure they take the name and what the figure shows, as `render` does.
+    """
+
+    def turned(draw: Draw[P]) -> Callable[Concatenate[str, str, P], str]:
+        def as_svg(name: str, alt: str, /, *content: P.args, **options: P.kwargs) -> str:
+            return render(name, alt, height, lambda figure: draw(figure, *content, **options))
+
+        return update_wrapper(as_svg, draw)
+
+    return turned
 
 
 def label_of(name: str) -> str:

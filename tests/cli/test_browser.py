@@ -19,7 +19,7 @@ QUIET = [
     "--disable-background-networking",
 ]
 QUIET += ["--disable-component-update", "--disable-sync", "--hide-scrollbars", "--enable-logging=stderr"]
-PROBE = """
+PROBE = r"""
 <script>
 addEventListener("load", () => {
   const box = e => { const r = e.getBoundingClientRect(); return [r.width, r.height]; };
@@ -33,6 +33,8 @@ addEventListener("load", () => {
     tables: all("table").length, captions: all("table > caption").length, scopes: all("thead th:not([scope])").length,
     headings: all("h1, h2, h3").map(e => Number(e.tagName[1])),
     tips: all("figure .tip > title").map(e => e.textContent),
+    hidden: all(".scroll").filter(e => e.scrollWidth > e.clientWidth).length,
+    formulas: all("figure svg text").map(e => e.textContent).filter(t => /\$|mathdefault/.test(t)),
     visible: all("section").every(e => box(e)[1] > 0),
     painted: all("figure svg").filter(e => e.querySelectorAll("path, use, image, text").length > 10).length,
   };
@@ -60,10 +62,12 @@ def page(lpvobs, chain, tmp_path_factory):
 def opened(page, tmp_path_factory):
     """Return what a browser shows of the page, asked for by a script that is added for the purpose, and what it complains of."""
 
-    def look(*options):
+    def look(*options, printed=False):
+        text = page.read_text(encoding="utf-8")
         folder = tmp_path_factory.mktemp("profile")
         asked = folder / "asked.html"
-        asked.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE + "</body>"), encoding="utf-8")
+        text = text.replace("@media print", "@media all") if printed else text
+        asked.write_text(text.replace("</body>", PROBE + "</body>"), encoding="utf-8")
         told = subprocess.run(
             [BROWSER, *QUIET, f"--user-data-dir={folder}", *options, "--dump-dom", f"file://{asked}"],
             capture_output=True,
@@ -94,6 +98,15 @@ def test_nothing_complains_and_every_figure_is_there(light):
         assert label
         assert width > 200, label
         assert height > 80, label
+
+
+def test_no_formula_stands_where_a_number_belongs(light):
+    assert light[0]["formulas"] == []
+
+
+def test_no_table_is_cut_on_paper(opened):
+    """A4 has 718 pixels between Chromium's margins. What holds for print is made to hold for the screen."""
+    assert opened("--window-size=718,1000", printed=True)[0]["hidden"] == 0
 
 
 def test_it_can_be_used_by_keyboard_and_read_aloud(light):
