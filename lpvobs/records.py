@@ -11,6 +11,24 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Item:
+    """What a field of a record is, also for whoever reads it in a file: unit, meaning, and the axes of an array by name.
+
+    `name` is what it is called in files where that is not the field's name; `gaps` says that values may be NaN or infinite;
+    `meanings` are of small integers, and no other value is taken; `stored` is the type in files where it is not the field's,
+    such as `f4` for drawings.
+    """
+
+    unit: str = "1"
+    meaning: str = ""
+    axes: tuple[str, ...] = ()
+    name: str = ""
+    gaps: bool = False
+    meanings: Mapping[int, str] = field(default_factory=dict)
+    stored: str = ""
+
+
+@dataclass(frozen=True)
 class DefectFound:
     """Samples of a channel that are numbers, but no readings.
 

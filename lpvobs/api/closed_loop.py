@@ -22,11 +22,13 @@ from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.portraits import write_leftover, write_portrait, write_ranking
 from lpvobs.io.results.refinements import (
     StoredRefinement,
     read_refinement,
     write_comparison,
+    write_leftover,
+    write_portrait,
+    write_ranking,
     write_refinement,
     write_structure,
 )

@@ -21,10 +21,9 @@ from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.reading import read_log, read_references
-from lpvobs.io.results.agreement import write_agreement, write_balance_agreement
 from lpvobs.io.results.engines import CalibratedEngine, calibrated_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
-from lpvobs.io.results.log_summaries import summary_of
+from lpvobs.io.results.log_summaries import summary_of, write_agreement, write_balance_agreement
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused

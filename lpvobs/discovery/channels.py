@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -10,19 +11,22 @@ from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import COST, KNOTS, MOST_LEVELS, RATE_WINDOW
 from lpvobs.engines.effects import Effect, Signals
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A dependence on a channel, straight between knots."""
+    """A dependence on a channel, straight between knots.
+
+    It is of the channel's `value` or `rate`; `carrier` is the effect whose size follows it. The deviation is zero on the
+    average of the logs; for a switch and a frozen map it is zero where the switch is off.
+    """
 
     channel: str
-    of: str  # `value` or `rate`
-    carrier: str  # effect whose size follows it
-    knots: Array  # (k,) of the channel, or of its rate
-    # (k,) deviation of the carrier's size: zero on the average of the logs; for a switch and a frozen map where it is off
-    values: Array
+    of: str
+    carrier: str
+    knots: Annotated[Array, Item("1", "the channel in the log's unit, or its rate per second", name="knot")]
+    values: Annotated[Array, Item("1", "deviation of the carrier's size at amplitude one", ("knot",), "deviation")]
 
 
 def rate_of(values: Array) -> Array:

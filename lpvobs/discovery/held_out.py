@@ -6,6 +6,7 @@ are kept from every fit and every choice, or whole logs that took no part.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import scipy.linalg
@@ -16,7 +17,7 @@ from lpvobs.discovery.fit import cholesky, normal_of
 from lpvobs.discovery.imbalances import Nodes, by_unknowns, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 MEASURE = "rmse of the held-out residual"
 HOW = (
@@ -32,10 +33,12 @@ HOW_WHOLE = (
 class Comparison:
     """Root mean square of a residual before and after."""
 
-    before: float  # [kg/s]
-    after: float  # [kg/s]
-    ratio: float
-    ratio_ci90: tuple[float, float]  # 90 % interval of the ratio, from a bootstrap of blocks
+    before: Annotated[float, Item("kg/s", "rmse of the held-out residual, before", gaps=True)]
+    after: Annotated[float, Item("kg/s", "rmse of the held-out residual, after", gaps=True)]
+    ratio: Annotated[float, Item("1", "after over before", gaps=True)]
+    ratio_ci90: Annotated[
+        tuple[float, float], Item("1", "90 % interval of it: bootstrap of blocks", ("quantile",), gaps=True)
+    ]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ have it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +19,25 @@ from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
 from lpvobs.engines.effects import Effect
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
-from lpvobs.records import Array, Log
+from lpvobs.records import Array, Item, Log
 
 NINETY = 1.645
+OWN_TIME = "on the log's own time axis"
 
 
 @dataclass(frozen=True)
 class Span:
-    """Where an effect acts on one log."""
+    """Where an effect acts on one log.
 
-    log: str
-    sha256: str
-    begin: float  # [s] on the log's own time axis; minus infinity where it acts from the first sample
-    end: float  # [s]; infinite where it acts to the last; begin = end = inf where it does not act at all
+    Infinite where it acts from the first or to the last sample; begin = end = inf where it does not act at all.
+    """
+
+    log: Annotated[str, Item("1", "log that tells of the effect, or is without it")]
+    sha256: Annotated[str, Item("1", "SHA-256 of the log")]
+    begin: Annotated[
+        float, Item("s", f"{OWN_TIME}, -inf: from its first sample, inf: not at all", name="onset", gaps=True)
+    ]
+    end: Annotated[float, Item("s", f"{OWN_TIME}, inf: to its last sample", gaps=True)]
 
     @property
     def acts(self) -> bool:
@@ -40,18 +47,21 @@ class Span:
 
 @dataclass(frozen=True)
 class KnownEffect:
-    """One effect of a model."""
+    """One effect of a model.
+
+    There is a span for every log that it was estimated on or is known to be absent from. It lasts if it was there at the end of the
+    last log. The curve, of a channel, says how the size of the carrier depends on it, at amplitude one, with rates per second.
+    """
 
     id: str
     place: str
     parameter: str
     unit: str
-    value: float
-    ci90: tuple[float, float]
-    spans: tuple[Span, ...]  # one for every log that it was estimated on or is known to be absent from
-    lasting: bool  # whether it was there at the end of the last log, and therefore acts on logs that came later
-    # for a channel: how the size of the carrier depends on it, at amplitude one, with rates per second
-    curve: Curve | None
+    value: Annotated[float, Item("1", "the parameter")]
+    ci90: Annotated[tuple[float, float], Item("1", "90 % interval of the value", ("quantile",), gaps=True)]
+    spans: Annotated[tuple[Span, ...], Item(axes=("log",))]
+    lasting: Annotated[bool, Item("1", "whether it acts on logs that took no part, from first to last sample")]
+    curve: Annotated[Curve | None, Item()]
 
     @property
     def standard_deviation(self) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,10 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import LARGE, LEAST_VISIT, MOST_NAMED
 from lpvobs.kinds import Finite
 from lpvobs.maps.excitation import cell_numbers
-from lpvobs.records import Array, Log
+from lpvobs.records import Array, Item, Log
 
 Pair = tuple[Finite, Finite]
+STRONGEST = "cell with the largest mean square"
 When = TypedDict("When", {"log": str, "from": Finite, "to": Finite, "share": float})
 
 
@@ -37,23 +38,26 @@ class Frequency(TypedDict):
 class Stretch:
     """A part of a log in which the residual is large."""
 
-    log: str
-    begin: float  # [s] since the start of the log
-    end: float  # [s]
-    share: float  # of the residual's power above the median
+    log: Annotated[str, Item("1", "log")]
+    begin: Annotated[float, Item("s", "since the start of the log", name="from")]
+    end: Annotated[float, Item("s", "since the start of the log", name="to")]
+    share: Annotated[float, Item("1", "of the power above the median", gaps=True)]
 
 
 @dataclass(frozen=True)
 class Leftover:
-    """When, where and how fast a residual is, and what it follows."""
+    """When, where and how fast a residual is, and what it follows.
 
-    stretches: tuple[Stretch, ...]  # the strongest first, at most `MOST_NAMED`
-    fuel: tuple[float, float]  # edges of the cell of the map with the largest mean square, in the units of the axes
-    speed: tuple[float, float]  # the same
-    times_noise: float  # that mean square over the median cell's
-    half_power: float  # [Hz] below which half of the power of the block sums lies
-    balance: str  # the balance in which most of it shows
-    follows: Mapping[str, float]  # signals it is correlated with
+    `stretches` are at most `MOST_NAMED`, the strongest first; `balance` is the one in which most of it shows.
+    """
+
+    stretches: Annotated[tuple[Stretch, ...], Item(axes=("stretch",))]
+    fuel: Annotated[tuple[float, float], Item("1", f"{STRONGEST}: fuel, in the unit of its axis", ("end",))]
+    speed: Annotated[tuple[float, float], Item("rpm", f"{STRONGEST}: speed", ("end",))]
+    times_noise: Annotated[float, Item("1", "that mean square over the median cell's", gaps=True)]
+    half_power: Annotated[float, Item("Hz", "half of the power of the block sums lies below")]
+    balance: str
+    follows: Annotated[Mapping[str, float], Item("1", "strongest correlation", ("signal",), "correlation")]
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""

@@ -10,6 +10,7 @@ from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
 from lpvobs.discovery.leftover import Frequency, Leftover, When, Where
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.kinds import Finite, Fraction
+from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
 Onset = Annotated[float | None, Meta(description="s since the start of its log; null: from the first sample")]
@@ -157,11 +158,11 @@ class Missing:
 class Ranked:
     """One line of the ranking: an effect alone against the residual of the model as it was."""
 
-    id: str
-    value: float
-    unit: str
-    gain: float
-    unevenness: float
+    id: Annotated[str, Item("1", "effect alone against the model as it was", name="candidate")]
+    value: Annotated[float, Item("1", "size, unit in size_unit", name="size", gaps=True)]
+    unit: Annotated[str, Item("1", "unit of the size", name="size_unit")]
+    gain: Annotated[float, Item("1", "by how much it lowers half the sum of squares", name="evidence", gaps=True)]
+    unevenness: Annotated[float, Item("1", "variance of its score over the blocks, over that of noise", gaps=True)]
 
 
 @dataclass(frozen=True)

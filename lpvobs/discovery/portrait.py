@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import scipy.signal
@@ -14,7 +15,7 @@ from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import correlation, times_noise
-from lpvobs.records import Array, Log
+from lpvobs.records import Array, Item, Log
 
 MOST_COLUMNS = 500
 """Columns of the figure for all logs together; each holds the smallest and the largest value."""
@@ -28,6 +29,11 @@ STILL = 1e-6
 """Relative range below which a channel counts as constant: nothing can follow it."""
 LEAST_PART = 0.05
 """Share of an effect's power below which a balance is left out of the effect's partial residual."""
+DRAWN = "f4"
+"""Single precision: a figure shows no more."""
+NOISE = "standard deviations of the noise"
+COLUMN = ("balance", "extreme", "time")
+BY_BALANCE, BY_LAG = ("state", "balance"), ("state", "signal", "lag")
 
 
 @dataclass(frozen=True)
@@ -35,10 +41,10 @@ class Track:
     """The residual along one log, in M columns."""
 
     log: str
-    time: Array  # (M,) [s] since the start of the log, the middle of each column
-    before: Array  # (B, 2, M) [kg/s], smallest and largest value of every balance
-    after: Array  # (B, 2, M) [kg/s]
-    judged: NDArray[np.bool_]  # (M,) columns that the error before and after is computed from
+    time: Annotated[Array, Item("s", "middle of the column, since the start of the log")]
+    before: Annotated[Array, Item("kg/s", "residual before, extremes of each column", COLUMN, gaps=True, stored=DRAWN)]
+    after: Annotated[Array, Item("kg/s", "residual after, extremes of each column", COLUMN, gaps=True, stored=DRAWN)]
+    judged: Annotated[NDArray[np.bool_], Item("1", "whether the error before and after is taken from it", ("time",))]
 
 
 @dataclass(frozen=True)
@@ -46,31 +52,34 @@ class Partial:
     """The added-variable plot of one effect: map, constants and the other effects are projected out of both axes."""
 
     id: str
-    regressor: Array  # (m,) [standard deviations of the noise], some of the points
-    residual: Array  # (m,) the same
-    # (3, BINS) mean regressor, mean residual and its standard error of as many points each, of all points
-    binned: Array
+    regressor: Annotated[Array, Item("1", f"what the effect says, {NOISE}", ("point",), gaps=True, stored=DRAWN)]
+    residual: Annotated[Array, Item("1", f"residual without it, {NOISE}", ("point",), gaps=True, stored=DRAWN)]
+    binned: Annotated[Array, Item("1", f"of all points by their regressor, {NOISE}", ("mean", "bin"), gaps=True)]
 
 
 @dataclass(frozen=True)
 class Portrait:
-    """Data for the figures of a trace or a refinement, B balances."""
+    """Data for the figures of a trace or a refinement, B balances.
 
-    balances: tuple[str, ...]
-    tracks: tuple[Track, ...]
-    partials: tuple[Partial, ...]
-    block: float  # [s], length of the blocks whose sums are tested
-    blocks: int  # number of these blocks
-    frequency: Array  # (F,) [Hz]
-    spectrum: Array  # (2, B, F) [s], of the residual in units of its noise, before and after
-    cumulated: Array  # (2, B, P) cumulated periodogram of the block sums
-    signals: tuple[str, ...]  # S inputs and channels
-    # (2, S, 2 LAGS + 1) correlation with each, the strongest among the balances, for lags of -LAGS to LAGS blocks:
-    # positive where the residual follows the signal
-    cross: Array
-    # (2, S, 2 LAGS + 1) limit of white noise of the same uneven variance, for all lags and signals together
-    cross_limit: Array
-    effective: Array  # (2, B) effective number of independent blocks
+    The axis `state` has the model before and after, the axis `lag` -LAGS to LAGS blocks, positive where the residual is later.
+    """
+
+    balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
+    tracks: Annotated[tuple[Track, ...], Item(name="log")]
+    partials: Annotated[tuple[Partial, ...], Item(name="effect")]
+    block: Annotated[float, Item("s", "length of the blocks whose sums are tested")]
+    blocks: Annotated[int, Item("1", "number of blocks")]
+    frequency: Annotated[Array, Item("Hz", "frequency")]
+    spectrum: Annotated[Array, Item("s", "of the residual over its noise", (*BY_BALANCE, "frequency"), gaps=True)]
+    cumulated: Annotated[
+        Array, Item("1", "of the block sums", (*BY_BALANCE, "share"), "cumulated_periodogram", gaps=True)
+    ]
+    signals: Annotated[tuple[str, ...], Item("1", "input or channel", name="signal")]
+    cross: Annotated[Array, Item("1", "strongest among the balances", BY_LAG, "cross_correlation", gaps=True)]
+    cross_limit: Annotated[Array, Item("1", "what white noise stays under, all signals and lags", BY_LAG, gaps=True)]
+    effective: Annotated[
+        Array, Item("1", "independent values in the block sums", BY_BALANCE, "effective_blocks", gaps=True)
+    ]
 
 
 def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:

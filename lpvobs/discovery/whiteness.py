@@ -6,6 +6,7 @@ nothing is assumed about how the noise changes along the drive.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import scipy.stats
@@ -13,38 +14,24 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.thresholds import COLOURED, LAGS, NOTABLE
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 
 @dataclass(frozen=True)
 class Whiteness:
     """Structure of the residual.
 
-    Attributes
-    ----------
-    white : bool
-        Whether no balance fails the portmanteau test with a notable correlation.
-    autocorrelation : ndarray, shape (B, LAGS)
-        Of block sums, from lag one.
-    band : ndarray, shape (B, LAGS)
-        95 % half width of it for white noise of the same uneven variance.
-    p_values : ndarray, shape (B,)
-        Of the portmanteau tests.
-    periodogram_distance : ndarray, shape (B,)
-        Largest distance of the cumulated periodogram from the straight line, and
-    periodogram_band : float
-        its 95 % limit for white noise.
-    correlated_with : mapping of str to float
-        The correlation with every signal where it is significant and notable.
+    White noise has the same uneven variance; lags begin with one. `correlated_with` has the correlation with every signal where
+    it is significant and notable; it is empty where the residual is white.
     """
 
-    white: bool
-    autocorrelation: Array
-    band: Array
-    p_values: Array
-    periodogram_distance: Array
-    periodogram_band: float
-    correlated_with: Mapping[str, float]
+    white: Annotated[bool, Item("1", "whether no balance fails the portmanteau test with a notable correlation")]
+    autocorrelation: Annotated[Array, Item("1", "of the sums over blocks", ("balance", "lag"), gaps=True)]
+    band: Annotated[Array, Item("1", "95 % half width of it for white noise", ("balance", "lag"), gaps=True)]
+    p_values: Annotated[Array, Item("1", "of the portmanteau test", ("balance",), "p_value", gaps=True)]
+    periodogram_distance: Annotated[Array, Item("1", "of the cumulated one from a line", ("balance",), gaps=True)]
+    periodogram_band: Annotated[float, Item("1", "its 95 % limit for white noise", gaps=True)]
+    correlated_with: Annotated[Mapping[str, float], Item("1", "correlation", ("signal",))]
 
 
 def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> Whiteness:

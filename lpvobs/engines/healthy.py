@@ -5,11 +5,12 @@ A single log does not show what differs from one day to the next; that is config
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 FOLDS = 6
 CHUNK = 60.0
@@ -24,13 +25,16 @@ QUANTILES = (0.3, 0.6, 0.85)
 
 @dataclass(frozen=True)
 class HealthyErrors:
-    """What held-out blocks of healthy logs show, B balances, C classes of transience."""
+    """What held-out blocks of healthy logs show, B balances, C classes of transience.
 
-    bounds: Array  # (C - 1,) of the classes, in the unit of `transience_of`
-    scale: Array  # (C, B) scale of the errors of each balance
-    together: Array  # (B, B) second moments of the errors over their scales
-    slow: Array  # (B,) standard deviation of the part that lasts for minutes
-    rms: Array  # (B,) of each balance, over all blocks that count
+    The C - 1 bounds of the classes are in the unit of `transience_of`.
+    """
+
+    bounds: Annotated[Array, Item("1", "transience at the bounds of its classes")]
+    scale: Annotated[Array, Item("1", "scale of the residual, held out", ("transience", "balance"))]
+    together: Annotated[Array, Item("1", "second moments of residual over scale", ("balance", "other_balance"))]
+    slow: Annotated[Array, Item("1", "standard deviation of what lasts for minutes", ("balance",))]
+    rms: Annotated[Array, Item("1", "rms of the residual, held out", ("balance",))]
 
     def scales(self, transience: Array) -> Array:
         """Return the scale of every balance in blocks of some transience, shape (B, K)."""

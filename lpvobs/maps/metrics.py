@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import njit
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.maps.excitation import corners, node_values, over_nodes
 from lpvobs.maps.grid import Grid, local
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 0.01
 """Samples whose reference is under this share of its maximum are left out of the mean relative error."""
@@ -23,15 +24,17 @@ class Metrics:
     |estimate - reference| / |reference|, without samples whose |reference| is under 1 % of its maximum.
     """
 
-    samples: int  # samples compared
-    mean_relative_error: float  # [-]
-    share_left_out: float  # [-], share of the compared samples that the mean relative error leaves out
-    rms_ratio: float  # [-], rmse / rms(reference)
-    rmse: float  # [kg/s], of estimate - reference
-    bias: float  # [kg/s], of the same
-    visited_cells: int  # cells of the grid with a compared sample
-    floor_mean_relative_error: float  # of the best bilinear fit to the reference itself, on the same samples
-    floor_rms_ratio: float  # of the same
+    samples: Annotated[int, Item("1", "samples compared with the reference")]
+    mean_relative_error: Annotated[float, Item("1", "mean of |estimate - reference| / |reference|", gaps=True)]
+    share_left_out: Annotated[float, Item("1", "share of samples left out of the mean relative error", gaps=True)]
+    rms_ratio: Annotated[float, Item("1", "rms of the error / rms of the reference", gaps=True)]
+    rmse: Annotated[float, Item("kg/s", "rms of estimate - reference", gaps=True)]
+    bias: Annotated[float, Item("kg/s", "mean of estimate - reference", gaps=True)]
+    visited_cells: Annotated[int, Item("1", "cells of the grid with a compared sample")]
+    floor_mean_relative_error: Annotated[
+        float, Item("1", "the same of the best bilinear fit to the reference", gaps=True)
+    ]
+    floor_rms_ratio: Annotated[float, Item("1", "rms ratio of the best bilinear fit to the reference", gaps=True)]
 
 
 def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Array) -> Metrics:

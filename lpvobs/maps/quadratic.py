@@ -10,13 +10,14 @@ transformed back exactly.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 OUTER_SHARE = 0.2
 """Of the estimated nodes, taken away on one side to see whether the others predict them."""
@@ -24,10 +25,11 @@ LACK_PASSES = 3
 """Weights and lack of fit depend on each other; after three rounds the latter moves by less than its own uncertainty."""
 COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
 """Order of Eq. (37): u^2, u, n^2, n, u n, 1."""
-
+BOTH = ("speed", "fuel")
 
 ESTIMATED, EXTRAPOLATED, SMOOTHED = 1, 2, 4
 """Where a node comes from, as files number it; 3 is what an export keeps of an old map."""
+SUPPORT = {ESTIMATED: "estimated", EXTRAPOLATED: "extrapolated", SMOOTHED: "smoothed"}
 
 
 @dataclass(frozen=True)
@@ -35,16 +37,25 @@ class Filled:
     """A map with every node filled, and Eq. (37), which is the whole of it or its trend."""
 
     method: str  # quadratic or kriging
-    coefficients: Array  # (6,) a2, a1, b2, b1, c2, c1 in kg/s per powers of the axes' units
-    standard_error: Array  # (6,)
-    # [kg/s], standard deviation of the surface around the quadratic beyond what the nodes' own errors explain
-    lack_of_fit: float
-    lengths: Array  # (2,) over which that is correlated, along fuel and speed in the axes' units; zero for a quadratic
-    nodes: int  # estimated nodes that took part
-    delta_W_c: Array  # (p_2, p_1) every node: estimated ones as they are unless smoothed
-    covariance: Array  # (p, p) of the errors of all nodes; of prediction, lack of fit included, where extrapolated
-    map_standard_error: Array  # (p_2, p_1)
-    support: NDArray[np.int8]  # (p_2, p_1) 1 estimated, 2 extrapolated, 4 smoothed
+    # a2, a1, b2, b1, c2, c1 in kg/s per powers of the axes' units
+    coefficients: Annotated[Array, Item("1", "coefficients of Eq. (37), units in coefficient_units", ("coefficient",))]
+    standard_error: Annotated[
+        Array, Item("1", "standard errors of the coefficients", ("coefficient",), "coefficients_standard_error")
+    ]
+    # beyond what the nodes' own errors explain
+    lack_of_fit: Annotated[float, Item("kg/s", "standard deviation of the surface around the quadratic")]
+    # zero for a quadratic
+    lengths: Annotated[Array, Item("1", "over which the scatter is correlated, in the units of the axes", ("axis",))]
+    nodes: Annotated[int, Item("1", "estimated nodes behind it")]
+    delta_W_c: Annotated[Array, Item("kg/s", "sensor error, every node filled", BOTH)]
+    # of prediction, lack of fit included, where extrapolated
+    covariance: Annotated[
+        Array, Item("kg^2/s^2", "covariance of the nodes' errors", ("node", "other_node"), stored="f4")
+    ]
+    map_standard_error: Annotated[
+        Array, Item("kg/s", "standard error; of prediction where extrapolated", BOTH, "standard_error")
+    ]
+    support: Annotated[NDArray[np.int8], Item("1", "where the value comes from", BOTH, meanings=SUPPORT)]
 
 
 def terms(u: Array, n: Array) -> Array:

@@ -10,12 +10,13 @@ that has moved. A minority of bad logs moves neither the median nor the spread b
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from lpvobs.observer.information import Solution
 from lpvobs.observer.parts import LogInformation
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 INFORMED = 0.01
 """Of the prior standard deviation: a node that the log knows no better is not compared."""
@@ -32,26 +33,16 @@ HALVINGS = 60
 class Agreement:
     """How far one log's own map is from the common one.
 
-    Attributes
-    ----------
-    name : str
-    nodes : int
-        Nodes compared, those that other logs inform, too.
-    chi_square : float
-        Squared difference over its variance, scatter between logs included; NaN where nothing can be compared.
-    mean_difference : float
-        [kg/s], own map less common map, mean over the nodes.
-    deviation : float
-        How many standard deviations the mean difference, or the logarithm of chi-square, lies beyond the median log; the larger.
-    disagrees : bool
+    Scatter between logs is part of the variance; what cannot be compared is NaN. `deviation` is of the mean difference or the
+    logarithm of chi-square, whichever lies further beyond the median log.
     """
 
-    name: str
-    nodes: int
-    chi_square: float
-    mean_difference: float
-    deviation: float
-    disagrees: bool
+    name: Annotated[str, Item("1", "log", name="log")]
+    nodes: Annotated[int, Item("1", "nodes that this log and others inform")]
+    chi_square: Annotated[float, Item("1", "squared difference of own and common map over its variance", gaps=True)]
+    mean_difference: Annotated[float, Item("kg/s", "own less common map, mean of nodes", gaps=True)]
+    deviation: Annotated[float, Item("1", "standard deviations by which the log stands out", gaps=True)]
+    disagrees: Annotated[bool, Item("1", "whether it stands out among the logs")]
 
 
 @dataclass(frozen=True)

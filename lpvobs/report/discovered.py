@@ -11,8 +11,7 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.portraits import read_leftover, read_portrait, read_ranking
-from lpvobs.io.results.refinements import read_structure
+from lpvobs.io.results.refinements import read_leftover, read_portrait, read_ranking, read_structure
 from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.report.numbers import chance, second, with_interval
 from lpvobs.report.spoken import in_words

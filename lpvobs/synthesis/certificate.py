@@ -8,11 +8,12 @@ All positive is a proof.
 from dataclasses import dataclass
 from fractions import Fraction
 from math import inf, isfinite
+from typing import Annotated
 
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
 from lpvobs.synthesis.problem import GainProblem, bent_block
 
@@ -21,28 +22,16 @@ from lpvobs.synthesis.problem import GainProblem, bent_block
 class Certificate:
     """What was proven, or why not.
 
-    Attributes
-    ----------
-    proven : bool
-        Theorem 1 holds on the whole region.
-    vertices : int
-        Vertex matrices that the region has.
-    smallest_pivot : float
-        Smallest pivot of P, Q and of all -M examined, each divided by its diagonal entry: between 0 and 1 in any units,
-        not positive where the proof fails.
-    failed_vertex : tuple of float or None
-        The first vertex where M is not negative definite.
-    falling_gain : bool
-        Also proven for gains that fall with information, d Gamma^-1/dt = Psi^T Psi: 1 - eps_1 - eps_2 > 0.
-    reason : str
-        Empty when proven.
+    The smallest pivot is that of P, Q and of all -M examined, each divided by its diagonal entry: between 0 and 1 in any units,
+    not positive where the proof fails. `failed_vertex` is the first one where M is not negative definite; the reason is empty
+    when proven. A falling gain is one that falls with information, d Gamma^-1/dt = Psi^T Psi.
     """
 
-    proven: bool
-    vertices: int
-    smallest_pivot: float
+    proven: Annotated[bool, Item("1", "Theorem 1 proven on the whole region")]
+    vertices: Annotated[int, Item("1", "vertices of the region")]
+    smallest_pivot: Annotated[float, Item("1", "smallest relative pivot", gaps=True)]
     failed_vertex: tuple[float, ...] | None
-    falling_gain: bool
+    falling_gain: Annotated[bool, Item("1", "1 - eps_1 - eps_2 > 0 proven, too")]
     reason: str
 
 

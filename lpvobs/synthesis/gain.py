@@ -1,8 +1,9 @@
 """The observer's gain with its proof."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 from lpvobs.synthesis.certificate import Certificate
 from lpvobs.synthesis.region import Region
 
@@ -11,24 +12,13 @@ from lpvobs.synthesis.region import Region
 class Gain:
     """A feedback gain of Eq. (26) and the numbers that prove it.
 
-    Attributes
-    ----------
-    L : ndarray, shape (n, r)
-        [state unit / (output unit s)]
-    P, Q : ndarray, shape (n, n)
-        Of Theorem 1.
-    eps_1, eps_2 : float
-        Of Theorem 1.
-    region : Region
-        What the certificate covers.
-    certificate : Certificate
-        Proven; a gain without a proof is not made.
+    The certificate is proven, on the region; a gain without a proof is not made.
     """
 
-    L: Array
-    P: Array
-    Q: Array
-    eps_1: float
-    eps_2: float
+    L: Annotated[Array, Item("SI", "gain of Eq. (26), state unit per output unit and second", ("state", "output"))]
+    P: Annotated[Array, Item("SI", "Lyapunov matrix of Theorem 1", ("state", "other_state"))]
+    Q: Annotated[Array, Item("SI", "matrix Q of Theorem 1", ("state", "other_state"))]
+    eps_1: Annotated[float, Item("1", "eps_1 of Theorem 1")]
+    eps_2: Annotated[float, Item("1", "eps_2 of Theorem 1")]
     region: Region
-    certificate: Certificate
+    certificate: Annotated[Certificate, Item()]

@@ -13,11 +13,12 @@ an output; here it stands in a state equation, where its error acts like an inpu
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Annotated
 
 import numpy as np
 
 from lpvobs.errors import NotProven
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
@@ -27,23 +28,15 @@ from lpvobs.synthesis.problem import GainProblem
 class SensorState:
     """The gain of the observer with the sensor's state, and its proof.
 
-    Attributes
-    ----------
-    L : ndarray, shape (n + 1, r)
-        [state unit / (output unit s)]; the last column is the sensor's, zero but for the last row.
-    P : ndarray, shape (n + 1, n + 1)
-        Of V.
-    tau : tuple of float
-        [s], range of time constants that is covered.
-    smallest_pivot : float
-        Of P and of all matrices -dV, relative to their diagonals.
+    The last column of L, shape (n + 1, r), is the sensor's, zero but for the last row. The pivots are those of P and of all
+    matrices -dV, relative to their diagonals.
     """
 
-    L: Array
-    P: Array
-    tau: tuple[float, float]
-    vertices: int
-    smallest_pivot: float
+    L: Annotated[Array, Item("SI", "gain of the observer with the sensor's state", ("state", "output"))]
+    P: Annotated[Array, Item("SI", "Lyapunov matrix that falls while the map stands", ("state", "other_state"))]
+    tau: Annotated[tuple[float, float], Item("s", "time constants that are covered", ("end",))]
+    vertices: Annotated[int, Item("1", "vertices at which it was proven")]
+    smallest_pivot: Annotated[float, Item("1", "smallest relative pivot")]
 
 
 def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:

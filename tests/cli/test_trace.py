@@ -76,16 +76,9 @@ def test_xarray_opens_the_refined_model(refined, engine):
         assert effect["acts"].dims == ("log",)
         value = next(iter(refined[1]["effects"][0]["parameters"].values()))["value"]
         assert float(effect["value"]) == value
-    for group in (
-        "constants",
-        "comparison",
-        "whiteness/after",
-        "ranking",
-        "plots/log_1",
-        "plots/effect_1",
-        "plots/structure",
-    ):
+    for group in ("", "comparison", "whiteness/after", "ranking", "plots", "plots/log_1", "plots/effect_1"):
         with xr.open_dataset(refined[0], group=f"refinement/{group}", engine=engine) as data:
+            assert data.sizes
             assert not [name for name in data.dims if name.startswith("phony")]
             data.load()
 

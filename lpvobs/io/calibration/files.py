@@ -8,12 +8,13 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
-from lpvobs.io.calibration.surfaces import LONG_NAME, NONE, ORIGINS, Surface, axis_layout, surface_layout
+from lpvobs.io.calibration.surfaces import NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import convert
+from lpvobs.io.results.axes import LONG_NAME
 from lpvobs.io.results.hdf import creating, write_fields
-from lpvobs.io.results.mapping import Contents, Item, fields
+from lpvobs.io.results.mapping import Contents, fields
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.axes import axes_of
+from lpvobs.io.results.axes import LONG_NAME, ORIGIN, axes_of
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.mapping import Item, Layout, read
-from lpvobs.records import Array
+from lpvobs.io.results.mapping import Layout, read
+from lpvobs.records import Array, Item
 
 NONE, ESTIMATED, EXTRAPOLATED, OLD = 0, 1, 2, 3
 ORIGINS = {NONE: "none", ESTIMATED: "estimated", EXTRAPOLATED: "extrapolated", OLD: "old"}
 
-LONG_NAME = "error of the mass air flow sensor, reading minus truth"
 SNAP = 1e-6
 """Share of a cell by which an axis of rounded numbers may miss the node that it means."""
 
@@ -77,7 +76,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
         group, (fuel, speed) = file[source], axes_of(file).items()
         x, y = (
-            read(group, axis_layout(name, item), name=name, unit=item.units, long_name=item.long_name)
+            read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
             for name, item in (speed, fuel)
         )
         unit = str(group["delta_W_c"].attrs["units"])
@@ -86,7 +85,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
 
 def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
     """Return how an axis stands in a group."""
-    return Layout(SurfaceAxis, {name: replace(item, of="nodes")})
+    return Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
 
 
 def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
@@ -95,9 +94,9 @@ def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
     return Layout(
         Surface,
         {
-            "delta_W_c": Item(unit, LONG_NAME, both, "values", gaps=True),
+            "values": Item(unit, LONG_NAME, both, "delta_W_c", gaps=True),
             "standard_error": Item(unit, "standard error of delta_W_c", both, gaps=True),
-            origin: Item("1", "where the value comes from", both, "origin", meanings=ORIGINS),
+            "origin": Item("1", ORIGIN, both, origin, meanings=ORIGINS),
         },
     )
 

@@ -84,10 +84,10 @@ def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
             hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
             raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
-        inner = _record_in(hints[key])
+        inner = record_in(hints[key])
         if inner is None:
             continue
-        for place, item in _tables(value, f"{where}{key}", _is_mapping(hints[key])):
+        for place, item in _tables(value, f"{where}{key}", is_mapping(hints[key])):
             _refuse_unknown(path, item, inner, f"{place}.", example)
     for key, wanted in known.items():
         if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
@@ -105,15 +105,16 @@ def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[st
     return [(place, item) for place, item in entries if isinstance(item, Mapping)]
 
 
-def _is_mapping(hint: Any) -> bool:
+def is_mapping(hint: Any) -> bool:
+    """Return whether a type hint is that of a table by name."""
     origin = get_origin(hint)
     return isinstance(origin, type) and issubclass(origin, Mapping)
 
 
-def _record_in(hint: Any) -> type | None:
+def record_in(hint: Any) -> type | None:
     """Return the dataclass inside a type hint: itself, of an optional, a tuple, or a mapping's values."""
     if is_dataclass(hint) and isinstance(hint, type):
         return hint
-    if get_origin(hint) in (Union, UnionType, tuple) or _is_mapping(hint):
-        return next((found for found in map(_record_in, get_args(hint)) if found is not None), None)
+    if get_origin(hint) in (Union, UnionType, tuple) or is_mapping(hint):
+        return next((found for found in map(record_in, get_args(hint)) if found is not None), None)
     return None

@@ -5,11 +5,14 @@ from dataclasses import replace
 
 import h5py
 
-from lpvobs.io.results.mapping import Item, Layout
+from lpvobs.io.results.mapping import Layout
 from lpvobs.maps.grid import Grid
+from lpvobs.records import Item
 
 Axes = Mapping[str, Item]
 """By name: first the fuel axis, then the speed axis."""
+LONG_NAME = "error of the mass air flow sensor, reading minus truth"
+ORIGIN = "where the value comes from"
 
 
 def axes_of(file: h5py.File) -> Axes:
@@ -22,4 +25,4 @@ def axes_of(file: h5py.File) -> Axes:
 def grid_layout(axes: Axes) -> Layout[Grid]:
     """Return how the nodes of a map stand in a group."""
     (fuel, first), (speed, second) = axes.items()
-    return Layout(Grid, {fuel: replace(first, of="fuel"), speed: replace(second, of="speed")})
+    return Layout(Grid, {"fuel": replace(first, name=fuel), "speed": replace(second, name=speed)})

@@ -1,6 +1,7 @@
 """`/engine_found`: what the logs of a map say of the engine: its constants, and the corrections of its components."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import h5py
 import numpy as np
@@ -9,48 +10,26 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.io.results.engines import read_unknowns, unknowns_fields
 from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import Item, Layout, fields, read
+from lpvobs.io.results.mapping import read, write
 from lpvobs.observer.estimate import EngineFound
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 GROUP, BEFORE = "engine_found", "engine_before"
 
 
 @dataclass(frozen=True, eq=False)
 class EngineOfMap:
-    """The engine that a map goes with.
+    """The engine that a map goes with."""
 
-    Attributes
-    ----------
-    constants : tuple of str
-        q constants, and modes of the corrections of a calibrated engine.
-    deviation : ndarray, shape (q,)
-        Relative, from the configured values; of a mode, from what the calibration found.
-    covariance : ndarray, shape (q, q)
-    groups : tuple of str
-        Of components, whose corrections share an amplitude.
-    amplitudes : tuple of float
-        Of these, over what is expected before any data.
-    """
-
-    constants: tuple[str, ...]
-    deviation: Array
-    covariance: Array
-    groups: tuple[str, ...]
-    amplitudes: tuple[float, ...]
-
-
-FOUND = Layout(
-    EngineOfMap,
-    {
-        "constant": Item("1", "uncertain constant of the engine", of="constants"),
-        "deviation": Item("1", "relative deviation from the configured value", ("constant",)),
-        "covariance": Item("1", "covariance of the deviations", ("constant", "other_constant")),
-        "group": Item("1", "components whose corrections share an amplitude", of="groups"),
-        "amplitude": Item("1", "of the corrections, over what is expected before any data", ("group",), "amplitudes"),
-    },
-    {"other_constant": "constant"},
-)
+    constants: Annotated[tuple[str, ...], Item("1", "uncertain constant of the engine", name="constant")]
+    deviation: Annotated[
+        Array, Item("1", "from the configured value; of a mode, from the calibrated one", ("constant",))
+    ]
+    covariance: Annotated[Array, Item("1", "covariance of the deviations", ("constant", "other_constant"))]
+    groups: Annotated[tuple[str, ...], Item("1", "components whose corrections share an amplitude", name="group")]
+    amplitudes: Annotated[
+        tuple[float, ...], Item("1", "of these, over what is expected before any data", ("group",), "amplitude")
+    ]
 
 
 def stored_engine(found: EngineFound) -> EngineOfMap:
@@ -75,7 +54,7 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """
     if found.unknowns.learned:
         write_group(file, BEFORE, unknowns_fields(found.before()))
-    group = write_group(file, GROUP, fields(FOUND, stored_engine(found)))
+    group = write(file, GROUP, stored_engine(found))
     places = found.unknowns.places()
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
     for component in found.unknowns.components:
@@ -92,7 +71,7 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
 
 def read_engine_found(file: h5py.File) -> EngineOfMap | None:
     """Return what an open result says of its engine's constants, None where the method does not tell."""
-    return read(file[GROUP], FOUND) if GROUP in file else None
+    return read(file[GROUP], EngineOfMap) if GROUP in file else None
 
 
 def read_engine_before(file: h5py.File, air_path: AirPath) -> Unknowns | None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import h5py
 import numpy as np
@@ -11,10 +12,10 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, text, write_group
-from lpvobs.io.results.mapping import Item, Layout, read_rows, rows
+from lpvobs.io.results.mapping import read_rows, rows
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.unchanged import file_digest
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 KIND = "engine"
 REMEDY = "make it with `lpvobs calibrate`"
@@ -22,24 +23,14 @@ REMEDY = "make it with `lpvobs calibrate`"
 
 @dataclass(frozen=True)
 class EngineRow:
-    """A bench point as a calibration saw it.
+    """A bench point as a calibration saw it."""
 
-    Attributes
-    ----------
-    kind : str
-        Balance, or measured part.
-    point : int
-        Number of the bench point.
-    reference, before, held_out, held_out_error : float
-        [kg/s], what the meter read; the configured engine's error; what all other points leave of it, with standard deviation.
-    """
-
-    kind: str
-    point: int
-    reference: float
-    before: float
-    held_out: float
-    held_out_error: float
+    kind: Annotated[str, Item("1", "balance or measured part", name="row")]
+    point: Annotated[int, Item("1", "number of the bench point")]
+    reference: Annotated[float, Item("kg/s", "reference flow")]
+    before: Annotated[float, Item("kg/s", "reference less the flow of the configured engine", gaps=True)]
+    held_out: Annotated[float, Item("kg/s", "reference less what all other points say of it")]
+    held_out_error: Annotated[float, Item("kg/s", "standard deviation of held_out")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +87,6 @@ class CalibratedEngine:
 
 DETERMINED = 0.5
 """Share of the prior standard deviation below which the data have determined a constant."""
-ROWS = Layout(
-    EngineRow,
-    {
-        "row": Item("1", "balance or measured part", of="kind"),
-        "point": Item("1", "number of the bench point"),
-        "reference": Item("kg/s", "reference flow"),
-        "before": Item("kg/s", "reference less the flow of the configured engine", gaps=True),
-        "held_out": Item("kg/s", "reference less what all other points say of it"),
-        "held_out_error": Item("kg/s", "standard deviation of held_out"),
-    },
-    row="row",
-)
 
 
 def write_engine(path: Path, stored: StoredEngine) -> None:
@@ -123,7 +102,7 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         before = Field(stored.prior_error, "1", "standard deviation before the data", ("unknown",))
         write_group(file, "unknowns", {**unknowns_fields(unknowns), "prior_error": before})
         _write_components(file.create_group("components"), stored)
-        write_group(file, "rows", rows(ROWS, stored.rows))
+        write_group(file, "rows", rows(stored.rows, "row"))
         stored.provenance.write(file)
 
 
@@ -189,7 +168,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
             prior_error=_finite(file["unknowns"], "prior_error", unknowns.size),
             amplitudes=_numbers(file["amplitudes"]),
             left=_numbers(file["left"]),
-            rows=read_rows(file["rows"], ROWS),
+            rows=read_rows(file["rows"], EngineRow, "row"),
             provenance=read_provenance(file),
         )
 

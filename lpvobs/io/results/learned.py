@@ -10,26 +10,10 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import Item, Layout, fields, read
+from lpvobs.io.results.mapping import read, write
 from lpvobs.records import Array
 
 GROUP = "engine"
-HEALTHY = Layout(
-    HealthyErrors,
-    {
-        "bounds": Item("1", "transience at the bounds of its classes", ("bound",)),
-        "scale": Item("1", "scale of the residual, held out", ("transience", "balance")),
-        "together": Item("1", "second moments of residual over scale", ("balance", "other_balance")),
-        "slow": Item("1", "standard deviation of what lasts for minutes", ("balance",)),
-        "rms": Item("1", "rms of the residual, held out", ("balance",)),
-    },
-    {
-        "balance": "balance",
-        "other_balance": "balance",
-        "transience": "class of transience",
-        "bound": "between two classes",
-    },
-)
 
 
 def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, balances: Sequence[str]) -> None:
@@ -48,7 +32,7 @@ def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, bal
     both = {axis: Field(every, "1", meaning) for axis in ("deviation", "other_deviation")}
     write_group(group, "numbers", plain | both | {"covariance": covariance})
     labels = {"balance": tuple(balances), "other_balance": tuple(balances)}
-    write_group(group, "healthy_errors", fields(HEALTHY, healthy, labels))
+    write(group, "healthy_errors", healthy, labels)
 
 
 def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
@@ -68,7 +52,7 @@ def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
         covariance=_numbers(own, "covariance", size, size),
         sources=tuple(map(str, group.attrs["logs"])),
     )
-    return known, read(group["healthy_errors"], HEALTHY)
+    return known, read(group["healthy_errors"], HealthyErrors)
 
 
 def _curve(group: h5py.Group) -> LearnedCurve:

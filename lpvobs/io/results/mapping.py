@@ -1,11 +1,13 @@
-"""Records as groups of an HDF5 file: one declaration says how a record is written, and what is refused when it is read back.
+"""Records as groups of an HDF5 file: what a record says of its fields is how they are written, and what is refused on reading.
 
-The kind of every value is that of the record's field: float, int, bool (as int8 with `no` and `yes`), text, an array of them, or a
-tuple of them. The declaration adds what a reader of the file needs: name, unit, meaning, and axes.
+A field with an `Item` is a dataset. Its kind is that of the field: float, int, bool (as int8 with `no` and `yes`), text, an
+array or a tuple of them, or a table by name, whose names stand on its first axis. A record with an `Item` is a group of that
+name (`.`: its fields stand among the others), several records are groups `name_1`, `name_2` and so on, or rows where the item
+has an axis. Fields without one are attributes if they are plain; arrays and records without one are left to the caller.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache
 from types import UnionType
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
@@ -15,123 +17,211 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.io.results.hdf import NO_YES, Attribute, Field, flags, text
+from lpvobs.io.configuration.strict import is_mapping, record_in
+from lpvobs.io.results.hdf import NO_YES, Attribute, Field, flags, text, write_group
+from lpvobs.records import Item
 
 Record = TypeVar("Record")
 Values = NDArray[Any]
 Labels = Mapping[str, Sequence[Any] | Values]
 Contents = dict[str, Field | Attribute]
 
-
-@dataclass(frozen=True)
-class Item:
-    """One dataset: unit, meaning, and the names of its axes in the same group, none for a single value or an axis.
-
-    `of` is the record's field where it has another name; `meanings` are of small integers, and no other value is taken; `gaps` says
-    that values may be NaN or infinite; `stored` is the type on the disk where it is not the field's, such as `f4` for drawings.
-    """
-
-    units: str
-    long_name: str
-    axes: tuple[str, ...] = ()
-    of: str = ""
-    meanings: Mapping[int, str] = field(default_factory=dict)
-    gaps: bool = False
-    stored: str = ""
-
-
-ENDS = Item("1", "which end", meanings={0: "lower", 1: "upper"})
+ENDS = {0: "lower", 1: "upper"}
+AXES = {
+    "axis": Item("1", "fuel, then speed"),
+    "balance": Item("1", "balance"),
+    "bin": Item("1", "bin of the regressor"),
+    "bound": Item("1", "which end", meanings=ENDS),
+    "coefficient": Item("1", "coefficient of Eq. (37)"),
+    "constant": Item("1", "uncertain constant of the engine"),
+    "end": Item("1", "which end", meanings=ENDS),
+    "extreme": Item("1", "which extreme", meanings={0: "smallest", 1: "largest"}),
+    "lag": Item("1", "lag in blocks, positive where the residual is later"),
+    "log": Item("1", "log"),
+    "mean": Item("1", "mean regressor, mean residual, standard error of the mean residual"),
+    "node": Item("1", "node in the order of Eq. (23): speed by speed"),
+    "other_balance": Item("1", "balance"),
+    "other_constant": Item("1", "constant"),
+    "other_node": Item("1", "node in the order of Eq. (23): speed by speed"),
+    "other_state": Item("1", "state"),
+    "output": Item("1", "output"),
+    "parameter": Item("1", "scheduling parameter"),
+    "point": Item("1", "some of the points"),
+    "quantile": Item("1", "quantile of the bootstrap over blocks"),
+    "share": Item("1", "share of the frequencies of the block sums"),
+    "signal": Item("1", "signal"),
+    "state": Item("1", "state"),
+    "stretch": Item("1", "stretch with much power, strongest first"),
+    "term": Item("1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
+    "transience": Item("1", "class of transience"),
+}
+"""Axes that are no field of their record, and what stands on them; numbered from zero where no labels are given."""
 
 
 @dataclass(frozen=True)
 class Layout(Generic[Record]):
-    """How records of one kind stand in a group.
-
-    Attributes
-    ----------
-    items : mapping of str to Item
-        By name of the dataset.
-    axes : mapping of str to Item or str
-        Axes that are no field of the record, or their meaning: numbered from zero unless labels are given.
-    attributes : tuple of str
-        Fields that are attributes of the group; what is neither number nor text is written as JSON.
-    row : str
-        Axis along which several records stand, before the axes of each item; empty for a single record.
-    """
+    """How a record stands in a group: its fields with items, and those that are attributes, as JSON if neither number nor text."""
 
     record: type[Record]
     items: Mapping[str, Item]
-    axes: Mapping[str, Item | str] = field(default_factory=dict)
     attributes: tuple[str, ...] = ()
-    row: str = ""
 
-    def field_of(self, name: str) -> str:
-        """Return the field behind a dataset."""
-        return self.items[name].of or name
-
-    def kind(self, field_name: str) -> Any:
+    def kind(self, key: str) -> Any:
         """Return the annotation of a field."""
-        return _annotations(self.record)[field_name]  # type: ignore[arg-type]  # a class is hashable
+        return _hints(self.record)[key]  # type: ignore[arg-type]  # a class is hashable
 
-    def axes_of(self, name: str) -> tuple[str, ...]:
-        """Return the names of all axes of a dataset."""
-        return (self.row, *self.items[name].axes) if self.row and name != self.row else self.items[name].axes
+    def name(self, key: str) -> str:
+        """Return what a field is called in its group."""
+        return self.items[key].name or key
+
+    @property
+    def datasets(self) -> list[str]:
+        """The fields that are datasets."""
+        return [key for key in self.items if record_in(self.kind(key)) is None]
+
+    @property
+    def inner(self) -> list[str]:
+        """The fields that hold records."""
+        return [key for key in self.items if record_in(self.kind(key)) is not None]
 
 
-def fields(layout: Layout[Any], record: object, labels: Labels | None = None) -> Contents:
-    """Return what a group holds of a record, or of another one with the same fields; `labels` stand on axes."""
-    columns = {name: getattr(record, layout.field_of(name)) for name in layout.items}
-    return _fields(layout, columns, labels or {}) | {
-        key: _as_attribute(getattr(record, key)) for key in layout.attributes
+def layout_of(record: type[Record], renamed: Mapping[str, str] | None = None) -> Layout[Record]:
+    """Return the layout that a record's annotations say, axes under other names where there are some."""
+    layout, names = _layout_of(record), renamed or {}  # type: ignore[arg-type]
+    items = {
+        key: replace(item, axes=tuple(names.get(axis, axis) for axis in item.axes))
+        for key, item in layout.items.items()
     }
+    return replace(layout, items=items)
 
 
-def rows(layout: Layout[Record], records: Sequence[Record], labels: Labels | None = None) -> Contents:
-    """Return the datasets of several records, one after the other along the axis `row`; nothing for none."""
-    columns = {name: [getattr(each, layout.field_of(name)) for each in records] for name in layout.items}
-    return _fields(layout, columns, labels or {}) if records else {}
+def fields(what: type[Record] | Layout[Record], record: object, labels: Labels | None = None) -> Contents:
+    """Return what a group holds of a record, or of another one with the same fields; `labels` stand on axes."""
+    layout, known = _layout(what), labels or {}
+    found: Contents = {}
+    for key in layout.inner:
+        value, (axis, name) = getattr(record, key), (layout.items[key].axes, layout.items[key].name)
+        if axis:
+            found |= rows(value, axis[0], known)
+        elif name == ".":
+            found |= fields(type(value), value, known)
+    found |= _fields(layout, {key: getattr(record, key) for key in layout.datasets}, known)
+    return found | {key: _as_attribute(getattr(record, key)) for key in layout.attributes}
 
 
-def values(group: h5py.Group, layout: Layout[Any]) -> dict[str, Any]:
-    """Return the fields of a record that a group holds, by name.
+def rows(records: Sequence[object], row: str, labels: Labels | None = None) -> Contents:
+    """Return the datasets of several records of one kind, one after the other along an axis; nothing for none."""
+    if not records:
+        return {}
+    layout = _rowwise(layout_of(type(records[0])), row)
+    columns = {key: [getattr(each, key) for each in records] for key in layout.datasets}
+    return _fields(layout, columns, labels or {}, row)
+
+
+def write(
+    parent: h5py.Group, name: str, record: object, labels: Labels | None = None, beside: Contents | None = None
+) -> h5py.Group:
+    """Write a record, the records in it, and what stands beside them, into a new group."""
+    group = write_group(parent, name, fields(type(record), record, labels) | (beside or {}))
+    _write_inner(group, record, labels)
+    return group
+
+
+def _write_inner(group: h5py.Group, record: object, labels: Labels | None) -> None:
+    layout = layout_of(type(record))
+    for key in layout.inner:
+        value, item = getattr(record, key), layout.items[key]
+        if item.name == ".":
+            _write_inner(group, value, labels)
+        elif value is not None and not item.axes:
+            several = isinstance(value, tuple)
+            for number, each in enumerate(value if several else [value], 1):
+                write(group, f"{layout.name(key)}_{number}" if several else layout.name(key), each, labels)
+
+
+def read(group: h5py.Group, what: type[Record] | Layout[Record], **given: Any) -> Record:
+    """Return the record that a group holds, with the fields that are not stored in it as given."""
+    return _layout(what).record(**values(group, what, given), **given)
+
+
+def values(group: h5py.Group, what: type[Any] | Layout[Any], given: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the fields of a record that a group holds, but those that are given.
 
     Raises KeyError, TypeError, ValueError for what is not there, or not as declared; `hdf.reading` makes a DataError of it.
     """
-    names = {name: layout.field_of(name) for name in layout.items}
-    found = {key: _as_field(_loaded(group, layout, name), layout.kind(key)) for name, key in names.items()}
-    return found | {key: _attribute(group.attrs[key], layout.kind(key), key) for key in layout.attributes}
+    layout, known = _layout(what), given or {}
+    found = {key: _value(group, layout, key) for key in layout.datasets if key not in known}
+    found |= {key: _attribute(group.attrs[key], layout.kind(key), key) for key in layout.attributes if key not in known}
+    return found | {key: _inner(group, layout, key) for key in layout.inner if key not in known}
 
 
-def read(group: h5py.Group, layout: Layout[Record], **given: Any) -> Record:
-    """Return the record that a group holds, with the fields that are not stored in it as given."""
-    return layout.record(**values(group, layout), **given)
-
-
-def read_rows(group: h5py.Group, layout: Layout[Record]) -> tuple[Record, ...]:
-    """Return the records along the axis `row`; none where the group has no such axis."""
-    if layout.row not in group:
+def read_rows(group: h5py.Group, record: type[Record], row: str) -> tuple[Record, ...]:
+    """Return the records along an axis; none where the group has no such axis."""
+    if row not in group:
         return ()
-    names = {layout.field_of(name): _loaded(group, layout, name) for name in layout.items}
-    columns = [[_as_field(value, layout.kind(key)) for value in column] for key, column in names.items()]
-    return tuple(layout.record(**dict(zip(names, row, strict=True))) for row in zip(*columns, strict=True))
+    layout = _rowwise(layout_of(record), row)
+    columns = [
+        [_as_field(value, layout.kind(key)) for value in _loaded(group, layout, key, row)] for key in layout.datasets
+    ]
+    return tuple(record(**dict(zip(layout.datasets, line, strict=True))) for line in zip(*columns, strict=True))
 
 
 def numbered(group: h5py.Group, name: str) -> list[h5py.Group]:
     """Return the groups `name_1`, `name_2` and so on that a group holds, in this order."""
-    return [group[f"{name}_{i + 1}"] for i in range(sum(key.startswith(f"{name}_") for key in group))]
+    folder, _, stem = name.rpartition("/")
+    beside = group.get(folder, ()) if folder else group
+    return [group[f"{name}_{i + 1}"] for i in range(sum(key.startswith(f"{stem}_") for key in beside))]
+
+
+def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
+    """Return the record or records in a field."""
+    item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
+    record: Any = record_in(kind)
+    if item.axes:
+        return read_rows(group, record, item.axes[0])
+    if get_origin(kind) is tuple:
+        return tuple(read(each, record) for each in numbered(group, name))
+    return None if get_origin(kind) is UnionType and name not in group else read(group[name], record)
+
+
+def _layout(what: type[Record] | Layout[Record]) -> Layout[Record]:
+    return what if isinstance(what, Layout) else layout_of(what)
+
+
+def _rowwise(layout: Layout[Record], row: str) -> Layout[Record]:
+    """Return a layout with an axis before those of each item, that of the axis itself excepted."""
+    items = {
+        key: item if layout.name(key) == row else replace(item, axes=(row, *item.axes))
+        for key, item in layout.items.items()
+    }
+    return replace(layout, items=items)
 
 
 @cache
-def _annotations(record: Any) -> dict[str, Any]:
+def _hints(record: Any) -> dict[str, Any]:
     return get_type_hints(record)
 
 
+@cache
+def _layout_of(record: Any) -> Layout[Any]:
+    hints = get_type_hints(record, include_extras=True)
+    said = {
+        key: item for key, hint in hints.items() for item in getattr(hint, "__metadata__", ()) if isinstance(item, Item)
+    }
+    plain = (key for key, kind in _hints(record).items() if record_in(kind) is None and not _is_array(kind))
+    return Layout(record, said, tuple(key for key in plain if key not in said))
+
+
 def element_of(kind: Any) -> type:
-    """Return the type of single values: float of `float | None`, of `tuple[float, ...]` and of an array of floats."""
+    """Return the type of single values: float of `float | None`, of `tuple[float, ...]`, of an array or a table of floats."""
     parts = [part for part in get_args(kind) if part is not type(None)]
     if not parts:
         return kind  # type: ignore[no-any-return]
-    return element_of(parts[-1] if get_origin(kind) is np.ndarray else parts[0])
+    return element_of(parts[-1] if _is_array(kind) or is_mapping(kind) else parts[0])
+
+
+def _is_array(kind: Any) -> bool:
+    return get_origin(kind) is np.ndarray
 
 
 def _single(kind: Any) -> bool:
@@ -142,31 +232,51 @@ def _meanings(item: Item, element: type = int) -> Mapping[int, str]:
     return item.meanings or (NO_YES if element in (bool, np.bool_) else {})
 
 
-def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> Contents:
+def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels, row: str = "") -> Contents:
     found: dict[str, Field] = {}
-    for name, value in columns.items():
-        item, element = layout.items[name], element_of(layout.kind(layout.field_of(name)))
+    known = dict(labels)
+    for key, value in columns.items():
+        item, element, stored = layout.items[key], element_of(layout.kind(key)), value
+        if is_mapping(layout.kind(key)):
+            if not value:
+                continue
+            names = known.setdefault(item.axes[0], list(value))
+            stored = [value[name] for name in names]
         meanings = _meanings(item, element)
         dtype = item.stored or (np.int8 if meanings else np.dtype(element))
-        stored = text(value) if element is str else np.asarray(value, dtype)
-        found[name] = Field(stored, item.units, item.long_name, layout.axes_of(name), flags(meanings))
-    axes: Contents = {}
-    for name, meaning in layout.axes.items():
-        item = meaning if isinstance(meaning, Item) else Item("1", meaning)
-        size = next(each.values.shape[each.axes.index(name)] for each in found.values() if name in each.axes)
-        marks = labels.get(name, np.arange(size, dtype=np.int8 if item.meanings else np.int32))
-        shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
-        axes[name] = Field(shown, item.units, item.long_name, (), flags(item.meanings))
-    return axes | found
+        shown = text(stored) if element is str else np.asarray(stored, dtype)
+        found[layout.name(key)] = Field(shown, item.unit, item.meaning, item.axes, flags(meanings))
+    sizes = {axis: size for each in found.values() for axis, size in zip(each.axes, each.values.shape, strict=False)}
+    axes = {axis: _axis(axis, size, known) for axis, size in sizes.items() if axis in AXES and axis not in found}
+    return {**axes, **found}
 
 
-def _loaded(group: h5py.Group, layout: Layout[Any], name: str) -> Values:
+def _axis(name: str, size: int, labels: Labels) -> Field:
+    item = AXES[name]
+    marks = labels.get(name, np.arange(size, dtype=np.int8 if item.meanings else np.int32))
+    shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
+    return Field(shown, item.unit, item.meaning, (), flags(item.meanings))
+
+
+def _value(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
+    """Return what a dataset holds as the record has it."""
+    kind = layout.kind(key)
+    if not is_mapping(kind):
+        return _as_field(_loaded(group, layout, key), kind)
+    names, one = layout.items[key].axes[0], get_args(kind)[1]
+    if names not in group:
+        return {}
+    found = zip(group[names].asstr()[()], _loaded(group, layout, key), strict=True)
+    return {str(name): _as_field(value, one) for name, value in found}
+
+
+def _loaded(group: h5py.Group, layout: Layout[Any], key: str, row: str = "") -> Values:
     """Return a dataset as it is stored; raises for another kind, shape or value than the declaration has."""
-    item, kind, axes = layout.items[name], layout.kind(layout.field_of(name)), layout.axes_of(name)
+    item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     dataset, element = group[name], element_of(kind)
     found = np.asarray(dataset.asstr()[()] if element is str else dataset[()])
-    is_axis = not axes and (name == layout.row or not _single(kind))
-    shape = (dataset.size,) if is_axis else tuple(group[axis].size for axis in axes)
+    is_axis = not item.axes and (name == row or not _single(kind))
+    shape = (dataset.size,) if is_axis else tuple(group[axis].size for axis in item.axes)
     if found.shape != shape:
         raise ValueError(f"'{name}' has the shape {found.shape}, expected {shape}")
     if element is str:
@@ -212,6 +322,7 @@ def _attribute(found: Any, kind: Any, name: str) -> Any:
     if kind is bool and plain in (0, 1):
         return bool(plain)
     try:
-        return msgspec.convert(plain, kind) if _single(kind) else msgspec.json.decode(plain, type=kind)
+        as_json = isinstance(plain, str) and kind is not str
+        return msgspec.json.decode(plain, type=kind) if as_json else msgspec.convert(plain, kind)
     except msgspec.MsgspecError as error:
         raise ValueError(f"attribute '{name}': {error}") from None

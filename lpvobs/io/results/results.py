@@ -11,21 +11,20 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.io.results.agreement import read_agreement
-from lpvobs.io.results.axes import Axes, axes_of, grid_layout
+from lpvobs.io.results.axes import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout
 from lpvobs.io.results.engine_found import EngineOfMap, read_engine_found, write_engine_found
 from lpvobs.io.results.extrapolations import read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
-from lpvobs.io.results.log_summaries import LogSummary, read_log_summary, write_log
-from lpvobs.io.results.mapping import Item, Layout, fields, read, values
+from lpvobs.io.results.log_summaries import LogSummary, read_agreement, read_log_summary, write_log
+from lpvobs.io.results.mapping import Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.unchanged import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 KIND = "result"
 REMEDY = "make it with `lpvobs estimate`"
@@ -140,66 +139,39 @@ def read_result(path: Path) -> StoredResult:
         )
 
 
-PARAMETERS = Layout(StoredResult, {"parameter": Item("1", "scheduling parameter", of="parameter_names")})
+PARAMETERS = Layout(StoredResult, {"parameter_names": Item("1", "scheduling parameter", name="parameter")})
 
 
 def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     """Return how a map and what belongs to it stand in their groups."""
-    both = (speed, fuel)
-    node = "node in the order of Eq. (23): speed by speed"
-    square = ("node", "other_node")
-    return {
-        "map": Layout(
-            StoredResult,
-            {
-                "delta_W_c": Item(
-                    "kg/s", "error of the mass air flow sensor, reading minus truth", both, "theta", gaps=True
-                ),
-                "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
-                "support": Item(
-                    "1", "where the value comes from", both, "supported", meanings={0: "none", 1: "estimated"}
-                ),
-            },
-        ),
-        "excitation": Layout(
-            StoredResult,
-            {"delta_1": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "excitation")},
-        ),
-        "nodes": Layout(
-            StoredResult,
-            {
-                "covariance": Item(
-                    "kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True
-                ),
-                "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
-                "design": Item("1", "node values that stand for each term", ("node", "term")),
-            },
-            {
-                "node": node,
-                "other_node": node,
-                "term": "term of Eq. (37), in coordinates from -1 to 1 over the grid",
-            },
-        ),
-        "sensitivity": Layout(
-            StoredResult,
-            {
-                "constant": Item("1", "uncertain constant of the engine", of="constants"),
-                "delta_W_c": Item(
-                    "kg/s",
-                    "change of the map per relative error of the constant",
-                    ("constant", *both),
-                    "sensitivity",
-                    gaps=True,
-                ),
-            },
-        ),
+    both, square = (speed, fuel), ("node", "other_node")
+    per_constant = "change of the map per relative error of the constant"
+    groups = {
+        "map": {
+            "theta": Item("kg/s", LONG_NAME, both, "delta_W_c", gaps=True),
+            "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
+            "supported": Item("1", ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
+        },
+        "excitation": {
+            "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1"),
+        },
+        "nodes": {
+            "covariance": Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True),
+            "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
+            "design": Item("1", "node values that stand for each term", ("node", "term")),
+        },
+        "sensitivity": {
+            "constants": Item("1", "uncertain constant of the engine", name="constant"),
+            "sensitivity": Item("kg/s", per_constant, ("constant", *both), "delta_W_c", gaps=True),
+        },
     }
+    return {name: Layout(StoredResult, items) for name, items in groups.items()}
 
 
 def _write_map(file: h5py.File, estimate: MapEstimate, axes: Axes) -> None:
     grid, on_nodes = estimate.grid, grid_layout(axes)
     middle = Grid(*(0.5 * (nodes[1:] + nodes[:-1]) for nodes in (grid.fuel, grid.speed)))
-    of_cells = {name: replace(axis, long_name=f"{axis.long_name}, middle of the cell") for name, axis in axes.items()}
+    of_cells = {name: replace(axis, meaning=f"{axis.meaning}, middle of the cell") for name, axis in axes.items()}
     scales = {
         "map": fields(on_nodes, grid),
         "excitation": fields(grid_layout(of_cells), middle),

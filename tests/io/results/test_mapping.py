@@ -1,6 +1,8 @@
 """One declaration writes a record and refuses, on reading, what is not as declared."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import h5py
 import numpy as np
@@ -9,8 +11,30 @@ from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
-from lpvobs.io.results.mapping import ENDS, Item, Layout, fields, read, read_rows, rows
-from lpvobs.records import Array
+from lpvobs.io.results.mapping import read, read_rows, rows, write
+from lpvobs.records import Array, Item
+
+ORIGINS = {1: "measured", 2: "guessed"}
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A record in another one."""
+
+    word: str
+    part: Annotated[float, Item("1", "part")]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One of several."""
+
+    name: Annotated[str, Item("1", "row", name="row")]
+    share: Annotated[float, Item("1", "share of it", name="amount")]
+    pair: Annotated[tuple[float, float], Item("s", "pair", ("end",))]
+
+
+SEVERAL = (Row("a", 0.25, (1.0, 2.0)), Row("b", 0.75, (3.0, 4.0)))
 
 
 @dataclass(frozen=True)
@@ -20,33 +44,25 @@ class Everything:
     title: str
     tables: dict[str, int]
     held: bool
-    names: tuple[str, ...]
-    count: int
-    size: float
-    onset: float | None
-    yes: bool
-    range: tuple[float, float]
-    surface: Array
-    where: NDArray[np.bool_]
-    origin: NDArray[np.int8]
+    names: Annotated[tuple[str, ...], Item("1", "name of a row", name="name")]
+    count: Annotated[int, Item("1", "how many")]
+    size: Annotated[float, Item("kg/s", "a size")]
+    onset: Annotated[float | None, Item("s", "when it begins", gaps=True)]
+    yes: Annotated[bool, Item("1", "whether it is so")]
+    range: Annotated[tuple[float, float], Item("s", "a range", ("end",))]
+    surface: Annotated[Array, Item("kg/s", "values", ("name", "share"), gaps=True)]
+    where: Annotated[NDArray[np.bool_], Item("1", "where it is so", ("name",))]
+    origin: Annotated[NDArray[np.int8], Item("1", "where it comes from", ("name",), meanings=ORIGINS)]
+    sizes: Annotated[Mapping[str, float], Item("kg/s", "by name", ("signal",))]
+    none: Annotated[Mapping[str, Array], Item("kg/s", "by name", ("log", "end"))]
+    beside: Annotated[Inner, Item(name=".")]
+    below: Annotated[Inner | None, Item()]
+    nothing: Annotated[Inner | None, Item()]
+    several: Annotated[tuple[Inner, ...], Item(name="folder/one")]
+    lines: Annotated[tuple[Row, ...], Item(axes=("row",))]
+    left: Inner
 
 
-EVERYTHING = Layout(
-    Everything,
-    {
-        "name": Item("1", "name of a row", of="names"),
-        "count": Item("1", "how many"),
-        "size": Item("kg/s", "a size"),
-        "onset": Item("s", "when it begins", gaps=True),
-        "yes": Item("1", "whether it is so"),
-        "range": Item("s", "a range", ("end",)),
-        "surface": Item("kg/s", "values", ("name", "column"), gaps=True),
-        "where": Item("1", "where it is so", ("name",)),
-        "origin": Item("1", "where it comes from", ("name",), meanings={1: "measured", 2: "guessed"}),
-    },
-    {"end": ENDS, "column": "column"},
-    ("title", "tables", "held"),
-)
 RECORD = Everything(
     title="some",
     tables={"a": 1},
@@ -60,21 +76,15 @@ RECORD = Everything(
     surface=np.array([[1.0, np.nan, 3.0], [4.0, 5.0, 6.0]]),
     where=np.array([True, False]),
     origin=np.array([1, 2], dtype=np.int8),
+    sizes={"x": 1.5, "y": -2.0},
+    none={},
+    beside=Inner("beside", 1.0),
+    below=Inner("below", 2.0),
+    nothing=None,
+    several=(Inner("first", 3.0), Inner("second", 4.0)),
+    lines=SEVERAL,
+    left=Inner("not stored", 5.0),
 )
-
-
-@dataclass(frozen=True)
-class Row:
-    """One of several."""
-
-    name: str
-    share: float
-    pair: tuple[float, float]
-
-
-ROWS = Layout(Row, {"log": Item("1", "log", of="name"), "share": Item("1", "share"), "pair": Item("s", "pair", ("end",))},
-              {"end": ENDS}, row="log")  # fmt: skip
-SEVERAL = (Row("a", 0.25, (1.0, 2.0)), Row("b", 0.75, (3.0, 4.0)))
 
 
 @pytest.fixture
@@ -82,14 +92,14 @@ def path(tmp_path):
     target = tmp_path / "some.h5"
     with creating(target) as file:
         file.attrs["schema"] = "lpvobs/some/1"
-        write_group(file, "record", fields(EVERYTHING, RECORD))
-        write_group(file, "rows", rows(ROWS, SEVERAL))
+        write(file, "record", RECORD)
+        write_group(file, "rows", rows(SEVERAL, "row"))
     return target
 
 
 def read_both(path):
     with reading(path, "some", "make it again") as file:
-        return read(file["record"], EVERYTHING), read_rows(file["rows"], ROWS)
+        return read(file["record"], Everything, left=RECORD.left), read_rows(file["rows"], Row, "row")
 
 
 def test_a_record_of_every_kind_comes_back(path):
@@ -104,17 +114,19 @@ def test_a_record_of_every_kind_comes_back(path):
 
 def test_no_rows_write_nothing_and_come_back_as_none(tmp_path):
     with h5py.File(tmp_path / "none.h5", "w") as file:
-        group = write_group(file, "rows", rows(ROWS, ()))
+        group = write_group(file, "rows", rows((), "row"))
         assert list(group) == []
-        assert read_rows(group, ROWS) == ()
+        assert read_rows(group, Row, "row") == ()
 
 
 def test_every_dataset_has_unit_meaning_and_scales(path):
     with h5py.File(path) as file:
-        for name, item in file["record"].items():
+        datasets = {name: item for name, item in file["record"].items() if isinstance(item, h5py.Dataset)}
+        assert len(datasets) > 15
+        for name, item in datasets.items():
             assert {"units", "long_name"} <= set(item.attrs), name
             assert item.dtype != bool
-        assert [file["record/surface"].dims[i][0].name for i in (0, 1)] == ["/record/name", "/record/column"]
+        assert [file["record/surface"].dims[i][0].name for i in (0, 1)] == ["/record/name", "/record/share"]
         assert file["record/yes"].attrs["flag_meanings"] == "no yes"
         assert file["record/origin"].attrs["flag_values"].tolist() == [1, 2]
         assert file["record"].attrs["held"] == 1
@@ -141,8 +153,8 @@ def replaced(path, name, values):
         ("record/surface", np.zeros((3, 2)), "shape"),
         ("record/name", np.zeros(2), "string"),
         ("record/end", np.arange(3, dtype=np.int8), "shape"),
-        ("rows/share", np.zeros(3), "shape"),
-        ("rows/share", np.array([0.5, np.inf]), "not finite"),
+        ("rows/amount", np.zeros(3), "shape"),
+        ("rows/amount", np.array([0.5, np.inf]), "not finite"),
     ],
 )  # fmt: skip
 def test_what_is_not_as_declared_is_refused_with_the_remedy(path, name, values, reason):

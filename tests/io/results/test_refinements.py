@@ -12,15 +12,18 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
-from lpvobs.io.results.portraits import (
+from lpvobs.io.results.refinements import (
+    StoredRefinement,
     read_leftover,
     read_portrait,
     read_ranking,
+    read_refinement,
+    read_structure,
     write_leftover,
     write_portrait,
     write_ranking,
+    write_refinement,
 )
-from lpvobs.io.results.refinements import StoredRefinement, read_refinement, read_structure, write_refinement
 
 BALANCES = ("one", "other")
 LAG = KnownEffect(
