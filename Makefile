@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is unit docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -28,6 +28,7 @@ help:
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
+	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
 	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
@@ -130,6 +131,10 @@ as-it-is: export OPENBLAS_NUM_THREADS = 1
 as-it-is: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py constants
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py structure
+
+unit: export OPENBLAS_NUM_THREADS = 1
+unit: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/control_unit
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)

@@ -20,7 +20,7 @@ def compiled(sources, program, *flags, compiler="cc"):
 def run(*call):
     done = subprocess.run([*map(str, call)], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, f"{done.returncode}: {done.stdout}{done.stderr}"
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 def rows_of(log):

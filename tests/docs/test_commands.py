@@ -31,7 +31,7 @@ def fleet(folder: Path) -> None:
         shutil.copy(folder / f"{source}.parquet", folder / place / f"{name}.parquet")
 
 
-PAGES = ("README.md", "docs/tutorial.md", "docs/own-engine.md")
+PAGES = ("README.md", "docs/tutorial.md", "docs/own-engine.md", "docs/control-unit.md")
 GIVEN = {"drive.mf4": recording, "logs/": fleet}
 """What a page takes as there, and who puts it there before the first block that names it."""
 

@@ -23,7 +23,7 @@ def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
     """Write an FMU of the C sources; raises UsageError without a C compiler."""
     own = {name: text for name, text in made.items() if name != "lpvobs_bench.c"}
     own["lpvobs_fmu.c"] = (files("lpvobs.io.control_unit") / "lpvobs_fmu.c").read_text(encoding="utf-8")
-    version = re.findall(r'lpvobs_version\[\] = "(.*)"', own["lpvobs_tables.c"])[0]
+    version = re.findall(r'lpvobs_version.* = "(.*)"', own["lpvobs_tables.c"])[0]
     inside: dict[str, bytes] = {"modelDescription.xml": _description(unit, version, own).encode()}
     inside |= {f"sources/{name}": text.encode() for name, text in own.items()}
     inside[f"binaries/linux64/{NAME}.so"] = _library(own)

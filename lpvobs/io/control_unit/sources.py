@@ -65,12 +65,12 @@ def sources(unit: Unit) -> dict[str, str]:
     model = files(unit.kind.air_path.__module__.rpartition(".")[0]) / "model.c"
     made = fixed | {"lpvobs_model.c": model.read_text(encoding="utf-8")}
     header, tables = _header(unit), _tables(unit)
-    said = f"lpvobs {__version__}, {unit.origin}, sources {_digest(header, tables, *made.values())[:16]}"
-    return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", said)}
+    digest = hashlib.sha256("\0".join((header, tables, *made.values())).encode()).hexdigest()
+    return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", _version(unit, digest))}
 
 
-def _digest(*texts: str) -> str:
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+def _version(unit: Unit, digest: str) -> str:
+    return f"lpvobs {__version__}, {unit.origin}, sources {digest[:16]:16}"
 
 
 def _numbers(unit: Unit) -> Mapping[str, float | Array]:
@@ -142,6 +142,7 @@ def _header(unit: Unit) -> str:
         f"    LPVOBS_IN_{name} = {i}, /* {item.unit}, {item.low:g} to {item.high:g}: {item.meaning} */"
         for i, (name, item) in enumerate(unit.channels.items())
     ]
+    length = len(_version(unit, "")) + 1
     members = [f"    real_t {name}{_shape(np.asarray(value))};" for name, value in _numbers(unit).items()]
     return _lines(
         f"/* What {unit.origin} says of observer and engine; SI units.",
@@ -163,7 +164,7 @@ def _header(unit: Unit) -> str:
         "extern const lpvobs_constants lpvobs_engine;",
         *(f"extern const {kind} lpvobs_{name}{_shape(values)};" for name, (kind, values) in _arrays(unit).items()),
         "extern const char *const lpvobs_channel_names[LPVOBS_CHANNELS];",
-        "extern const char lpvobs_version[];",
+        f"extern const char lpvobs_version[{length}];",
         "extern const uint32_t lpvobs_table_bytes;",
         "#endif",
     )
@@ -179,7 +180,7 @@ def _tables(unit: Unit) -> str:
     return _lines(
         '#include "lpvobs.h"',
         "#define R(x) ((real_t)(x))",
-        'const char lpvobs_version[] = "@VERSION@";',
+        f'const char lpvobs_version[{len(_version(unit, "")) + 1}] = "@VERSION@";',
         "const lpvobs_constants lpvobs_engine = {",
         *numbers,
         "};",
