@@ -17,32 +17,18 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect fitted beside map and constants.
-
-    Attributes
-    ----------
-    gain : float
-        By how much it lowers half the sum of squares, in units of the noise.
-    information : float
-        What the data say about its size when map and constants are unknown, 1/unit^2.
-    unevenness : float
-        Mean square of the block sums of its score over that of noise. It is near one when one size fits every block, and one where
-        the data cannot tell the effect from those that are there.
-    loss : ndarray, shape (blocks,)
-        Half the sum of squares that is left, by block.
-    elsewhere : float
-        Unevenness without its largest block: a single event, such as a cold start, is no structure in time.
-    from_start : bool
-        Whether it acts from the first tenth of the logs on, and ends.
-    """
+    """An effect fitted beside map and constants."""
 
     term: Term
-    gain: float
-    information: float
+    gain: float  # by how much it lowers half the sum of squares, in units of the noise
+    information: float  # what the data say about its size when map and constants are unknown, 1/unit^2
+    # mean square of the block sums of its score over that of noise: near one when one size fits every block, and one
+    # where the data cannot tell the effect from those that are there
     unevenness: float
-    loss: Array
+    loss: Array  # (blocks,) half the sum of squares that is left, by block
+    # unevenness without its largest block: a single event, such as a cold start, is no structure in time
     elsewhere: float
-    from_start: bool
+    from_start: bool  # whether it acts from the first tenth of the logs on, and ends
 
     @property
     def id(self) -> str:

@@ -39,34 +39,19 @@ class Followed:
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect.
-
-    Attributes
-    ----------
-    onset, end : float or None
-        [s] since the start of its log; None where the effect acts from the first or to the last sample.
-    explained : float or None
-        Share of the residual's power above noise, without the effect, that the effect explains; None for an effect that the model
-        had already.
-    p_value : float or None
-        Corrected for all effects and intervals that were tried.
-    indistinguishable : tuple of str
-        Effects that explain these logs as well.
-    drive : str, optional
-        What kind of drive would tell them apart.
-    curve : Followed, optional
-        For a channel.
-    """
+    """One effect."""
 
     id: str
     parameters: Mapping[str, Parameter]
-    onset: Onset
-    end: End
+    onset: Onset  # [s] since the start of its log; None where it acts from the first sample
+    end: End  # [s]; None where it acts to the last
+    # share of the residual's power above noise, without the effect, that the effect explains; None for an effect that
+    # the model had already
     explained: Fraction
-    p_value: float | None
-    indistinguishable: tuple[str, ...]
-    drive: str | UnsetType = UNSET
-    curve: Followed | UnsetType = UNSET
+    p_value: float | None  # corrected for all effects and intervals that were tried
+    indistinguishable: tuple[str, ...]  # effects that explain these logs as well
+    drive: str | UnsetType = UNSET  # what kind of drive would tell them apart
+    curve: Followed | UnsetType = UNSET  # for a channel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,31 +66,17 @@ class Leading:
 
 @dataclass(frozen=True)
 class BalanceError:
-    """One balance of one log, where the effects act; of the whole log where there is none.
-
-    Attributes
-    ----------
-    before, after : float
-        Rms of the residual without the effects (B) and with them accounted for (A).
-    healthy : float or None
-        The same on held-out parts of the healthy logs (N); None where there are none.
-    usual_before, usual_after : float
-        The same from medians, which ignore a few outliers.
-    affected : bool
-        Whether the effects move it by more than its usual error.
-    recovered : float or None
-        (B - A) / (B - N); None where it is not affected or nothing says what is healthy.
-    """
+    """One balance of one log, where the effects act; of the whole log where there is none."""
 
     balance: str
     unit: Annotated[str, Meta(extra_json_schema={"enum": ["1", "kg/s"]})]
-    before: float
-    after: float
-    healthy: float | None
-    usual_before: float
-    usual_after: float
-    affected: bool
-    recovered: float | None
+    before: float  # rms of the residual without the effects (B)
+    after: float  # with them accounted for (A)
+    healthy: float | None  # the same on held-out parts of the healthy logs (N); None where there are none
+    usual_before: float  # B from medians, which ignore a few outliers
+    usual_after: float  # A from medians
+    affected: bool  # whether the effects move it by more than its usual error
+    recovered: float | None  # (B - A) / (B - N); None where it is not affected or nothing says what is healthy
 
     def note(self) -> str:
         """Return a sentence on its error before and after."""
@@ -128,18 +99,11 @@ class DayLevel:
 
 @dataclass(frozen=True)
 class Missing:
-    """What the channels of a log cannot show.
+    """What the channels of a log cannot show."""
 
-    Attributes
-    ----------
-    channels, balances : tuple of str
-        Channels that the log does not have, and balances that cannot be drawn up without them.
-    same_place : tuple of tuple of str
-        Effects that move the same of the remaining balances, so that their place no longer tells them apart.
-    """
-
-    channels: tuple[str, ...]
-    balances: tuple[str, ...]
+    channels: tuple[str, ...]  # that the log does not have
+    balances: tuple[str, ...]  # that cannot be drawn up without them
+    # effects that move the same of the remaining balances, so that their place no longer tells them apart
     same_place: tuple[tuple[str, ...], ...]
 
     def notes(self) -> list[str]:
@@ -167,26 +131,16 @@ class Ranked:
 
 @dataclass(frozen=True)
 class LogPart:
-    """The outcome on one log of several.
-
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Those of the pooled logs that act on it, with onset and end on it.
-    own : Whiteness or None
-        Structure of what is left of its residual; None for a log that took no part.
-    missing : Missing or None
-        What its channels cannot show.
-    """
+    """The outcome on one log of several."""
 
     log: str
     verdict: str
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # those of the pooled logs that act on it, with onset and end on it
     comparison: Comparison
-    own: Whiteness | None
+    own: Whiteness | None  # structure of what is left of its residual; None for a log that took no part
     balances: tuple[BalanceError, ...] = ()
     day: tuple[DayLevel, ...] = ()
-    missing: Missing | None = None
+    missing: Missing | None = None  # what its channels cannot show
 
     def notes(self) -> list[str]:
         """Return what a person should know beside verdict and effects, a sentence each."""
@@ -286,44 +240,20 @@ class StoredOutcome(Outcome):
 
 @dataclass(frozen=True)
 class Trace:
-    """What the logs hold that the model lacks.
+    """What the logs hold that the model lacks."""
 
-    Attributes
-    ----------
-    verdict : str
-        `effect`, `none` or `unexplained`.
-    p_value : float
-        That nothing is there: the probability of the strongest candidate of all by chance.
-    leading : tuple of Leading
-        What comes nearest where the verdict is `unexplained`, best first.
-    ranking : tuple of Ranked
-        Best first.
-    white : bool
-        Of the residual that is left.
-    correlated_with : mapping of str to float
-        Signals that it follows, with the correlation.
-    known_effects : tuple of Finding
-        Effects that the model had already, estimated again.
-    logs : tuple of LogPart
-        One for each log, then one for each log held out.
-    held_out : Comparison or None
-        Of all logs held out together.
-    left : Leftover or None
-        What is known of what is left; None where that is white noise.
-    """
-
-    verdict: str
-    p_value: float
+    verdict: str  # `effect`, `none` or `unexplained`
+    p_value: float  # that nothing is there: the probability of the strongest candidate of all by chance
     findings: tuple[Finding, ...]
-    leading: tuple[Leading, ...]
-    ranking: tuple[Ranked, ...]
+    leading: tuple[Leading, ...]  # what comes nearest where the verdict is `unexplained`, best first
+    ranking: tuple[Ranked, ...]  # best first
     comparison: Comparison
-    white: bool
-    correlated_with: Mapping[str, float]
-    known_effects: tuple[Finding, ...]
-    logs: tuple[LogPart, ...]
-    held_out: Comparison | None
-    left: Leftover | None
+    white: bool  # of the residual that is left
+    correlated_with: Mapping[str, float]  # signals that it follows, with the correlation
+    known_effects: tuple[Finding, ...]  # effects that the model had already, estimated again
+    logs: tuple[LogPart, ...]  # one for each log, then one for each log held out
+    held_out: Comparison | None  # of all logs held out together
+    left: Leftover | None  # what is known of what is left; None where that is white noise
 
     def output(self, refined: bool) -> Outcome:
         """Return what is printed; `after` and what follows from it only where refined."""

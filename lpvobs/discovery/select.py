@@ -31,58 +31,28 @@ from lpvobs.discovery.residual import Problem, Term
 
 @dataclass(frozen=True)
 class Accepted:
-    """An effect that became part of the model.
+    """An effect that became part of the model."""
 
-    Attributes
-    ----------
-    candidate : Candidate
-        Fitted beside all the others, with the final weights.
-    share : float
-        Of half the sum of squares before any effect.
-    indistinguishable : tuple of str
-        Effects that explain the logs as well.
-    curve : Curve or None
-        For a channel.
-    standard_error : float
-        Of the size, in its unit; of a channel's curve, of its multiple.
-    """
-
-    candidate: Candidate
+    candidate: Candidate  # fitted beside all the others, with the final weights
     p_value: float
-    share: float
-    indistinguishable: tuple[str, ...]
-    curve: Curve | None
-    standard_error: float
+    share: float  # of half the sum of squares before any effect
+    indistinguishable: tuple[str, ...]  # effects that explain the logs as well
+    curve: Curve | None  # for a channel
+    standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What the search found.
+    """What the search found."""
 
-    Attributes
-    ----------
-    verdict : str
-        `effect`, `none` or `unexplained`.
-    before, after : Linear
-        Fitted to all data once everything is decided.
-    losses : Losses
-        Computed on stretches that no fit and no choice has seen.
-    ranking : tuple of Candidate
-        Of the first round.
-    p_value : float
-        That nothing is there.
-    leading : tuple of Candidate
-        What comes nearest: what the search had accepted on its way, then the ranking.
-    """
-
-    verdict: str
+    verdict: str  # `effect`, `none` or `unexplained`
     accepted: tuple[Accepted, ...]
-    before: Linear
-    after: Linear
-    losses: Losses
-    ranking: tuple[Candidate, ...]
-    p_value: float
-    leading: tuple[Candidate, ...]
+    before: Linear  # fitted to all data once everything is decided
+    after: Linear  # the same
+    losses: Losses  # computed on stretches that no fit and no choice has seen
+    ranking: tuple[Candidate, ...]  # of the first round
+    p_value: float  # that nothing is there
+    leading: tuple[Candidate, ...]  # what comes nearest: what the search had accepted on its way, then the ranking
 
 
 @dataclass(frozen=True)
