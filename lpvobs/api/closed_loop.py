@@ -135,24 +135,12 @@ def close(
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
-    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not, and
-    nothing says what holds, or if a log is there twice.
+    The error alone is judged on the logs of `judge`; a log that cannot be used is left out and named. None for `freeze_map`:
+    the map stands on logs that did not make it, and is estimated jointly on those that did. `anew` is whether a map would be
+    made that replaces the stored one, `calibrated` an engine to start from in place of the one that the result was made with.
 
-    Parameters
-    ----------
-    path : Path
-        The result.
-    learn, judge : sequence of Path
-        Logs to learn from, and logs that only the error is judged on. One that cannot be used is left out and named.
-    freeze_map : bool or None
-        Whether the stored map stands. None decides: it stands on logs that did not make it, and is estimated jointly on those
-        that did.
-    progress : callable
-        Takes the fraction done.
-    anew : bool
-        Whether a map would be made that replaces the stored one.
-    calibrated : Path or None
-        The engine to start from, in place of the one that the result was made with.
+    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not,
+    and nothing says what holds, or if a log is there twice.
     """
     stored = read_result(path)
     engine = known_engine(stored, calibrated)

@@ -177,14 +177,7 @@ def estimate_logs(
 ) -> Estimated:
     """Estimate the map from logs and write the result.
 
-    The reference channels are read after the map is final, to compare, and by nothing else.
-
-    Raises
-    ------
-    UsageError
-        For an unknown method, two logs of the same name or of the same bytes.
-    DataError
-        If the gain or none of the logs can be used, or they inform no node.
+    The reference channels are read after the map is final, to compare, and by nothing else. Raises as `estimate` does.
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
@@ -252,10 +245,8 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workplace:
     """Return where logs are done: here by default if they are few, else in one process per processor.
 
-    Raises
-    ------
-    UsageError
-        If both jobs and a scheduler are named, jobs are less than one, or either for a method that goes through the logs in turn.
+    Raises UsageError if both jobs and a scheduler are named, jobs are less than one, or either for a method that goes through
+    the logs in turn.
     """
     if jobs is not None and scheduler is not None:
         raise UsageError(
@@ -273,12 +264,7 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
 def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: str) -> StoredGain:
     """Return the gain to estimate with: the given one, proven again, or else one made for the method.
 
-    Raises
-    ------
-    DataError
-        If the gain is for another engine.
-    NotProven
-        If its certificate does not hold.
+    Raises DataError if the gain is for another engine, NotProven if its certificate does not hold.
     """
     if gain is None:
         from lpvobs.api.synth_gain import make_gain, make_published_gain  # with a gain, no solver is loaded

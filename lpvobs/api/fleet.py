@@ -50,31 +50,15 @@ class Workplace:
 
 @dataclass(frozen=True)
 class Estimated:
-    """What `estimate` wrote.
-
-    Attributes
-    ----------
-    summaries : tuple of LogSummary
-        What the result keeps of each log, in the order given.
-    refused : tuple of str
-        Why other logs were left out.
-    scatter : float
-        [kg/s], between logs; NaN where it is not known.
-    agreement : tuple of Agreement
-        Of each log with the map of all; none for a single log or a rival method.
-    engine : Path or None
-        The calibrated engine that it started from.
-    doubts : Doubts
-        What speaks against logs and engine.
-    """
+    """What `estimate` wrote."""
 
     estimate: MapEstimate
-    summaries: tuple[LogSummary, ...]
-    refused: tuple[str, ...]
-    doubts: Doubts
-    scatter: float = float("nan")
-    agreement: tuple[Agreement, ...] = ()
-    engine: Path | None = None
+    summaries: tuple[LogSummary, ...]  # what the result keeps of each log, in the order given
+    refused: tuple[str, ...]  # why other logs were left out
+    doubts: Doubts  # what speaks against logs and engine
+    scatter: float = float("nan")  # [kg/s], between logs; NaN where it is not known
+    agreement: tuple[Agreement, ...] = ()  # of each log with the map of all; none for a single log or a rival method
+    engine: Path | None = None  # the calibrated engine that it started from
 
 
 @dataclass(frozen=True)
@@ -126,20 +110,9 @@ def estimate_fleet(
 ) -> Estimated:
     """Return the map of all logs that can be used.
 
-    Raises UsageError for two logs of the same bytes; DataError if no log can be used, or they inform no node.
-
-    Parameters
-    ----------
-    config_text : str
-        Parts are kept for a run with the same configuration.
-    out : Path
-        The result to be made; parts of several logs wait beside it.
-    progress : callable
-        Takes the fraction done.
-    air_path : AirPath
-        The engine, with what it has learned from the logs.
-    engine : CalibratedEngine, optional
-        What is known of it beyond the configuration.
+    Parts of several logs wait beside `out`, for a run with the same configuration. The air path has what it learned from the
+    logs; `engine` is what is known of it beyond the configuration. Raises UsageError for two logs of the same bytes; DataError
+    if no log can be used, or they inform no node.
     """
     refuse_copies(paths)
     grid = config.grid()

@@ -28,12 +28,8 @@ RETRIES = 10
 class Workers:
     """Run tasks side by side, for as long as it is open; processes start with the first tasks and stay for later ones.
 
-    Parameters
-    ----------
-    jobs : int
-        Processes on this machine; 1 runs the tasks here.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as `tcp://host:8786`, instead.
+    `jobs` are processes on this machine, of which 1 runs the tasks here; `scheduler` is the address of a Dask scheduler, such
+    as `tcp://host:8786`, instead.
     """
 
     def __init__(self, jobs: int = 1, scheduler: str | None = None):
@@ -54,12 +50,8 @@ class Workers:
     def finished(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
         """Yield the number and the result of each task as it finishes.
 
-        Raises UsageError if Dask is not installed or its scheduler cannot be reached; DataError if a worker dies with its task.
-
-        Parameters
-        ----------
-        function : callable
-            Of a module, so that other processes can import it.
+        The function is one of a module, so that other processes can import it. Raises UsageError if Dask is not installed or
+        its scheduler cannot be reached; DataError if a worker dies with its task.
         """
         if self.scheduler is not None:
             return _on_cluster(function, tasks, self.scheduler)

@@ -23,21 +23,13 @@ from lpvobs.records import Log
 
 @dataclass(frozen=True)
 class KnownEngine:
-    """An engine as a result knows it.
-
-    Attributes
-    ----------
-    air_path : AirPath
-        With what was learned.
-    healthy : HealthyErrors or None
-        How wrong its balances are on an engine in order; None for an engine that learns nothing.
-    calibrated : Unknowns or None
-        What a calibration knew before the logs; None where that is the configuration alone.
-    """
+    """An engine as a result knows it."""
 
     config: Config
-    air_path: AirPath
+    air_path: AirPath  # with what was learned
+    # how wrong its balances are on an engine in order; None for an engine that learns nothing
     healthy: HealthyErrors | None
+    # what a calibration knew before the logs; None where that is the configuration alone
     calibrated: Unknowns | None = None
 
     def residual_model(self, taught: Collection[str] = ()) -> ResidualModel:

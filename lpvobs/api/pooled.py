@@ -16,19 +16,11 @@ LogAt = tuple[Path, Log]
 
 @dataclass(frozen=True)
 class Traced:
-    """What came of `trace` or `refine`.
-
-    Attributes
-    ----------
-    map_frozen : bool
-        Whether the map stood; otherwise it was estimated together with the effects.
-    refused : tuple of str
-        Why logs were left out, one line each.
-    """
+    """What came of `trace` or `refine`."""
 
     found: "Trace"
-    map_frozen: bool
-    refused: tuple[str, ...]
+    map_frozen: bool  # whether the map stood; otherwise it was estimated together with the effects
+    refused: tuple[str, ...]  # why logs were left out, one line each
 
 
 def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:

@@ -24,17 +24,11 @@ from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 @dataclass(frozen=True)
 class RefinedEstimate:
-    """A map that the observer found with the effects accounted for.
-
-    Attributes
-    ----------
-    sensor_state : SensorState or None
-        Gain and proof of the larger observer where an effect adds a state.
-    """
+    """A map that the observer found with the effects accounted for."""
 
     estimate: MapEstimate
     summaries: tuple[LogSummary, ...]
-    sensor_state: SensorState | None
+    sensor_state: SensorState | None  # gain and proof of the larger observer where an effect adds a state
 
 
 def estimate_refined(
@@ -46,16 +40,8 @@ def estimate_refined(
 ) -> RefinedEstimate:
     """Return the map from logs, by the default method.
 
-    Raises NotProven if an effect adds a state and the larger observer cannot be proven.
-
-    Parameters
-    ----------
-    gain : StoredGain
-        Of the result that is refined.
-    constants : mapping of str to float
-        Relative deviation of constants of the engine from the configured ones.
-    logs : sequence of (Path, Log)
-        With their auxiliary channels.
+    The gain is that of the result that is refined, the constants deviate relatively from the configured ones, and logs have
+    their auxiliary channels. Raises NotProven if an effect adds a state and the larger observer cannot be proven.
     """
     refined = refined_model(engine, gain, effects, constants)
     air_path, grid = refined.air_path, engine.config.grid()

@@ -22,38 +22,21 @@ linear around its optimum, and of noise that is less independent than it assumes
 
 @dataclass(frozen=True)
 class Known:
-    """The stored model before other logs are looked at.
-
-    Attributes
-    ----------
-    prior : MapPrior
-    constants : mapping of str to float
-        Relative deviation from the configured value, of each unknown of the model that the map goes with.
-    covariance : ndarray, shape (q, q)
-        Of all unknowns of the model, relative to where they are found.
-    """
+    """The stored model before other logs are looked at."""
 
     prior: MapPrior
+    # relative deviation from the configured value, of each unknown of the model that the map goes with
     constants: Mapping[str, float]
-    covariance: Array
+    covariance: Array  # (q, q) of all unknowns of the model, relative to where they are found
 
 
 @dataclass(frozen=True)
 class Start:
-    """What a search starts from.
+    """What a search starts from."""
 
-    Attributes
-    ----------
-    model : ResidualModel
-        Around the constants or curves of the stored model.
-    prior : MapPrior
-        The map as it is there.
-    constants : mapping of str to float
-        Their relative deviation from the configured or learned ones.
-    """
-
-    model: ResidualModel
-    prior: MapPrior
+    model: ResidualModel  # around the constants or curves of the stored model
+    prior: MapPrior  # the map as it is there
+    # their relative deviation from the configured or learned ones
     constants: Mapping[str, float] = field(default_factory=dict)
 
     def total(self, found: Mapping[str, float]) -> dict[str, float]:
@@ -66,14 +49,10 @@ class Start:
 def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> Known:
     """Return a stored map that stands, and the engine that it was estimated with.
 
-    With S = cov(map, constants) cov(constants)^-1 the map is theta + S (beta - found) + error. Constants that are no unknowns of
-    the model are as configured there, so everything is conditional on that. The others keep their covariance, and `LEAST_LEFT` of
-    their tolerance on top of it. Where curves are learned, their nodes stand for their levels, and the map owes them nothing.
-
-    Raises
-    ------
-    DataError
-        If the method of the map does not tell of the engine.
+    With S = cov(map, constants) cov(constants)^-1 the map is theta + S (beta - found) + error. Constants that are no unknowns
+    of the model are as configured there, so everything is conditional on that. The others keep their covariance, and
+    `LEAST_LEFT` of their tolerance on top of it. Where curves are learned, their nodes stand for their levels, and the map owes
+    them nothing. Raises DataError if the method of the map does not tell of the engine.
     """
     found = stored.engine
     if found is None or found.constants != stored.constants or not np.isfinite(stored.covariance).all():

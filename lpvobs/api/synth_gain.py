@@ -97,12 +97,8 @@ def synth_gain(
 def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
 
-    Raises NotProven if no gain can be proven for the region; DataError if a log cannot be used.
-
-    Parameters
-    ----------
-    lenient : bool
-        Leave out logs that cannot be used, which whoever uses the gain will meet again.
+    `lenient` leaves out logs that cannot be used, which whoever uses the gain will meet again. Raises NotProven if no gain can
+    be proven for the region; DataError if a log cannot be used.
     """
     from lpvobs.synthesis.solve import synthesise
 

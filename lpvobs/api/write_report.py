@@ -50,24 +50,12 @@ def write_report(
 
 @dataclass(frozen=True)
 class Reported:
-    """What a report says.
+    """What a report says."""
 
-    Attributes
-    ----------
-    results : tuple of (str, StoredResult)
-        Each under a name of its own.
-    told : tuple of str
-        What `trace` and `refine` have found on them, in sentences.
-    content : ReportOutput
-        The object that `lpvobs report --json` prints, without its schema.
-    verdicts : tuple of Verdict
-        Of every gate on every log.
-    """
-
-    results: tuple[tuple[str, StoredResult], ...]
-    told: tuple[str, ...]
-    content: ReportOutput
-    verdicts: tuple[Verdict, ...]
+    results: tuple[tuple[str, StoredResult], ...]  # each under a name of its own
+    told: tuple[str, ...]  # what `trace` and `refine` have found on them, in sentences
+    content: ReportOutput  # the object that `lpvobs report --json` prints, without its schema
+    verdicts: tuple[Verdict, ...]  # of every gate on every log
 
 
 def make_report(

@@ -11,17 +11,8 @@ STDOUT, STDERR = 1, 2
 class Outlet(io.TextIOWrapper):
     """A stream that never fails: what cannot be written is dropped, so that the verb still ends what it has begun.
 
-    Parameters
-    ----------
-    handle : int
-        Descriptor, open.
-    before : TextIO or None
-        The stream whose place it takes.
-
-    Attributes
-    ----------
-    lost : OSError or None
-        Why something was dropped; None also where the reader has left, as `head` does: it wants no more.
+    It writes to an open descriptor, in the place of the stream `before`. `lost` says why something was dropped; it is None also
+    where the reader has left, as `head` does: it wants no more.
     """
 
     def __init__(self, handle: int, before: TextIO | None):

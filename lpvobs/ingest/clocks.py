@@ -24,34 +24,18 @@ MOST_BACKWARD = 0.1
 
 @dataclass(frozen=True)
 class Stamps:
-    """A time base.
+    """A time base."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        [s], NaN where the file has no time.
-    unreadable : int
-        Entries that are no time.
-    nights : int
-        Midnights that the time of day has passed.
-    """
-
-    time: Array
-    unreadable: int = 0
-    nights: int = 0
+    time: Array  # (N,) [s], NaN where the file has no time
+    unreadable: int = 0  # entries that are no time
+    nights: int = 0  # midnights that the time of day has passed
 
 
 def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
     """Return a time column as seconds.
 
-    Raises ValueError if the unit is none of time, or the column holds something else.
-
-    Parameters
-    ----------
-    unit : str
-        A unit of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
-    decimal : str
-        Of text.
+    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps. Raises ValueError
+    for another unit, or if the column holds something else.
     """
     import pyarrow as pa
 

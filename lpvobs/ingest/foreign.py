@@ -21,30 +21,18 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Ingested:
-    """A log that is not yet written.
+    """A log that is not yet written."""
 
-    Attributes
-    ----------
-    channels : mapping of str to ndarray, shape (M,)
-        `time` first.
-    record : mapping
-        A `Done` as plain data; stored with the log.
-    """
-
-    channels: Mapping[str, Array]
+    channels: Mapping[str, Array]  # (M,) `time` first
     units: Mapping[str, str]
-    record: Mapping[str, Any]
+    record: Mapping[str, Any]  # a `Done` as plain data; stored with the log
 
 
 def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     """Return the log in foreign files of one drive.
 
-    Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
-
-    Parameters
-    ----------
-    sources : sequence of Path
-        Files with different channels, consecutive parts of one recording, or both. They share one clock.
+    Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward. The
+    sources share one clock: files with different channels, consecutive parts of one recording, or both.
     """
     recordings = [open_recording(path, profile.source) for path in sources]
     wanted = _find_all(recordings, profile)

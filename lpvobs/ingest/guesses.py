@@ -22,24 +22,13 @@ def known_channels() -> Mapping[str, Recorded]:
 
 @dataclass(frozen=True)
 class Guess:
-    """Why a column may be a channel.
-
-    Attributes
-    ----------
-    channel, column : str
-        The column by its full name.
-    sure : bool
-        Its name means this channel alone, and neither unit nor range contradict.
-    unit_sure : bool
-        The file says the unit.
-    unit : str
-        As the file says it; else the one of its kind in which the median is typical; empty where none or several are.
-    """
+    """Why a column may be a channel."""
 
     channel: str
-    column: str
-    sure: bool
-    unit_sure: bool
+    column: str  # by its full name
+    sure: bool  # its name means this channel alone, and neither unit nor range contradict
+    unit_sure: bool  # the file says the unit
+    # as the file says it; else the one of its kind in which the median is typical; empty where none or several are
     unit: str
     reasons: tuple[str, ...]
 
@@ -60,12 +49,7 @@ def normalised(name: str) -> str:
 def guess(channel: str, column: str, head: Head, values: Array) -> Guess | None:
     """Return why a column may be a channel, None where its name does not say so or its unit is of another kind.
 
-    Parameters
-    ----------
-    channel : str
-        One of `known_channels`.
-    values : ndarray, shape (N,)
-        As recorded, NaN where there is none.
+    The channel is one of `known_channels`; values, shape (N,), are as recorded, NaN where there is none.
     """
     known, name = known_channels()[channel], normalised(head.name)[:LONGEST_NAME]
     strong = re.fullmatch(known.strong, name) is not None

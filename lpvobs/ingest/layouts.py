@@ -86,12 +86,7 @@ def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
     """Return which share of all changes falls into the turn of its column.
 
     NaN where there are fewer than three columns or a hundred changes. By chance it would be one in the number of columns.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, shape (N,)
-    turns : list of str
-        All columns besides time, in the order of the file.
+    Columns have the shape (N,); `turns` are all columns besides time, in the order of the file.
     """
     counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
     late, every = (sum(count[end] for count in counts) for end in (0, 1))

@@ -17,28 +17,15 @@ EXAMPLE = "configs/profiles/kit-obd.toml"
 
 @dataclass(frozen=True)
 class SourceRules:
-    """How the file is laid out; the profile's `[source]`.
+    """How the file is laid out; the profile's `[source]`."""
 
-    Attributes
-    ----------
-    format : str
-        `csv`, `parquet`, `mat` or `mdf`; empty: by what the file's first bytes are.
-    encoding : str
-        Of a CSV file.
-    delimiter, decimal : str
-        Of a CSV file.
-    header_row, unit_row : int
-        Lines of a CSV file that hold names and units, counted from 1; unit_row 0: no such line.
-    polled : bool
-        Each row refreshes one column, in turn, and repeats the others: only the refreshed value is a sample.
-    """
-
-    format: str = ""
-    encoding: str = "utf-8"
-    delimiter: str = ","
-    decimal: str = "."
-    header_row: int = 1
-    unit_row: int = 0
+    format: str = ""  # `csv`, `parquet`, `mat` or `mdf`; empty: by what the file's first bytes are
+    encoding: str = "utf-8"  # of a CSV file
+    delimiter: str = ","  # of a CSV file
+    decimal: str = "."  # the same
+    header_row: int = 1  # line of a CSV file that holds the names, counted from 1
+    unit_row: int = 0  # line that holds the units; 0: no such line
+    # each row refreshes one column, in turn, and repeats the others: only the refreshed value is a sample
     polled: bool = False
 
     def __post_init__(self) -> None:
@@ -54,24 +41,14 @@ class SourceRules:
 
 @dataclass(frozen=True)
 class TimeRules:
-    """Where time comes from; the profile's `[time]`.
+    """Where time comes from; the profile's `[time]`."""
 
-    Attributes
-    ----------
-    source : str
-        Column or variable. Not for MDF, whose channels have their own.
-    unit : str
-        A unit of time, `clock` for a time of day as text (h:mm:ss.sss), or `datetime` for ISO 8601; empty: what the file says.
-    from_zero : bool
-        Let the log start at 0 s.
-    backward : str
-        `refuse`, or `drop` the samples whose time is not later than every earlier one.
-    """
-
-    source: str = ""
+    source: str = ""  # Column or variable. Not for MDF, whose channels have their own.
+    # a unit of time, `clock` for a time of day as text (h:mm:ss.sss), or `datetime` for ISO 8601; empty: what the file
+    # says
     unit: str = ""
-    from_zero: bool = False
-    backward: str = "refuse"
+    from_zero: bool = False  # let the log start at 0 s
+    backward: str = "refuse"  # `refuse`, or `drop` the samples whose time is not later than every earlier one
 
     def __post_init__(self) -> None:
         if self.backward not in ("refuse", "drop"):
@@ -80,18 +57,10 @@ class TimeRules:
 
 @dataclass(frozen=True)
 class Raster:
-    """The samples of the log; the profile's `[raster]`.
+    """The samples of the log; the profile's `[raster]`."""
 
-    Attributes
-    ----------
-    rate : float
-        [Hz]; 0: the samples stay where they were recorded, which needs one time base for all channels.
-    gap : float
-        [s]; where no channel at all has a sample for longer, the log has none either.
-    """
-
-    rate: float = 0.0
-    gap: float = 1.0
+    rate: float = 0.0  # [Hz]; 0: the samples stay where they were recorded, which needs one time base for all channels
+    gap: float = 1.0  # [s]; where no channel at all has a sample for longer, the log has none either
 
     def __post_init__(self) -> None:
         if not (0 <= self.rate <= 1e5 and 0 < self.gap < math.inf):
@@ -100,50 +69,27 @@ class Raster:
 
 @dataclass(frozen=True)
 class ChannelRules:
-    """Where one channel of the log comes from, and what is done to it; a table of the profile's `[channels]`.
+    """Where one channel of the log comes from, and what is done to it; a table of the profile's `[channels]`."""
 
-    Attributes
-    ----------
-    source : str or list of str
-        Name in the file, with or without the unit that its header has in brackets; of several, the first that is there.
-    unit : str
-        Unit in the log.
-    source_unit : str
-        Unit in the file; empty: what the file says.
-    time : str
-        Its own time column or variable; empty: that of `[time]`.
-    rule : str
-        How it comes to the raster: `hold` the last sample, `linear` between neighbours, `mean` of the interpolated signal
-        over one raster step (also the anti-alias filter). Empty: as recorded; with a rate, `mean` if the channel is faster
-        than the raster and `linear` if not.
-    limit : float
-        [s]; no sample is held, and no pair of neighbours bridged, for longer. 0: the raster's gap, or 2.5 usual steps of the
-        channel if that is longer.
-    scale, offset : float
-        Repairs in the file's unit: value = scale * recorded + offset. scale = -1 turns a sign.
-    low, high : float
-        [unit in the log]; what is outside is not a reading of a working sensor, and removed.
-    invalid : list of float
-        Recorded numbers that mean "no value".
-    optional : bool
-        The log may lack it.
-    meaning : str
-        For people.
-    """
-
+    # name in the file, with or without the unit that its header has in brackets; of several, the first that is there
     source: str | list[str]
-    unit: str
-    source_unit: str = ""
-    time: str = ""
+    unit: str  # unit in the log
+    source_unit: str = ""  # unit in the file; empty: what the file says
+    time: str = ""  # its own time column or variable; empty: that of `[time]`
+    # How it comes to the raster: `hold` the last sample, `linear` between neighbours, `mean` of the interpolated signal
+    # over one raster step (also the anti-alias filter). Empty: as recorded; with a rate, `mean` if the channel is
+    # faster than the raster and `linear` if not.
     rule: str = ""
+    # [s]; no sample is held, and no pair of neighbours bridged, for longer. 0: the raster's gap, or 2.5 usual steps of
+    # the channel if that is longer.
     limit: float = 0.0
-    scale: float = 1.0
+    scale: float = 1.0  # repairs in the file's unit: value = scale * recorded + offset; -1 turns a sign
     offset: float = 0.0
-    low: float = -math.inf
-    high: float = math.inf
-    invalid: list[float] = field(default_factory=list)
-    optional: bool = False
-    meaning: str = ""
+    low: float = -math.inf  # [unit in the log]; what is below is not a reading of a working sensor, and removed
+    high: float = math.inf  # [unit in the log]; what is above is none either
+    invalid: list[float] = field(default_factory=list)  # recorded numbers that mean "no value"
+    optional: bool = False  # the log may lack it
+    meaning: str = ""  # for people
 
     def __post_init__(self) -> None:
         if not self.names or not all(self.names):

@@ -30,55 +30,28 @@ _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]\s*")
 
 @dataclass(frozen=True)
 class Head:
-    """What is known of a column before it is read.
+    """What is known of a column before it is read."""
 
-    Attributes
-    ----------
-    name : str
-        Without the unit.
-    unit : str
-        As the file says it; empty where it does not.
-    size : int
-        Samples; -1 where the file does not say before it is read.
-    """
-
-    name: str
-    unit: str
-    size: int = -1
+    name: str  # without the unit
+    unit: str  # as the file says it; empty where it does not
+    size: int = -1  # samples; -1 where the file does not say before it is read
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column as it was recorded: numbers, or text where the file holds text.
-
-    Attributes
-    ----------
-    data : pyarrow.Array or ChunkedArray, length N
-    time : ndarray, shape (N,), or None
-        [s], where the format keeps a time base with each channel.
-    """
+    """A column as it was recorded: numbers, or text where the file holds text."""
 
     data: "pa.Array | pa.ChunkedArray"
-    time: Array | None = None
+    time: Array | None = None  # (N,) [s], where the format keeps a time base with each channel
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """A column as numbers.
+    """A column as numbers."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (N,)
-        NaN where the file has none.
-    unreadable : int
-        Entries that are neither empty nor a number.
-    example : str
-        The first of them.
-    """
-
-    values: Array
-    unreadable: int = 0
-    example: str = ""
+    values: Array  # (N,) NaN where the file has none
+    unreadable: int = 0  # entries that are neither empty nor a number
+    example: str = ""  # the first of them
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,11 @@ TURNS_MISSED = 0.1
 
 @dataclass(frozen=True)
 class RecordedSamples:
-    """One channel as recorded, in the unit of the log.
+    """One channel as recorded, in the unit of the log."""
 
-    Attributes
-    ----------
-    time, values : ndarray, shape (N,)
-        [s], strictly increasing, and [unit of the log]; NaN where the recording has no value.
-    done : ChannelDone
-        Where it comes from and what was repaired.
-    """
-
-    time: Array
-    values: Array
-    done: ChannelDone
+    time: Array  # (N,) [s], strictly increasing
+    values: Array  # (N,) [unit of the log]; NaN where the recording has no value
+    done: ChannelDone  # where it comes from and what was repaired
 
 
 def samples_of(

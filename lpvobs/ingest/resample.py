@@ -84,14 +84,8 @@ def _integrals(t: Array, v: Array, cover: Array, area: Array, at: Array, limit: 
 def raster(times: list[Array], rate: float, gap: float) -> Array:
     """Return evenly spaced times, shape (M,), from the first to the last sample of all channels, none inside a gap of all.
 
-    Parameters
-    ----------
-    times : list of ndarray
-        [s], the stamps of each channel.
-    rate : float
-        [Hz]
-    gap : float
-        [s]; where no channel has a sample for longer, no time of the raster lies.
+    The times are the stamps [s] of each channel, the rate is in Hz; no time of the raster lies where no channel has a sample
+    for longer than `gap` [s].
     """
     stamps = np.unique(np.concatenate(times))
     count = int(np.floor((stamps[-1] - stamps[0]) * rate + 1e-6)) + 1

@@ -32,31 +32,19 @@ _QUOTED = re.compile(r'"([^"]*)"')
 
 @dataclass(frozen=True)
 class DcmMap:
-    """One map of a DCM file.
+    """One map of a DCM file."""
 
-    Attributes
-    ----------
-    name, kind : str
-        Its label; one of READ_KINDS.
-    x, y : ndarray, shapes (nx,) and (ny,)
-        [unit_x], [unit_y]
-    values : ndarray, shape (ny, nx)
-        [unit]
-    x_name, y_name : str
-        Labels of the shared axes of a GRUPPENKENNFELD, else empty.
-    """
-
-    name: str
-    kind: str
-    x: Array
-    y: Array
-    values: Array
+    name: str  # its label
+    kind: str  # one of READ_KINDS
+    x: Array  # (nx,) [unit_x]
+    y: Array  # (ny,) [unit_y]
+    values: Array  # (ny, nx) [unit]
     unit_x: str = ""
     unit_y: str = ""
     unit: str = ""
     long_name: str = ""
-    x_name: str = ""
-    y_name: str = ""
+    x_name: str = ""  # label of the shared axis of a GRUPPENKENNFELD, else empty
+    y_name: str = ""  # the same
 
 
 def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:

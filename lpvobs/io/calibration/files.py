@@ -19,44 +19,24 @@ from lpvobs.records import Array, Item
 
 @dataclass(frozen=True)
 class Change:
-    """One node whose number differs from the old file's, both as they stand in the files.
+    """One node whose number differs from the old file's, both as they stand in the files."""
 
-    Attributes
-    ----------
-    x, y : float
-        In the units of the surface's axes.
-    old, new : float
-        [unit of the surface]
-    """
-
-    x: float
-    y: float
-    old: float
-    new: float
+    x: float  # in the unit of the surface's axis
+    y: float  # the same
+    old: float  # [unit of the surface]
+    new: float  # [unit of the surface]
     origin: str
 
 
 @dataclass(frozen=True)
 class OldMap:
-    """A map of a DCM file in our units and directions.
+    """A map of a DCM file in our units and directions."""
 
-    Attributes
-    ----------
-    item : DcmMap
-        As it is in the file.
-    x, y : ndarray, shapes (p2,) and (p1,)
-        Engine speed and fuel, in the surface's units.
-    values : ndarray, shape (p2, p1)
-        In the surface's unit.
-    turned : bool
-        Engine speed is the file's Y.
-    """
-
-    item: DcmMap
-    x: Array
-    y: Array
-    values: Array
-    turned: bool
+    item: DcmMap  # as it is in the file
+    x: Array  # (p2,) engine speed, in the surface's unit
+    y: Array  # (p1,) fuel, in the surface's unit
+    values: Array  # (p2, p1) in the surface's unit
+    turned: bool  # engine speed is the file's Y
 
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:

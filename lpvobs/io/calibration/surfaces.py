@@ -21,54 +21,32 @@ SNAP = 1e-6
 
 @dataclass(frozen=True)
 class SurfaceAxis:
-    """Nodes of one input of the map.
-
-    Attributes
-    ----------
-    nodes : ndarray, shape (K,)
-        [unit], strictly increasing.
-    """
+    """Nodes of one input of the map."""
 
     name: str
     unit: str
     long_name: str
-    nodes: Array
+    nodes: Array  # (K,) [unit], strictly increasing
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The sensor's error over engine speed and fuel.
+    """The sensor's error over engine speed and fuel."""
 
-    Attributes
-    ----------
-    x, y : SurfaceAxis
-        Engine speed with p2 nodes, fuel with p1.
-    values, standard_error : ndarray, shape (p2, p1)
-        [unit], NaN where nothing is known.
-    origin : ndarray of int8, shape (p2, p1)
-        Where each value comes from, see ORIGINS.
-    unit, source : str
-        Of the values; the group of the result that they are from.
-    """
-
-    x: SurfaceAxis
-    y: SurfaceAxis
-    values: Array
-    standard_error: Array
-    origin: NDArray[np.int8]
-    unit: str
-    source: str
+    x: SurfaceAxis  # engine speed, p2 nodes
+    y: SurfaceAxis  # fuel, p1 nodes
+    values: Array  # (p2, p1) [unit], NaN where nothing is known
+    standard_error: Array  # the same
+    origin: NDArray[np.int8]  # (p2, p1) where each value comes from, see ORIGINS
+    unit: str  # of the values
+    source: str  # group of the result that they are from
 
 
 def read_surface(path: Path, source: str = "") -> Surface:
     """Return the map of a result, or its extrapolation.
 
-    Raises DataError if the file is no result, or lacks what is asked for.
-
-    Parameters
-    ----------
-    source : str
-        `map` or `extrapolation`; empty: the extrapolation if there is one.
+    `source` is `map` or `extrapolation`; empty: the extrapolation if there is one. Raises DataError if the file is no result,
+    or lacks what is asked for.
     """
     with reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
@@ -105,12 +83,8 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
     """Return a surface at the nodes of other axes, bilinear as the map itself.
 
     A node counts as estimated only if every node that it leans on is; outside the surface nothing is known. The standard error
-    is the weighted mean of those leaned on, an upper bound whatever their correlation.
-
-    Parameters
-    ----------
-    x, y : ndarray, shapes (p2',) and (p1',)
-        In the units of the surface's axes.
+    is the weighted mean of those leaned on, an upper bound whatever their correlation. The nodes x and y, shapes (p2',) and
+    (p1',), are in the units of the surface's axes.
     """
     weight_x, weight_y = _weights(surface.x.nodes, x), _weights(surface.y.nodes, y)
     inside = np.outer(weight_x.sum(axis=1) > 0, weight_y.sum(axis=1) > 0)

@@ -44,12 +44,7 @@ class BenchPoints:
 def read_bench(paths: Sequence[Path], air_path: AirPath) -> BenchPoints:
     """Return the points of bench tables; raises DataError for a table that no engine can be calibrated from.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Parquet with units, or CSV with the units in a second line.
-    air_path : AirPath
-        As configured.
+    Tables are Parquet with units, or CSV with the units in a second line; the air path is the configured one.
     """
     tables = [_read(path, air_path) for path in paths]
     names = dict.fromkeys(name for table in tables for name in table)

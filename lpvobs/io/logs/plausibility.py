@@ -105,14 +105,8 @@ def _increasing(
 def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
     """Refuse a log of which a channel's unit or sign must be wrong.
 
-    Raises DataError in one line that names channel, reading, expectation.
-
-    Parameters
-    ----------
-    path : Path
-        Named in the refusal.
-    values : mapping of str to ndarray of shape (N,)
-        The needed channels in the contract's units, NaN where the file has none.
+    Raises DataError in one line that names channel, reading, expectation. The values, each of shape (N,), are those of the
+    needed channels in the contract's units, NaN where the file has none.
     """
     for name, channel in channels.items():
         _refuse_dead(path, name, values, channels)
@@ -124,14 +118,7 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
 def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
     """Refuse a log most of whose samples stand alone, or that was sampled faster than any recorder does.
 
-    Raises DataError: the unit of time must be wrong.
-
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-        [s] as said, increasing.
-    gap_limit : float
-        [s]
+    Raises DataError: the unit of time, shape (N,) [s] and increasing, must be wrong. The limit is in s, too.
     """
     if time.size < 2:
         return
@@ -153,12 +140,7 @@ def spoiled(
 ) -> Iterator[tuple[DefectFound, NDArray[np.int64]]]:
     """Yield what is stuck, saturated or spiked, each with the samples that it spoils.
 
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-        [s], increasing.
-    values : mapping of str to ndarray of shape (N,)
-        The needed channels, finite.
+    Time, shape (N,) [s], increases; the values of the needed channels are finite.
     """
     for name, channel in channels.items():
         if not np.isfinite(channel.still) or time.size < 3:

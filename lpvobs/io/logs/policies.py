@@ -12,19 +12,11 @@ from lpvobs.records import Defects
 
 @dataclass(frozen=True)
 class ChannelLimits:
-    """Where a working sensor of one engine reads, in the channel's unit; None leaves what holds for the kind of engine.
+    """Where a working sensor of one engine reads, in the channel's unit; None leaves what holds for the kind of engine."""
 
-    Attributes
-    ----------
-    low, high : float
-        A sample outside is a defect.
-    typical : tuple of float
-        Range in which the median of a whole log lies.
-    """
-
-    low: float | None = None
-    high: float | None = None
-    typical: tuple[float, float] | None = None
+    low: float | None = None  # a sample below is a defect
+    high: float | None = None  # a sample above is a defect
+    typical: tuple[float, float] | None = None  # range in which the median of a whole log lies
 
     def __post_init__(self) -> None:
         for low, high in ((self.low, self.high), self.typical or (None, None)):
@@ -34,20 +26,12 @@ class ChannelLimits:
 
 @dataclass(frozen=True)
 class LogPolicies:
-    """What to do with defects; the configuration's `[policies]`.
+    """What to do with defects; the configuration's `[policies]`."""
 
-    Attributes
-    ----------
-    gap_limit : float
-        [s]; a longer step between samples splits the log into segments.
-    backward_time : str
-        `refuse` the log, or `drop` the samples whose time is not later than every earlier one.
-    limits : mapping of str to ChannelLimits
-        Of channels of which the configured engine's sensors read elsewhere than those of most of its kind.
-    """
-
-    gap_limit: float = 1.0
+    gap_limit: float = 1.0  # [s]; a longer step between samples splits the log into segments
+    # `refuse` the log, or `drop` the samples whose time is not later than every earlier one
     backward_time: str = "refuse"
+    # of channels of which the configured engine's sensors read elsewhere than those of most of its kind
     limits: Mapping[str, ChannelLimits] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -54,13 +54,8 @@ class LogFile:
     """A Parquet log as a recording; see `lpvobs.records.Recording`.
 
     Raises DataError here, if the file is no log with these channels and units; from `pieces`, if what it holds cannot be used.
-
-    Parameters
-    ----------
-    channels : mapping of str to Channel
-        What the engine's air path needs.
-    threads : bool
-        Whether to decode columns side by side; not where other processes have the other cores.
+    The channels are what the engine's air path needs. `threads` is whether to decode columns side by side; not where other
+    processes have the other cores.
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
@@ -144,13 +139,8 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     """Return the log in a Parquet file, in SI units, with defects treated as the policies say.
 
     Raises DataError if the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
-
-    Parameters
-    ----------
-    channels : mapping of str to Channel
-        What the engine's air path needs.
-    auxiliary : bool
-        Read the other numeric channels, too. References are never among them.
+    The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too. References are never among
+    them.
     """
     file = LogFile(path, channels, policies)
     extra = further_channels(file.schema, file.units) if auxiliary else []
@@ -172,18 +162,10 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
 
 @dataclass(frozen=True)
 class References:
-    """The truth behind a simulated log, at the samples of the log it belongs to.
+    """The truth behind a simulated log, at the samples of the log it belongs to."""
 
-    Attributes
-    ----------
-    W_c : ndarray, shape (N,)
-        [kg/s], true flow.
-    delta_W_c : ndarray, shape (N,)
-        [kg/s], the sensor's error surface at the true operating point.
-    """
-
-    W_c: Array
-    delta_W_c: Array
+    W_c: Array  # (N,) [kg/s], true flow
+    delta_W_c: Array  # (N,) [kg/s], the sensor's error surface at the true operating point
 
 
 def read_references(path: Path, rows: NDArray[np.int64]) -> References | None:

@@ -35,29 +35,15 @@ class EngineRow:
 
 @dataclass(frozen=True, eq=False)
 class StoredEngine:
-    """A calibrated engine.
-
-    Attributes
-    ----------
-    constants : mapping of str to float
-        As configured.
-    unknowns : Unknowns
-        Mean and covariance, deviations counted from those.
-    prior_error : ndarray, shape (q,)
-        Standard deviation of every unknown before the data, at the amplitudes found.
-    amplitudes, left : mapping of str to float
-        Of the corrections by group, and by kind of row what no correction follows, over the flow.
-    rows : tuple of EngineRow
-        None where no bench was there.
-    """
+    """A calibrated engine."""
 
     air_path: str
-    constants: Mapping[str, float]
-    unknowns: Unknowns
-    prior_error: Array
-    amplitudes: Mapping[str, float]
-    left: Mapping[str, float]
-    rows: tuple[EngineRow, ...]
+    constants: Mapping[str, float]  # as configured
+    unknowns: Unknowns  # mean and covariance, deviations counted from those
+    prior_error: Array  # (q,) standard deviation of every unknown before the data, at the amplitudes found
+    amplitudes: Mapping[str, float]  # of the corrections by group
+    left: Mapping[str, float]  # by kind of row, over the flow: what no correction follows
+    rows: tuple[EngineRow, ...]  # None where no bench was there
     provenance: Provenance
 
     @property
@@ -149,14 +135,7 @@ def _write_components(parent: h5py.Group, stored: StoredEngine) -> None:
 
 
 def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
-    """Return a stored engine; raises DataError for anything else, and for one that was calibrated from other constants.
-
-    Parameters
-    ----------
-    path : Path
-    air_path : AirPath
-        As configured.
-    """
+    """Return a stored engine; raises DataError for anything else, and for one that was calibrated from other constants."""
     with reading(path, KIND, REMEDY) as file:
         constants = _numbers(file["constants"])
         _expect_engine(path, str(file.attrs["air_path"]), constants, air_path)

@@ -85,15 +85,7 @@ def _array(kind: Any, stored: Any) -> NDArray[Any]:
 
 
 class PartsFolder:
-    """The folder of parts beside a result.
-
-    Parameters
-    ----------
-    result : Path
-        The result that is being made.
-    key : str
-        What the parts of this run are made with.
-    """
+    """The folder of parts beside a result that is being made; `key` says what the parts of this run are made with."""
 
     def __init__(self, result: Path, key: str):
         self.path = result.with_name(result.name + ".parts")

@@ -18,18 +18,10 @@ LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a result comes from.
+    """Where a result comes from."""
 
-    Attributes
-    ----------
-    inputs : mapping of str to str
-        File name (without folders) to SHA-256.
-    config : str
-        Text of the configuration.
-    """
-
-    inputs: Mapping[str, str]
-    config: str
+    inputs: Mapping[str, str]  # file name (without folders) to SHA-256
+    config: str  # text of the configuration
 
     def write(self, file: h5py.File) -> None:
         """Write the attributes of `/provenance`."""
