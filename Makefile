@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is unit docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -29,6 +29,7 @@ help:
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
+	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
 	@echo 'make fuzz    100 000 damaged and hostile inputs (NUMBER=...), 2000 on the command line (COMMANDS=...)'
 	@echo 'make mutants deliberate faults in the core rooms, and whether the tests notice (NUMBER=300)'
@@ -135,6 +136,11 @@ as-it-is: $(VENV)/.ready
 unit: export OPENBLAS_NUM_THREADS = 1
 unit: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/control_unit
+
+extrapolation: export OPENBLAS_NUM_THREADS = 1
+extrapolation: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/extrapolation.py 20 2c3e4b3
+	$(VENV)/bin/python benchmarks/state_bound.py
 
 mutants: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/mutants --number $(or $(NUMBER),300)

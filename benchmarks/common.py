@@ -2,8 +2,8 @@
 
 import os
 import platform
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,6 +29,7 @@ class Drive:
 
     log: Log
     delta_W_c: Array
+    truth: Mapping[str, Array] = field(default_factory=dict)
 
 
 def configuration() -> Config:
@@ -61,7 +62,7 @@ def drive(
         rows=np.arange(time.size),
         defects=Defects(time.size),
     )
-    return Drive(log, channels["ref_delta_W_c"])
+    return Drive(log, channels["ref_delta_W_c"], made.truth)
 
 
 def altered(engine: DieselEngine, factors: dict[str, float]) -> DieselEngine:

@@ -1,6 +1,6 @@
 """`verify`: the proof of a stored gain again, without the solver."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from lpvobs.api.files import File, as_path
@@ -8,6 +8,8 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
+from lpvobs.report.outputs import StateBoundOutput
+from lpvobs.synthesis.bound import prove_bound
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.problem import GainProblem
 
@@ -19,6 +21,7 @@ class VerifyOutput(Certificate):
     gain: str
     region: str
     made_for: str
+    state_bound: StateBoundOutput | None
 
 
 def verify(gain: File, config: File | None = None) -> Certificate:
@@ -71,4 +74,6 @@ def check_again(stored: StoredGain) -> Certificate:
             f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
     problem = GainProblem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
-    return check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
+    found = check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
+    reason = "" if gain.bound is None else prove_bound(problem, gain.L, gain.bound)
+    return replace(found, proven=False, reason=reason) if found.proven and reason else found

@@ -34,7 +34,7 @@ def synth_gain(
     from lpvobs.api.synth_gain import SynthGainOutput
     from lpvobs.api.synth_gain import synth_gain as synthesise
     from lpvobs.report.outputs import gain_fields
-    from lpvobs.report.tables import bounds_table
+    from lpvobs.report.tables import bounds_table, state_bound_table
 
     config = chosen_config(config)
     with progress("synthesising") as report:
@@ -62,3 +62,5 @@ def synth_gain(
     print(table(["", *stored.outputs, "sensor"], rows))
     print()
     print(table(*bounds_table(stored)))
+    if gain.bound is not None:
+        print("\nthe error of the state is bounded, also proven:\n" + table(*state_bound_table(stored)))

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from lpvobs.cli.common import guarded, print_json
+from lpvobs.cli.common import guarded, print_json, table
 from lpvobs.cli.options import JsonOption, file_argument, file_option
 
 
@@ -22,11 +22,17 @@ def verify(
     Example: lpvobs verify gain.h5 --config configs/diesel.toml
     """
     from lpvobs.api.verify import VerifyOutput, check_stored, expect_proven
+    from lpvobs.report.outputs import state_bound_output
+    from lpvobs.report.tables import state_bound_table
 
     stored, certificate = check_stored(gain, config)
     if as_json:
         proof = VerifyOutput(
-            gain=str(gain), region=str(stored.gain.region), made_for=stored.made_for(), **vars(certificate)
+            gain=str(gain),
+            region=str(stored.gain.region),
+            made_for=stored.made_for(),
+            state_bound=state_bound_output(stored),
+            **vars(certificate),
         )
         print_json("verify", proof)
     expect_proven(gain, certificate)
@@ -35,3 +41,6 @@ def verify(
         print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region{more}")
         print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")
         print(f"made for {stored.made_for()}")
+        if stored.gain.bound is not None:
+            print("the error of the state is bounded, also proven:")
+            print(table(*state_bound_table(stored)))

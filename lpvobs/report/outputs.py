@@ -72,6 +72,14 @@ class QuadraticOutput:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StateBoundOutput:
+    """Proven largest errors of the states: a row each, per size of what disturbs the rate of each state, or an output."""
+
+    of_rates: Sequence[Sequence[Finite]]
+    of_outputs: Sequence[Sequence[Finite]]
+
+
+@dataclass(frozen=True, kw_only=True)
 class GainOutput:
     """A gain and what is proven of it."""
 
@@ -81,6 +89,7 @@ class GainOutput:
     proven: bool
     falling_gain: bool
     vertices: Count
+    state_bound: StateBoundOutput | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +176,14 @@ def gain_fields(stored: StoredGain) -> dict[str, Any]:
         "proven": certificate.proven,
         "falling_gain": certificate.falling_gain,
         "vertices": certificate.vertices,
+        "state_bound": state_bound_output(stored),
     }
+
+
+def state_bound_output(stored: StoredGain) -> StateBoundOutput | None:
+    """Return the proven bound of a gain; None where there is none."""
+    bound = stored.gain.bound
+    return None if bound is None else StateBoundOutput(**{name: value.tolist() for name, value in vars(bound).items()})
 
 
 def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[Mapping[str, Any]] = ()) -> ReportOutput:

@@ -128,6 +128,20 @@ def gain_line(gain: StoredGain) -> str:
     return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}"
 
 
+def state_bound_table(gain: StoredGain) -> Table:
+    """Return how large the error of each state can be for each unit of what disturbs it; no rows where nothing is proven."""
+    bound = gain.gain.bound
+    header = [
+        "largest error per",
+        *(f"unit of {name}" for name in gain.outputs),
+        *(f"{name} per s" for name in gain.states),
+    ]
+    if bound is None:
+        return header, []
+    rows = np.hstack([bound.of_outputs[:, :-1], bound.of_rates])
+    return header, [[state, *(f"{value:.3g}" for value in row)] for state, row in zip(gain.states, rows, strict=True)]
+
+
 def _range(low: float, high: float) -> str:
     return f"{low:.4g} .. {high:.4g}"
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from lpvobs.records import Array, Item
+from lpvobs.synthesis.bound import StateBound
 from lpvobs.synthesis.certificate import Certificate
 from lpvobs.synthesis.region import Region
 
@@ -22,3 +23,5 @@ class Gain:
     eps_2: Annotated[float, Item("1", "eps_2 of Theorem 1")]
     region: Region
     certificate: Annotated[Certificate, Item()]
+    # proven, on the error of the state; None where the comparison matrix allows none
+    bound: Annotated[StateBound | None, Item(name="state_bound")] = None

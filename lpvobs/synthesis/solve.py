@@ -9,6 +9,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.records import Array
 from lpvobs.synthesis import lmi
 from lpvobs.synthesis.balance import BalancedUnits, balance
+from lpvobs.synthesis.bound import prove_bound, state_bound
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
@@ -168,7 +169,10 @@ def _proven(
     certificate = check(problem, L, P, Q, eps_1, eps_2, falling_gain=falling_gain)
     if not certificate.proven:
         raise NotProven(_refusal(problem, f"the numbers found do not pass the exact check ({certificate.reason})"))
-    return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate)
+    bound = state_bound(problem, L)
+    if bound is not None and (reason := prove_bound(problem, L, bound)):
+        raise NotProven(_refusal(problem, reason))
+    return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate, bound)
 
 
 def _epsilon(epsilon: tuple[float, float] | None, falling_gain: bool) -> tuple[float, float]:

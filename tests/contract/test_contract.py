@@ -158,6 +158,13 @@ def test_a_gain_that_is_changed_is_not_proven_and_is_code_1(lpvobs, chain, tmp_p
     refused(lpvobs("verify", changed), 1, "not proven")
 
 
+def test_a_bound_of_the_state_that_was_made_smaller_is_not_proven(lpvobs, chain, tmp_path):
+    changed = shutil.copy(chain.gain, tmp_path / "changed.h5")
+    with h5py.File(changed, "r+") as file:
+        file["gain/state_bound/of_rates"][0, 0] *= 0.99
+    refused(lpvobs("verify", changed), 1, "the bound of the state does not hold")
+
+
 # --- commands ----------------------------------------------------------------------------------------------------------------
 VERBS = {
     "simulate": ("--config", "--cycle", "--out", "--effects", "--rate", "--seed"),
