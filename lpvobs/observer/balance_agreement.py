@@ -40,33 +40,20 @@ mistake of a diesel made it 2.8 times larger at least; with constants off by 20 
 
 @dataclass(frozen=True)
 class BalanceSums:
-    """Sums over blocks of a log in every cell of the grid; those of logs add up. D pairs of balances: the first, and each other.
+    """Sums over blocks of a log in every cell of the grid; those of logs add up. D pairs of balances: the first, and each other."""
 
-    Attributes
-    ----------
-    blocks : ndarray, shape (cells,)
-    reading : ndarray, shape (cells,)
-        [kg/s], of the sensor.
-    flow, difference : ndarray, shape (cells, D)
-        [kg/s], mean and difference of the balances of a pair.
-    power : ndarray, shape (D, 1 + H)
-        [kg^2/s^2], square of the difference over all cells, on the log as it is and with each of H mistakes put right.
-    slope : ndarray, shape (cells, D, q)
-        [kg/s], of the difference by the relative change of each uncertain constant, and the modes of a calibrated engine.
-    visits : ndarray, shape (cells, D, 3)
-        Over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2.
-    broken : ndarray, shape (checks,)
-        Blocks in which the check is broken.
-    """
-
-    blocks: Array
-    reading: Array
-    flow: Array
-    difference: Array
+    blocks: Array  # (cells,)
+    reading: Array  # (cells,) [kg/s], of the sensor
+    flow: Array  # (cells, D) [kg/s], mean of the balances of a pair
+    difference: Array  # (cells, D) [kg/s], their difference
+    # (D, 1 + H) [kg^2/s^2], square of the difference over all cells, on the log as it is and with each of H mistakes
+    # put right
     power: Array
+    # (cells, D, q) [kg/s], of the difference by the relative change of each uncertain constant, and the modes of a
+    # calibrated engine
     slope: Array
-    visits: Array
-    broken: Array
+    visits: Array  # (cells, D, 3) over visits, of s and n, the sums of difference and blocks: s^2, s n, n^2
+    broken: Array  # (checks,) blocks in which the check is broken
 
     def __add__(self, other: "BalanceSums") -> "BalanceSums":
         """Return the sums of two logs."""
@@ -81,21 +68,12 @@ class BalanceSums:
 
 @dataclass(frozen=True, kw_only=True)
 class BalanceAgreement:
-    """How far the balances agree.
+    """How far the balances agree."""
 
-    Attributes
-    ----------
-    ratio : float
-        Root mean square over the map of their difference over its standard deviation; NaN where there is one balance.
-    p_value : float
-        Of a larger one, if noise, tolerances and what the model leaves out were all there is.
-    where : mapping of str to tuple of float
-        The cell where they disagree most, by axis.
-    """
-
+    # root mean square over the map of their difference over its standard deviation; NaN where there is one balance
     ratio: float = nan
-    p_value: float = nan
-    where: Mapping[str, tuple[float, float]]
+    p_value: float = nan  # of a larger one, if noise, tolerances and what the model leaves out were all there is
+    where: Mapping[str, tuple[float, float]]  # the cell where they disagree most, by axis
 
 
 @dataclass(frozen=True)
@@ -228,15 +206,8 @@ def _balances(engine: Judged, means: Channels, slopes: bool = True) -> tuple[Arr
 def agreement(grid: Grid, sums: BalanceSums, unknown: Array, axes: Sequence[str]) -> BalanceAgreement:
     """Return how far the balances agree: of the pair that does so least.
 
-    Parameters
-    ----------
-    grid : Grid
-    sums : BalanceSums
-        Of a log, or of several added up.
-    unknown : ndarray, shape (q, q)
-        Covariance of what the slopes are by.
-    axes : sequence of str
-        Names of the map's axes, fuel first.
+    The sums are those of a log, or of several added up; `unknown`, shape (q, q), is the covariance of what the slopes are by,
+    and `axes` names the map's axes, fuel first.
     """
     cells = np.flatnonzero(sums.blocks >= LEAST_BLOCKS)
     n = sums.blocks[cells]

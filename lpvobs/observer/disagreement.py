@@ -65,14 +65,8 @@ def agreements(
 ) -> tuple[float, tuple[Agreement, ...]]:
     """Return the scatter between logs [kg/s], one standard deviation of a node, and every log's agreement.
 
-    Parameters
-    ----------
-    common : Solution
-        The map of all logs together, and the engine.
-    parts : iterable of LogInformation
-        The logs that made it, each looked at once.
-    prior_map : float
-        [kg/s], standard deviation of a node before any data.
+    `common` is the map of all logs together, and the engine; `parts` are the logs that made it, each looked at once;
+    `prior_map` [kg/s] is the standard deviation of a node before any data.
     """
     found = [_difference(common, part, prior_map) for part in parts]
     scatter = _scatter([item for item in found if item.squares.size])

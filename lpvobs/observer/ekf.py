@@ -22,24 +22,12 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class KalmanSettings:
-    """Tuning of the filter: the configuration's `[ekf]`.
+    """Tuning of the filter: the configuration's `[ekf]`."""
 
-    Attributes
-    ----------
-    measurement_noise : mapping of str to float
-        Standard deviation of each output, sensor included, in its unit.
-    process_noise : mapping of str to float
-        Standard deviation of the drift of each state, per square root of a second.
-    map_drift : float
-        [kg/s per square root of a second], the same for a node that takes part.
-    prior_map : float
-        [kg/s], standard deviation of every node at the start.
-    """
-
-    measurement_noise: dict[str, float]
-    process_noise: dict[str, float]
-    map_drift: float
-    prior_map: float
+    measurement_noise: dict[str, float]  # standard deviation of each output, sensor included, in its unit
+    process_noise: dict[str, float]  # standard deviation of the drift of each state, per square root of a second
+    map_drift: float  # [kg/s per square root of a second], the same for a node that takes part
+    prior_map: float  # [kg/s], standard deviation of every node at the start
 
     def __post_init__(self) -> None:
         if not all(value > 0 for value in (*self.measurement_noise.values(), *self.process_noise.values())):
@@ -50,18 +38,10 @@ class KalmanSettings:
 
 @dataclass(frozen=True)
 class KalmanState:
-    """Map and covariance, carried from log to log.
+    """Map and covariance, carried from log to log."""
 
-    Attributes
-    ----------
-    theta : ndarray, shape (p,)
-        [kg/s]
-    P : ndarray, shape (n + p, n + p)
-        Covariance of states and nodes.
-    """
-
-    theta: Array
-    P: Array
+    theta: Array  # (p,) [kg/s]
+    P: Array  # (n + p, n + p) covariance of states and nodes
 
 
 def start(grid: Grid, settings: KalmanSettings, n: int) -> KalmanState:
@@ -83,21 +63,11 @@ def adapt(
     map_drift: float,
     x_0: Array,
 ) -> KalmanState:
-    """Return the filter's state after a log.
+    """Return the filter's state after a log, from that before it; other arguments as for `lpvobs.observer.recursion.observe`.
 
-    Parameters
-    ----------
-    state : KalmanState
-        Before the log.
-    trajectory, time, segments, operating_point, grid
-        As for `lpvobs.observer.recursion.observe`.
-    measurement_variance : ndarray, shape (r,)
-    process_variance : ndarray, shape (n,)
-        Per second.
-    map_drift : float
-        [kg/s per square root of a second]
-    x_0 : ndarray, shape (S, n)
-        States at the first sample of each segment; their variance there is one second of process noise.
+    The variances of measurements have shape (r,), those of the process (n,), per second; the drift of the map is in [kg/s per
+    square root of a second]. `x_0`, shape (S, n), are the states at the first sample of each segment; their variance there is
+    one second of process noise.
     """
     theta, P = state.theta.copy(), state.P.copy()  # of P, the lower triangle is kept up to date
     fuel, speed = operating_point

@@ -38,26 +38,13 @@ LINEAR = 0.003
 
 @dataclass(frozen=True)
 class EngineFound:
-    """What the logs say of the engine.
+    """What the logs say of the engine."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        With their prior.
-    point : mapping of str to float
-        Relative deviations of the constants at which the balances were linearised.
-    mean : ndarray, shape (q,)
-        Seen from there.
-    covariance : ndarray, shape (q, q)
-    amplitudes : tuple of float
-        Of the groups of corrections.
-    """
-
-    unknowns: Unknowns
-    point: Mapping[str, float]
-    mean: Array
-    covariance: Array
-    amplitudes: tuple[float, ...] = ()
+    unknowns: Unknowns  # with their prior
+    point: Mapping[str, float]  # relative deviations of the constants at which the balances were linearised
+    mean: Array  # (q,) seen from there
+    covariance: Array  # (q, q)
+    amplitudes: tuple[float, ...] = ()  # of the groups of corrections
 
     def moved(self) -> dict[str, float]:
         """Return by how much each constant has moved from the point."""
@@ -74,23 +61,12 @@ class EngineFound:
 
 @dataclass(frozen=True)
 class Point:
-    """Where an engine is linearised.
-
-    Attributes
-    ----------
-    configured : AirPath
-    settings : EstimateSettings
-        With a tolerance for every constant of the balances.
-    deviation : mapping of str to float
-        Of the engine's constants from the configured ones.
-    known : Unknowns or None
-        What a calibration has found; None for the tolerances of the settings.
-    """
+    """Where an engine is linearised."""
 
     configured: AirPath
-    settings: EstimateSettings
-    deviation: Mapping[str, float] = field(default_factory=dict)
-    known: Unknowns | None = None
+    settings: EstimateSettings  # with a tolerance for every constant of the balances
+    deviation: Mapping[str, float] = field(default_factory=dict)  # of the engine's constants from the configured ones
+    known: Unknowns | None = None  # what a calibration has found; None for the tolerances of the settings
 
     @property
     def air_path(self) -> AirPath:
@@ -113,44 +89,22 @@ class Point:
 
 @dataclass(frozen=True)
 class MapEstimate:
-    """The map and how good it is.
-
-    Attributes
-    ----------
-    method : str
-    grid : Grid
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where nothing supports it.
-    covariance : ndarray, shape (p, p)
-        [kg^2/s^2], of all nodes.
-    noise : ndarray, shape (p, p)
-        [kg^2/s^2], the part of it that does not come from the engine's constants.
-    design : ndarray, shape (p, 6)
-        The node values that the method would find for each term of Eq. (37), see `lpvobs.maps.quadratic.fit`.
-    supported : ndarray of bool, shape (p_2, p_1)
-    excitation : ndarray, shape (p_2 - 1, p_1 - 1)
-        [s], delta_1 of Eq. (29) of every cell.
-    runs : tuple of LogRun
-    constants : tuple of str
-        The q uncertain constants of the engine, and the modes of a calibrated one; none where the method does not tell.
-    sensitivity : ndarray, shape (q, p_2, p_1)
-        [kg/s], change of the map per relative change of each constant, the others being known.
-    engine : EngineFound or None
-        What the logs say of the engine; None where the method does not tell.
-    """
+    """The map and how good it is."""
 
     method: str
     grid: Grid
-    theta: Array
-    covariance: Array
-    noise: Array
-    design: Array
-    supported: NDArray[np.bool_]
-    excitation: Array
+    theta: Array  # (p_2, p_1) [kg/s], NaN where nothing supports it
+    covariance: Array  # (p, p) [kg^2/s^2], of all nodes
+    noise: Array  # (p, p) [kg^2/s^2], the part of it that does not come from the engine's constants
+    design: Array  # (p, 6) the node values that the method would find for each term of `maps.quadratic`
+    supported: NDArray[np.bool_]  # (p_2, p_1)
+    excitation: Array  # (p_2 - 1, p_1 - 1) [s], the smallest eigenvalue delta_1 of every cell
     runs: tuple[LogRun, ...]
+    # the q uncertain constants of the engine, and the modes of a calibrated one; none where the method does not tell
     constants: tuple[str, ...]
+    # (q, p_2, p_1) [kg/s], change of the map per relative change of each constant, the others being known
     sensitivity: Array
-    engine: EngineFound | None = None
+    engine: EngineFound | None = None  # what the logs say of the engine; None where the method does not tell
 
     @property
     def standard_error(self) -> Array:
@@ -162,10 +116,7 @@ class MapEstimate:
 def steps_of(log: Log) -> Array:
     """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none.
 
-    Raises
-    ------
-    DataError
-        If no two samples are neighbours.
+    Raises DataError if no two samples are neighbours.
     """
     steps = np.diff(log.time, prepend=log.time[0])
     for start, _ in log.segments:

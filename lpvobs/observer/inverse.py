@@ -20,15 +20,8 @@ ROW = 256
 def invert(states: tuple[float, ...], M: Array, T: Array, spare: Array, t: Array) -> tuple[Array, Array]:
     """Return the inverses of the matrices M[:, :, k], and the room that is left over.
 
-    Parameters
-    ----------
-    states : tuple of n floats
-        Only its length is read: to the compiler it is a constant, and the loops over it are unrolled.
-    M : ndarray, shape (n, n, ROW)
-    T, spare : ndarray, shape (n, n, ROW)
-        Written to; one of them is returned with the inverses.
-    t : ndarray, shape (ROW,)
-        Written to.
+    Of `states` only the length n is read: to the compiler it is a constant, and the loops over it are unrolled. T and `spare`,
+    shape (n, n, ROW) like M, and t, shape (ROW,), are written to; one of the former is returned with the inverses.
     """
     n = len(states)
     if n == 3:

@@ -11,29 +11,16 @@ from lpvobs.synthesis.region import Region
 
 @dataclass(frozen=True)
 class LogRun:
-    """What an estimate keeps of a log.
-
-    Attributes
-    ----------
-    name, sha256 : str
-    samples : int
-    duration : float
-        [s], without gaps.
-    defects : Defects
-    lower, upper : ndarray, shape (m,)
-        Range of the scheduling parameters along the log.
-    share_certified : float
-        Share of the samples inside the region of the gain's certificate; NaN without one.
-    """
+    """What an estimate keeps of a log."""
 
     name: str
     sha256: str
     samples: int
-    duration: float
+    duration: float  # [s], without gaps
     defects: Defects
-    lower: Array
-    upper: Array
-    share_certified: float
+    lower: Array  # (m,) range of the scheduling parameters along the log
+    upper: Array  # (m,)
+    share_certified: float  # share of the samples inside the region of the gain's certificate; NaN without one
 
 
 def nothing_between(name: str, started: float) -> DataError:

@@ -34,21 +34,11 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class ObserverRun:
-    """What the observer saw along a log of N samples, with n states.
+    """What the observer saw along a log of N samples, with n states."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (N, n)
-        State estimates.
-    theta : ndarray, shape (p,)
-        The map at the end, [kg/s].
-    innovation : ndarray, shape (N,)
-        y_m2 - C_2 x - Psi theta, [kg/s], after each update; NaN where the sensor says nothing.
-    """
-
-    x: Array
-    theta: Array
-    innovation: Array
+    x: Array  # (N, n) state estimates
+    theta: Array  # (p,) the map at the end, [kg/s]
+    innovation: Array  # (N,) y_m2 - C_2 x - Psi theta, [kg/s], after each update; NaN where the sensor says nothing
 
 
 def observe(

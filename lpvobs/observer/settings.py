@@ -14,31 +14,18 @@ CONSTANTS = ("joint", "consider")
 
 @dataclass(frozen=True)
 class EstimateSettings:
-    """Settings of the default method.
+    """Settings of the default method."""
 
-    Attributes
-    ----------
-    smoothing : float
-        [s], half width of the window that takes the noise out of the scheduling parameters.
-    least_information : float
-        [s], how long the drive must inform a node (Eq. 29) for its value to count as estimated.
-    prior_map : float
-        [kg/s], standard deviation of a node before any data; far beyond any sensor.
-    tolerance : mapping of str to float
-        How well the engine's constants are known: the true value lies within this fraction of the configured one.
-    constants : str
-        `joint`: engine and map are estimated together; `consider`: the engine stays as configured, and the tolerance widens the
-        intervals.
-    largest_error : float
-        Share of the air flow that a map may have on average; a larger one is refused. Eq. (40) is 28 to 55 % of the flow along
-        simulated drives; g/s taken for kg/h are 72 %, an unplugged sensor is off by all of it.
-    """
-
-    smoothing: float
-    least_information: float
-    prior_map: float
+    smoothing: float  # [s], half width of the window that takes the noise out of the scheduling parameters
+    least_information: float  # [s], how long the drive must inform a node for its value to count as estimated
+    prior_map: float  # [kg/s], standard deviation of a node before any data; far beyond any sensor
+    # how well the engine's constants are known: the true value lies within this fraction of the configured one
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    # `joint`: engine and map are estimated together; `consider`: the engine stays as configured, and the tolerance
+    # widens the intervals
     constants: str = "joint"
+    # Share of the air flow that a map may have on average; a larger one is refused. The paper's quadratic is 28 to 55 %
+    # of the flow along simulated drives; g/s taken for kg/h are 72 %, an unplugged sensor is off by all of it.
     largest_error: float = 0.7
 
     def __post_init__(self) -> None:
@@ -76,20 +63,12 @@ class PublishedSettings:
 
     The proof of the paper takes a_1 and a_2 for constants. With the temperatures of a real drive in them, the published L is
     unstable most of the time (it needs a_1/a_2 between 0.064 and 0.139), so they are constants here, too.
-
-    Attributes
-    ----------
-    gamma : float
-        [1/s], Gamma = gamma I.
-    x_0 : tuple of float
-        Initial state, one value each; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa.
-    temperatures : mapping of str to float
-        [K], behind a_1 and a_2.
     """
 
-    gamma: float
+    gamma: float  # [1/s], Gamma = gamma I
+    # initial state, one value each; the paper prints 9.8e5 Pa twice, which is 9.8 bar where ambient is 9.8e4 Pa
     x_0: tuple[float, ...]
-    temperatures: Mapping[str, float]
+    temperatures: Mapping[str, float]  # [K], behind a_1 and a_2
 
     def __post_init__(self) -> None:
         if not self.gamma > 0:

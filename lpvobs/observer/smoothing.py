@@ -55,28 +55,14 @@ def smooth(
 
 @dataclass(frozen=True)
 class SmoothStretch:
-    """At most `BLOCK` consecutive samples of one segment, smoothed.
+    """At most `BLOCK` consecutive samples of one segment, smoothed."""
 
-    Attributes
-    ----------
-    before : float
-        [s], time of the sample before; NaN where the segment begins.
-    time : ndarray, shape (n,)
-        [s]
-    channels : mapping of str to ndarray, shape (n,)
-        As recorded.
-    values, rates : mapping of str to ndarray, shape (n,)
-        The smoothed channels and their time derivatives.
-    calm : mapping of str to ndarray, shape (n,)
-        Some of them through a window `CALM` times as wide.
-    """
-
-    before: float
-    time: Array
-    channels: dict[str, Array]
-    values: dict[str, Array]
-    rates: dict[str, Array]
-    calm: dict[str, Array]
+    before: float  # [s], time of the sample before; NaN where the segment begins
+    time: Array  # (n,) [s]
+    channels: dict[str, Array]  # (n,) as recorded
+    values: dict[str, Array]  # (n,) the smoothed channels
+    rates: dict[str, Array]  # (n,) their time derivatives
+    calm: dict[str, Array]  # (n,) some of them through a window `CALM` times as wide
 
     @property
     def begins(self) -> bool:
@@ -94,15 +80,8 @@ def stretches(
 ) -> Iterator[SmoothStretch]:
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit.
 
-    Only samples whose windows have not been read to their end wait for the next piece.
-
-    Parameters
-    ----------
-    pieces : iterable of Piece
-    names, calm : sequence of str
-        Channels to smooth, and those to smooth through the wider window as well.
-    half_width : float
-        [s]
+    Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait for the
+    next piece.
     """
     windows, held = _Widths(tuple(names), tuple(calm), half_width), None
     for piece in pieces:

@@ -17,21 +17,12 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True)
 class Sample:
-    """The system of Eq. (24) at one sample: n states, r outputs.
+    """The system of Eq. (24) at one sample: n states, r outputs."""
 
-    Attributes
-    ----------
-    A : ndarray, shape (n, n)
-    E : ndarray, shape (n,)
-    C : ndarray, shape (r, n)
-        The last row is C_2.
-    y : ndarray, shape (r,)
-        The readings y_m; the last one, y_m2, is that of the sensor with the map. NaN where a reading is missing.
-    """
-
-    A: Array
-    E: Array
-    C: Array
+    A: Array  # (n, n)
+    E: Array  # (n,)
+    C: Array  # (r, n) the last row is C_2
+    # (r,) the readings y_m, NaN where one is missing; the last one, y_m2, is that of the sensor with the map
     y: Array
 
 

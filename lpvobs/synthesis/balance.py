@@ -17,24 +17,13 @@ from lpvobs.records import Array
 
 @dataclass(frozen=True, eq=False)
 class BalancedUnits:
-    """Balanced units.
+    """Balanced units."""
 
-    Attributes
-    ----------
-    states : ndarray, shape (n,)
-        Diagonal of T.
-    outputs : ndarray, shape (r,)
-        Diagonal of S.
-    rate : float
-        [1/s]
-    linked : ndarray of bool, shape (n, n + r)
-        Whether state i is tied, over any number of couplings, to state j (first n columns) or to output j - n. Between
-        parts of a system that are not tied there is no common unit; a gain needs no entries there.
-    """
-
-    states: Array
-    outputs: Array
-    rate: float
+    states: Array  # (n,) diagonal of T
+    outputs: Array  # (r,) diagonal of S
+    rate: float  # [1/s]
+    # (n, n + r) whether state i is tied, over any number of couplings, to state j (first n columns) or to output j - n.
+    # Between parts of a system that are not tied there is no common unit; a gain needs no entries there.
     linked: NDArray[np.bool_]
 
 

@@ -40,12 +40,7 @@ class StateBound:
 
 
 def state_bound(problem: GainProblem, L: Array) -> StateBound | None:
-    """Return the bound for a gain, None where the comparison matrix allows none; to be proven by `prove_bound`.
-
-    Parameters
-    ----------
-    L : ndarray, shape (n, r)
-    """
+    """Return the bound for a gain, shape (n, r), None where the comparison matrix allows none; to be proven by `prove_bound`."""
     N = np.array([[float(entry) for entry in row] for row in comparison(problem, L)])
     if np.linalg.eigvals(N).real.max() >= 0.0:
         return None
@@ -56,11 +51,9 @@ def state_bound(problem: GainProblem, L: Array) -> StateBound | None:
 
 
 def prove_bound(problem: GainProblem, L: Array, bound: StateBound) -> str:
-    """Return why a bound is not proven, empty where it is; raises DataError where its shapes do not fit the gain's.
+    """Return why a bound is not proven, empty where it is.
 
-    Parameters
-    ----------
-    L : ndarray, shape (n, r)
+    Raises DataError where its shapes do not fit those of the gain, (n, r).
     """
     n, r = L.shape
     shapes = bound.of_rates.shape, bound.of_outputs.shape

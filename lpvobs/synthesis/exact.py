@@ -22,17 +22,10 @@ def product(left: Sequence[Sequence[Fraction]], right: Sequence[Sequence[Fractio
 
 
 def smallest_pivot(matrix: Matrix) -> float:
-    """Return the smallest pivot of LDL^T over its diagonal entry, or the first that is not positive.
+    """Return the smallest pivot of LDL^T of a symmetric matrix over its diagonal entry, or the first that is not positive.
 
-    Parameters
-    ----------
-    matrix : nested lists of Fraction, n x n
-        Symmetric. Positive definite if and only if the value returned is positive.
-
-    Notes
-    -----
-    On whole numbers by Bareiss' elimination, whose diagonal holds the leading minors; a pivot is the ratio of two of
-    them.
+    The matrix is positive definite if and only if the value is positive. On whole numbers by Bareiss' elimination, whose
+    diagonal holds the leading minors; a pivot is the ratio of two of them.
     """
     scale = lcm(*(entry.denominator for row in matrix for entry in row))
     work = [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix]

@@ -29,35 +29,20 @@ cp: Any = cvxpy
 
 @dataclass(frozen=True, eq=False)
 class LmiSolution:
-    """Numbers of a solver, to be checked.
+    """Numbers of a solver, to be checked."""
 
-    Attributes
-    ----------
-    P : ndarray, shape (n, n)
-    L : ndarray, shape (n, r)
-    """
-
-    P: Array
-    L: Array
+    P: Array  # (n, n)
+    L: Array  # (n, r)
     beta: float
 
 
 def free_gain(
     A: Array, C: Array, map_output: int, k: float, linked: NDArray[np.bool_], cascade: bool
 ) -> LmiSolution | str:
-    """Return a gain for balanced matrices, or the solver's word where it has none.
+    """Return a gain for balanced matrices A, shape (N, n, n), and C, (N, r, n), or the solver's word where it has none.
 
-    Parameters
-    ----------
-    A : ndarray, shape (N, n, n)
-    C : ndarray, shape (N, r, n)
-    k : float
-        eps_1 eps_2.
-    linked : ndarray of bool, shape (n, n + r)
-        Entries of P and L that may differ from zero. Between parts of a plant that are not tied the best solution has
-        none.
-    cascade : bool
-        Keep the column of the map's output at zero.
+    k is eps_1 eps_2. Entries of P and L may differ from zero where they are `linked`, shape (n, n + r): between parts of a
+    plant that are not tied the best solution has none. A cascade keeps the column of the map's output at zero.
     """
     _, r, n = C.shape
     P, Y = cp.Variable((n, n), symmetric=True), cp.Variable((n, r))
@@ -78,16 +63,9 @@ def free_gain(
 
 
 def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -> LmiSolution | str:
-    """Return P for a given gain, or the solver's word where it has none.
+    """Return P for a given gain L, shape (n, r), or the solver's word where it has none.
 
-    Parameters
-    ----------
-    closed : ndarray, shape (N, n, n)
-        A - L C, balanced.
-    L : ndarray, shape (n, r)
-    C_2 : ndarray, shape (N, n)
-    k : float
-        eps_1 eps_2.
+    `closed`, shape (N, n, n), is A - L C, balanced, C_2 has shape (N, n), and k is eps_1 eps_2.
     """
     n, _ = L.shape
     P = cp.Variable((n, n), symmetric=True)

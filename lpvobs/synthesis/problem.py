@@ -18,22 +18,13 @@ System = Callable[[Sequence[Fraction]], tuple[Sequence[Sequence[Any]], Sequence[
 
 @dataclass(frozen=True)
 class GainProblem:
-    """The data of Theorem 1.
+    """The data of Theorem 1."""
 
-    Attributes
-    ----------
-    system : callable
-        Parameters in the order of `region.names`, as fractions, to A (n x n) and C (r x n) as nested sequences of whole
-        numbers or fractions. Exact: a float among them would make the certificate speak of another system.
-    region : Region
-        Where M(rho) < 0 is wanted.
-    map_output : int
-        Row of C that is C_2; G is the unit vector of this output (Eq. 25).
-    """
-
+    # Parameters in the order of `region.names`, as fractions, to A (n x n) and C (r x n) as nested sequences of whole
+    # numbers or fractions. Exact: a float among them would make the certificate speak of another system.
     system: System
-    region: Region
-    map_output: int
+    region: Region  # where M(rho) < 0 is wanted
+    map_output: int  # row of C that is C_2; G is the unit vector of this output
 
     def at(self, point: Sequence[Fraction]) -> tuple[Matrix, Matrix]:
         """Return A and C at one point; raises UsageError where they are not exact or their shapes do not fit."""

@@ -24,15 +24,6 @@ class Region:
     to a vertex one block after the other without growing, so the vertices of the product prove the whole region. Raises UsageError
     for bounds that are not finite or not in order, unknown or repeated names, a pair whose sum is negative everywhere.
 
-    Attributes
-    ----------
-    names : tuple of str
-        m parameters.
-    lower, upper : tuple of float
-        Bounds, inclusive; equal bounds fix a parameter and do not double the vertices.
-    nonnegative_sums : tuple of (str, str)
-        Pairs with x + y >= 0; a parameter belongs to one pair at most.
-
     Examples
     --------
     >>> region = Region(("x", "y", "a"), (-1.0, 0.5, 2.0), (1.0, 3.0, 2.0), (("x", "y"),))
@@ -40,10 +31,10 @@ class Region:
     5
     """
 
-    names: tuple[str, ...]
-    lower: tuple[float, ...]
+    names: tuple[str, ...]  # m parameters
+    lower: tuple[float, ...]  # bounds, inclusive; equal bounds fix a parameter and do not double the vertices
     upper: tuple[float, ...]
-    nonnegative_sums: tuple[tuple[str, str], ...] = ()
+    nonnegative_sums: tuple[tuple[str, str], ...] = ()  # pairs with x + y >= 0; a parameter belongs to one pair at most
 
     def __post_init__(self) -> None:
         _refuse_bad_bounds(self)

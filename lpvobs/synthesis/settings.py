@@ -7,37 +7,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class GainSettings:
-    """The region that the certificate is to cover, and the form of the gain.
+    """The region that the certificate is to cover, and the form of the gain."""
 
-    Attributes
-    ----------
-    outputs : tuple of str
-        Measured states that the observer corrects itself by; the sensor comes after them.
-    bounds : mapping of str to (float, float)
-        Scheduling parameters where no log tells their range; with logs, the range of the logs counts.
-    margin : float
-        Share of the range of the logs by which it is widened at either end.
-    temperatures : mapping of str to (float, float)
-        [K]; ranges of the temperatures behind a_1 and a_2; logs do not widen or narrow them.
-    nonnegative_sums : tuple of (str, str)
-        Pairs of parameters whose sum never is negative, which cuts the box.
-    decay : float
-        [1/s], least decay of the state error. A fast state stays with its measurements, which are good; a slow one leans on the
-        engine model, and its wrong constants then reach both balances at once.
-    cascade : bool
-        The sensor does not correct the state: the last column of L is zero.
-    falling_gain : bool
-        Prove 1 - eps_1 - eps_2 > 0, which map gains that fall with the information need.
-    """
-
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # measured states that the observer corrects itself by; the sensor comes after them
+    # scheduling parameters where no log tells their range; with logs, the range of the logs counts
     bounds: Mapping[str, tuple[float, float]]
+    # [K]; ranges of the temperatures behind a_1 and a_2; logs do not widen or narrow them
     temperatures: Mapping[str, tuple[float, float]]
-    margin: float = 0.05
+    margin: float = 0.05  # share of the range of the logs by which it is widened at either end
+    # [1/s], least decay of the state error. A fast state stays with its measurements, which are good; a slow one leans
+    # on the engine model, and its wrong constants then reach both balances at once.
     decay: float = 0.0
+    # pairs of parameters whose sum never is negative, which cuts the box
     nonnegative_sums: tuple[tuple[str, str], ...] = ()
-    cascade: bool = True
-    falling_gain: bool = True
+    cascade: bool = True  # the sensor does not correct the state: the last column of L is zero
+    falling_gain: bool = True  # prove 1 - eps_1 - eps_2 > 0, which map gains that fall with the information need
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin <= 1.0:

@@ -20,21 +20,11 @@ DIGITS = 12  # of the balanced matrices: rounding in other units must not send t
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """The largest part of a region for which a gain is proven.
+    """The largest part of a region for which a gain is proven."""
 
-    Attributes
-    ----------
-    scale : float
-        1 for the whole region, less where it had to be drawn towards its centre.
-    refused : float or None
-        The smallest scale for which no gain was found; None where the whole region is proven.
-    problem : GainProblem
-        The problem on that part.
-    """
-
-    scale: float
-    refused: float | None
-    problem: GainProblem
+    scale: float  # 1 for the whole region, less where it had to be drawn towards its centre
+    refused: float | None  # the smallest scale for which no gain was found; None where the whole region is proven
+    problem: GainProblem  # the problem on that part
     gain: Gain
 
 
