@@ -17,6 +17,7 @@ import numpy as np
 from common import CYCLES, Drive, configuration, drive, markdown, publish, state_gain
 from scipy.interpolate import RBFInterpolator
 
+from lpvobs.calibration.bench import bench_table
 from lpvobs.calibration.fit import calibrated
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.lpv import Diesel
@@ -161,7 +162,9 @@ def on_calibrated(setting: Setting, table: BenchTable, d: Drive) -> MapEstimate:
     """Return the map on an engine that was calibrated from its bench."""
     path = Diesel(setting.config.engine)
     settings = setting.config.estimate.of_engine(path.usual_tolerance)
-    known: Unknowns = calibrated(path, unknowns_of(settings.tolerance, path.components), table.channels).unknowns
+    known: Unknowns = calibrated(
+        path, unknowns_of(settings.tolerance, path.components), [bench_table(path, table.channels)]
+    ).unknowns
     deviation = dict(zip(known.constants, known.mean.tolist(), strict=False))
     point = Point(path, settings, deviation, known)
     part = inform(point.air_path, setting.grid, setting.gain, d.log, settings, point.unknowns)

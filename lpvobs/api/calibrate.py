@@ -1,6 +1,6 @@
 """`calibrate`: from a bench table and logs of known air flow to what is known of an engine."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,22 +9,26 @@ import numpy as np
 from lpvobs.api.copies import refuse_copies
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, silent, writing
-from lpvobs.calibration.bench import REFERENCE
+from lpvobs.calibration.bench import REFERENCE, Table, bench_table
 from lpvobs.calibration.fit import Calibration, calibrated
 from lpvobs.calibration.logs import taught
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.unknowns import unknowns_of
+from lpvobs.engines.unknowns import TABLE_FLOW, unknowns_of
 from lpvobs.errors import UsageError
+from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.bench import read_bench
+from lpvobs.io.logs.bench import BenchPoints, read_bench
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import EngineRow, StoredEngine, write_engine
 from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.observer.estimate import Point
 from lpvobs.observer.parts import StateGain
-from lpvobs.records import Array, Log
+from lpvobs.records import Log
 
+USUAL_TOLERANCE = 0.01
+"""Of a constant that only a component's table tells of, and of which the configuration says nothing: as of the others."""
 FROM_BENCH = 0.3
 """Share of the progress for the bench where there are logs as well."""
 
@@ -35,6 +39,7 @@ def calibrate(
     bench: File | Iterable[File] = (),
     healthy: File | Iterable[File] = (),
     reference: File | Iterable[File] = (),
+    maps: Iterable[str] = (),
     out: File,
     gain: File | None = None,
     progress: Progress | None = None,
@@ -51,6 +56,9 @@ def calibrate(
         Logs whose sensor was in order on that day.
     reference : path or several
         Logs with the channel `W_reference`, a meter in the sensor's place.
+    maps : several str
+        `KIND=FILE`, a table of one component: a CSV with the units in a second line, or `FILE.dcm:LABEL`; kinds are those of the
+        engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
     out : path
         The engine to write.
     gain : path, optional
@@ -73,11 +81,16 @@ def calibrate(
     NotProven
         If the certificate of the gain does not hold.
     """
+    configuration, text = load_config(as_path(config))
+    air_path = configuration.engine_path()
     tables, known, metered = as_paths(bench), find_logs(as_paths(healthy)), find_logs(as_paths(reference))
     given = None if gain is None else as_path(gain)
-    if not (tables or known or metered):
-        raise UsageError("nothing to calibrate from; give --bench TABLE, --healthy LOG or --reference LOG")
-    inputs = [*tables, *known, *metered]
+    parts = [named_file(item, air_path) for item in maps]
+    if not (tables or known or metered or parts):
+        raise UsageError(
+            "nothing to calibrate from; give --bench TABLE, --healthy LOG, --reference LOG or --map KIND=FILE"
+        )
+    inputs = [*tables, *known, *metered, *dict.fromkeys(path for _, path, _ in parts)]
     refuse_copies(inputs)
     for number, path in enumerate(inputs):
         if path.name in [other.name for other in inputs[:number]]:
@@ -85,14 +98,12 @@ def calibrate(
                 f"{path}: another input has this name, by which an engine keeps its digest; rename one of them"
             )
     with writing(out, [config, *inputs, given]) as target:
-        configuration, text = load_config(as_path(config))
-        air_path = configuration.engine_path()
         if not air_path.components:
             raise UsageError(
                 f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has; "
                 f"`lpvobs estimate` learns it from healthy logs"
             )
-        stored = _calibrated(configuration, text, (tables, known, metered), given, progress or silent)
+        stored = _calibrated(configuration, text, (tables, known, metered), parts, given, progress or silent)
         write_engine(target, stored)
     return stored
 
@@ -101,14 +112,17 @@ def _calibrated(
     config: Config,
     text: str,
     paths: tuple[Sequence[Path], Sequence[Path], Sequence[Path]],
+    parts: Sequence[tuple[str, Path, str]],
     gain: Path | None,
     progress: Progress,
 ) -> StoredEngine:
-    """Return the engine from bench tables first, then from the logs with that as the prior."""
+    """Return the engine from tables of bench and components first, then from the logs with that as the prior."""
     tables, known, metered = paths
     air_path = config.engine_path()
     settings = config.estimate.of_engine(air_path.usual_tolerance)
-    unknowns = unknowns_of(settings.tolerance, air_path.components)
+    own = [name for kind, _, _ in parts for name in air_path.component_maps[kind].constants]
+    told = {name: config.estimate.tolerance.get(name, USUAL_TOLERANCE) for name in own}
+    unknowns = unknowns_of({**settings.tolerance, **told}, air_path.components)
     stored = StoredEngine(
         air_path=air_path.name,
         constants={name: float(value) for name, value in air_path.engine_constants().items()},
@@ -119,9 +133,12 @@ def _calibrated(
         rows=(),
         provenance=Provenance({}, text),
     )
-    if tables:
-        points = read_bench(tables, air_path)
-        stored = _with_bench(replace(stored, provenance=Provenance(points.digests, text)), air_path, points.columns)
+    if tables or parts:
+        points = read_bench(tables, air_path) if tables else BenchPoints({}, {})
+        measured = [bench_table(air_path, points.columns)] if tables else []
+        measured += [read_component_map(*part, air_path) for part in parts]
+        digests = {**points.digests, **{path.name: file_digest(path) for _, path, _ in parts}}
+        stored = _with_tables(replace(stored, provenance=Provenance(digests, text)), air_path, measured)
     if known or metered:
         progress(FROM_BENCH)
         logs = [read_log(path, air_path.channels, config.policies) for path in known]
@@ -139,7 +156,7 @@ def _calibrated(
         stored = replace(
             stored,
             unknowns=found.unknowns,
-            prior_error=stored.prior_error if tables else found.prior_error,
+            prior_error=stored.prior_error if tables or parts else found.prior_error,
             amplitudes={**stored.amplitudes, **found.amplitudes},
             provenance=Provenance({**stored.provenance.inputs, **digests}, text),
         )
@@ -156,9 +173,9 @@ def _metered(config: Config, path: Path) -> Log:
     return replace(log, channels={**log.channels, sensor: log[REFERENCE]})
 
 
-def _with_bench(stored: StoredEngine, air_path: AirPath, table: Mapping[str, Array]) -> StoredEngine:
-    """Return the engine as bench points show it."""
-    found = calibrated(air_path, stored.unknowns, table)
+def _with_tables(stored: StoredEngine, air_path: AirPath, tables: Sequence[Table]) -> StoredEngine:
+    """Return the engine as tables show it."""
+    found = calibrated(air_path, stored.unknowns, tables)
     return replace(
         stored,
         unknowns=found.unknowns,
@@ -172,5 +189,6 @@ def _with_bench(stored: StoredEngine, air_path: AirPath, table: Mapping[str, Arr
 def _rows(found: Calibration) -> tuple[EngineRow, ...]:
     rows = found.rows
     names = [rows.kind[number].name for number in rows.of.tolist()]
-    columns = (rows.point, rows.reference, found.before, found.held_out, found.held_out_error)
+    of_map = np.array([kind.column == TABLE_FLOW for kind in rows.kind])[rows.of]
+    columns = (np.where(of_map, -1, rows.point), rows.reference, found.before, found.held_out, found.held_out_error)
     return tuple(EngineRow(*row) for row in zip(names, *(column.tolist() for column in columns), strict=True))

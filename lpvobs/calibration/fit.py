@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from lpvobs.calibration.bench import Rows, rows_of
+from lpvobs.calibration.bench import Rows, Table, rows_of
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.records import Array
@@ -30,49 +30,20 @@ SMALL_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What is known of an engine.
+    """What is known of an engine."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Mean and covariance, deviations counted from the configured constants.
-    prior : Unknowns
-        The same before.
-    amplitudes : mapping of str to float
-        Of the corrections by group.
-    rows : Rows
-        Where the engine was found, so that z is what its formulas leave there.
-    before : ndarray, shape (m,)
-        [kg/s], z of the same rows at the configured constants; NaN where those give no flow.
-    left : mapping of str to float
-        By kind of row, share of the flow that no correction follows.
-    held_out : ndarray, shape (m,)
-        [kg/s], each row less what all other points say of it.
-    held_out_error : ndarray, shape (m,)
-        Its standard deviation.
-    """
-
-    unknowns: Unknowns
-    prior: Unknowns
-    amplitudes: Mapping[str, float]
-    rows: Rows
-    before: Array
-    left: Mapping[str, float]
-    held_out: Array
-    held_out_error: Array
+    unknowns: Unknowns  # mean and covariance, deviations counted from the configured constants
+    prior: Unknowns  # the same before
+    amplitudes: Mapping[str, float]  # of the corrections by group
+    rows: Rows  # where the engine was found, so that z is what its formulas leave there
+    before: Array  # (m,) [kg/s], z of the same rows at the configured constants; NaN where those give no flow
+    left: Mapping[str, float]  # by kind of row, share of the flow that no correction follows
+    held_out: Array  # (m,) [kg/s], each row less what all other points say of it
+    held_out_error: Array  # (m,) its standard deviation
 
 
-def calibrated(air_path: AirPath, prior: Unknowns, table: Mapping[str, Array]) -> Calibration:
-    """Return the engine as stationary bench points show it.
-
-    Parameters
-    ----------
-    air_path : AirPath
-        As configured.
-    prior : Unknowns
-    table : mapping of str to ndarray, shape (n,)
-        Channels and references of n points.
-    """
+def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> Calibration:
+    """Return the engine as bench points and tables of components show it; `air_path` is as configured."""
     point: dict[str, float] = {}
     before: dict[tuple[int, int], float] = {}
     amplitudes = [0.3] * len(prior.groups())
@@ -80,11 +51,11 @@ def calibrated(air_path: AirPath, prior: Unknowns, table: Mapping[str, Array]) -
     for step in range(STEPS):
         there = air_path.deviating(point) if point else air_path
         seen = prior.seen_from(point)
-        rows = rows_of(there, seen, table)
+        rows = rows_of(there, seen, tables)
         before = before or dict(zip(_marks(rows), rows.z.tolist(), strict=True))
         left = left or [LEFT[3]] * len(rows.kind)
         if step < 2:
-            amplitudes, left = likeliest(seen, rows, amplitudes, left)
+            amplitudes, left = likeliest(seen, rows.measured(), amplitudes, left)
         mean, covariance = posterior(seen, rows, amplitudes, left)
         moves = mean[: len(prior.constants)]
         point = {
@@ -110,7 +81,8 @@ def _marks(rows: Rows) -> list[tuple[int, int]]:
 def spread_of(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]) -> Array:
     """Return the covariance of the rows, shape (m, m)."""
     shares = np.array(left)[rows.of]
-    return rows.J @ unknowns.scaled(amplitudes) @ rows.J.T + np.diag(rows.error**2 + (shares * rows.reference) ** 2)
+    own = np.diag(rows.error**2 + (shares * rows.reference) ** 2) + rows.shared @ rows.shared.T
+    return rows.J @ unknowns.scaled(amplitudes) @ rows.J.T + own
 
 
 def likeliest(
@@ -118,6 +90,8 @@ def likeliest(
 ) -> tuple[list[float], list[float]]:
     """Return the amplitudes and the shares left that make the rows most likely, sought one after the other."""
     groups, away = len(amplitudes), rows.z - rows.J @ unknowns.mean
+    if not rows.z.size:  # tables alone: they are smoothed, and say nothing of what an engine has beyond
+        return [1.0] * groups, [0.0] * len(left)
     best = [*amplitudes, *left]
 
     def cost(tried: Sequence[float]) -> float:

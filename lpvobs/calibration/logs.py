@@ -19,21 +19,11 @@ NO_ERROR = 1e-9
 
 @dataclass(frozen=True)
 class Taught:
-    """What logs of known air flow say of an engine.
+    """What logs of known air flow say of an engine."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Mean and covariance, deviations counted from the configured constants.
-    prior_error : ndarray, shape (q,)
-        Standard deviations before, at the amplitudes found.
-    amplitudes : mapping of str to float
-        Of the groups whose amplitude was not known before.
-    """
-
-    unknowns: Unknowns
-    prior_error: Array
-    amplitudes: dict[str, float]
+    unknowns: Unknowns  # mean and covariance, deviations counted from the configured constants
+    prior_error: Array  # (q,) standard deviations before, at the amplitudes found
+    amplitudes: dict[str, float]  # of the groups whose amplitude was not known before
 
 
 def taught(

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from lpvobs.cli.common import chosen_config, guarded, load_compiler, loading, print_json, progress, say, table
 from lpvobs.cli.options import ConfigOption, JsonOption, file_option
 
@@ -23,6 +25,15 @@ def calibrate(
         list[Path] | None,
         file_option("LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"),
     ] = None,
+    maps: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="KIND=FILE",
+            help="A table of one component: compressor, turbine, eta_vol or egr; a CSV with a second line of units, or "
+            "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
+        ),
+    ] = None,
     gain: Annotated[
         Path | None,
         file_option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
@@ -32,7 +43,8 @@ def calibrate(
 ) -> None:
     """Find an engine's constants and the corrections of its components, which estimate then starts from.
 
-    Each of --bench, --healthy and --reference can be given several times; what the configuration says of the engine is the prior.
+    Each of --bench, --healthy, --reference and --map can be given several times; what the configuration says of the engine is
+    the prior.
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
@@ -48,6 +60,7 @@ def calibrate(
             bench=bench or (),
             healthy=healthy or (),
             reference=reference or (),
+            maps=maps or (),
             out=out,
             gain=gain,
             progress=report,

@@ -11,7 +11,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart, Unknowns
+from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart, Unknowns
 from lpvobs.records import Array, Log
 
 
@@ -63,6 +63,7 @@ class AirPath(Protocol):
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
     measured_parts: ClassVar[tuple[MeasuredPart, ...]]  # flows inside the engine that a bench may measure
+    component_maps: ClassVar[Mapping[str, ComponentMap]]  # tables of components that others have, by kind
     # inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)
     axes: ClassVar[tuple[MapAxis, MapAxis]]
     sensor: ClassVar[str]  # the channel of the sensor under test
@@ -137,6 +138,7 @@ class AsKnown:
     calmed: ClassVar[tuple[str, ...]] = ()
     components: ClassVar[tuple[Component, ...]] = ()
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
+    component_maps: ClassVar[Mapping[str, ComponentMap]] = {}
     balance_names: ClassVar[tuple[str, ...]]
 
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:

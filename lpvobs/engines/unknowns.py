@@ -4,13 +4,15 @@ A correction is a factor or a flow over the component's own inputs: a sum of hat
 whose values at the nodes are correlated over a length of each axis (Matern 3/2). One without axes is a single number.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
+from lpvobs.engines.bounds import Within
 from lpvobs.engines.curves import Weights
 from lpvobs.engines.knowledge import Nodes
 from lpvobs.records import Array
@@ -77,6 +79,25 @@ class MeasuredPart:
     without: Mapping[str, float]  # values of channels at which the part is away; empty for the whole balance
     relative: float  # standard deviation of its measurement, over the flow
     absolute: float  # [kg/s], added to it
+
+
+TABLE_FLOW = "flow"
+"""The column of a component's points that has the flow."""
+
+
+@dataclass(frozen=True)
+class ComponentMap:
+    """A table of one component, as its supplier or the control unit has it."""
+
+    # the columns that it may have, in one form or another, each with what its numbers can be
+    forms: tuple[Mapping[str, Within], ...]
+    tolerance: float  # share of the flow that it may be off, where the file says nothing
+    part: MeasuredPart  # the flow that it states, in the column `TABLE_FLOW` of its points
+    # channels at its points and that flow, from the configuration's `[engine]` and the columns
+    points: Callable[[Any, Mapping[str, Array]], Mapping[str, Array]]
+    # the flow at such points, from the configuration's `[engine]`; None where it is that of a balance
+    flow: Callable[[Any, Mapping[str, Array]], Array] | None = None
+    constants: tuple[str, ...] = ()  # that it tells of, and no balance depends on
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def told(stored: StoredEngine, out: str) -> CalibrateOutput:
     """Return what is said of a calibrated engine."""
     error = stored.error
     determined = stored.determined()
-    benches = {row.point for row in stored.rows}
+    benches = {row.point for row in stored.rows if row.point >= 0}
     return CalibrateOutput(
         engine=out,
         points=len(benches),

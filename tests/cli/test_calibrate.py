@@ -64,6 +64,24 @@ def test_healthy_logs_and_meters_teach(lpvobs, other_engine, chain, folder):
     assert (lacking.code, "'W_reference' is missing" in lacking.err) == (3, True)
 
 
+def test_tables_of_components_are_taken(lpvobs, folder):
+    table = folder / "compressor.csv"
+    lines = ["corrected_speed,corrected_flow,pressure_ratio", "rpm,kg/s,1"]
+    lines += [
+        f"{speed},{flow},{ratio}" for speed, flow, ratio in ((9e4, 0.05, 1.2), (9e4, 0.046, 1.3), (12e4, 0.07, 1.4))
+    ]
+    table.write_text("\n".join([*lines, "120000,0.066,1.5"]), encoding="utf-8")
+    call = ("calibrate", "--config", DIESEL, "--map", f"compressor={table}", "--out", folder / "map.h5")
+    done = lpvobs(*call)
+    assert (done.code, "compressor.csv: 'T_reference' is missing" in done.err) == (3, True), done.err
+    text = table.read_text(encoding="utf-8")
+    table.write_text("# T_reference = 298 K\n# p_reference = 1 bar\n" + text, encoding="utf-8")
+    done = lpvobs(*call, "--json")
+    assert done.code == 0, done.err
+    assert (done.json["points"], [row["kind"] for row in done.json["rows"]]) == (0, ["compressor map"])
+    assert done.json["inputs"] == ["compressor.csv"]
+
+
 def test_what_makes_no_sense_is_refused(lpvobs, other_engine, chain, folder):
     copy = folder / "copy.csv"
     shutil.copy(other_engine.bench, copy)

@@ -16,6 +16,7 @@ from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
+from lpvobs.engines.diesel.component_maps import COMPONENT_MAPS
 from lpvobs.engines.diesel.constants import (
     COMPRESSOR_FORMS,
     DieselConstants,
@@ -28,7 +29,7 @@ from lpvobs.engines.diesel.constants import (
     scaled,
 )
 from lpvobs.engines.knowledge import Knowledge
-from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
+from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "p_em", "omega_t")
@@ -65,6 +66,7 @@ class Diesel:
     balance_names: ClassVar[tuple[str, ...]] = BALANCES
     components: ClassVar[tuple[Component, ...]] = correction.COMPONENTS
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = correction.MEASURED_PARTS
+    component_maps: ClassVar[Mapping[str, ComponentMap]] = COMPONENT_MAPS
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
         SPEED_AXIS,

@@ -1,6 +1,7 @@
 """Tables of stationary bench points: read, converted to SI, and refused where a fit to them would be wrong."""
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, rows_of
+from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, Rows, bench_table, rows_of
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.unknowns import unknowns_of
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 FUEL = "W_f"
+HEAD = re.compile(r"#\s*(\w+)\s*=\s*([-+.\deE]+)\s*(\S*)")
 LEAST_POINTS, MOST_POINTS = 20, 1000
 """Fewer points than corrections have axes and nodes to tell apart; more are no bench table but a log."""
 LEAST_RANGE = 1.5
@@ -66,7 +68,7 @@ def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
 
 def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
     needed, optional = _wanted(air_path)
-    found = _from_csv(path) if path.suffix.lower() == ".csv" else _from_parquet(path, [*needed, *optional])
+    found = from_csv(path) if path.suffix.lower() == ".csv" else _from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
         expect(path, found.schema, name, unit)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
@@ -88,8 +90,11 @@ def _from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
     return table
 
 
-def _from_csv(path: Path) -> "pa.Table":
-    """Return the columns as Parquet would have them: units in the metadata, what is no number as text."""
+def from_csv(path: Path) -> "pa.Table":
+    """Return the columns as Parquet would have them: units in the metadata, what is no number as text.
+
+    A line `# NAME = VALUE UNIT` is a column of that one value.
+    """
     import pyarrow as pa
 
     try:
@@ -99,8 +104,12 @@ def _from_csv(path: Path) -> "pa.Table":
         raise DataError(f"{path}: cannot be read ({error.strerror}); name a table of bench points") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: not a readable CSV table ({error}); export it as UTF-8 with commas") from None
+    head = [found for line in lines if (found := HEAD.fullmatch(",".join(line)))]
+    lines = [line for line in lines if not line[0].startswith("#")]
     names = lines[0] if lines else []
     units, *rows = [[*line, *[""] * len(names)][: len(names)] for line in [*lines[1:], *([] if lines[1:] else [[]])]]
+    names, units = [*names, *(found[1] for found in head)], [*units, *(found[3] or "1" for found in head)]
+    rows = [[*row, *(found[2] for found in head)] for row in rows]
     columns = [_numbers([row[i] for row in rows]) for i in range(len(names))]
     fields = [
         pa.field(*item[:2], metadata={"unit": item[2]})
@@ -156,20 +165,8 @@ def _refuse_few(where: str, columns: Mapping[str, Array], air_path: AirPath) -> 
 
 def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: AirPath) -> None:
     """Raise for a reference that no balance of the engine is near, or with which the fuel cannot burn."""
-    rows = rows_of(air_path, unknowns_of(air_path.usual_tolerance, air_path.components), table)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = rows.reference / (rows.reference - rows.z)
-    near = np.zeros(table[REFERENCE].size, dtype=bool)
-    for number, kind in enumerate(rows.kind):
-        own = (rows.of == number) & (ratio >= AGREES[0]) & (ratio <= AGREES[1])
-        if kind.column == REFERENCE:
-            near[rows.point[own]] = True
-    if near.size and np.mean(~near) > MOST_WRONG:
-        usual = float(np.median(ratio[rows.of == 0]))
-        raise DataError(
-            f"{path}: {REFERENCE} is {usual:.3g} times the flow that the engine draws, at {np.sum(~near)} of {near.size} points "
-            f"outside {AGREES[0]:g} to {AGREES[1]:.2g} times; see to its unit, and to the displacement in [engine]"
-        )
+    rows = rows_of(air_path, unknowns_of({}, air_path.components), [bench_table(air_path, table)])
+    refuse_far(path, REFERENCE, rows)
     if FUEL in table:
         burns = table[REFERENCE] >= RICHEST * table[FUEL]
         if np.mean(~burns) > MOST_WRONG:
@@ -178,3 +175,16 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: AirPath) -> 
                 f"{path}: {REFERENCE} is {worst:.3g} times {FUEL} where it is least, expected at least {RICHEST:g}: the fuel "
                 f"would not burn; see to the units of both"
             )
+
+
+def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> None:
+    """Raise for a flow that the configured engine is far from at more than a share `most` of its points."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = rows.reference / (rows.reference - rows.z)
+    own = np.array([kind.column == name for kind in rows.kind])[rows.of]
+    near = np.isin(np.unique(rows.point), rows.point[own & (ratio >= AGREES[0]) & (ratio <= AGREES[1])])
+    if np.mean(~near) > most:
+        raise DataError(
+            f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws, at {np.sum(~near)} of "
+            f"{near.size} points outside {AGREES[0]:g} to {AGREES[1]:.2g} times; see to its unit, and to the constants in [engine]"
+        )

@@ -84,7 +84,7 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
     """
     if unit == wanted:
         return values
-    known = canonical(unit)
+    known = re.sub(r"sqrt\((\w+)\)", r"\1^0.5", canonical(unit))
     if known == wanted:
         return values
     if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:

@@ -26,7 +26,7 @@ class EngineRow:
     """A bench point as a calibration saw it."""
 
     kind: Annotated[str, Item("1", "balance or measured part", name="row")]
-    point: Annotated[int, Item("1", "number of the bench point")]
+    point: Annotated[int, Item("1", "number of the bench point, -1 for one of a component's table")]
     reference: Annotated[float, Item("kg/s", "reference flow")]
     before: Annotated[float, Item("kg/s", "reference less the flow of the configured engine", gaps=True)]
     held_out: Annotated[float, Item("kg/s", "reference less what all other points say of it")]

@@ -1,0 +1,108 @@
+"""Tables of single components from suppliers and control units: read, converted to SI, and refused where they cannot be."""
+
+from collections.abc import Mapping
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from lpvobs.calibration.bench import Table, rows_of
+from lpvobs.engines.base import AirPath
+from lpvobs.engines.bounds import Within
+from lpvobs.engines.unknowns import ComponentMap, unknowns_of
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.calibration.dcm import read_dcm_map
+from lpvobs.io.logs.bench import from_csv, refuse_far
+from lpvobs.io.logs.parquet import column_of
+from lpvobs.io.logs.units import convert
+from lpvobs.records import Array
+
+TOLERANCE = "tolerance"
+LEAST_POINTS, MOST_POINTS = 4, 2000
+"""Fewer say nothing of a shape; more than any control unit has in one table."""
+MOST_FAR = 0.5
+"""Share of the points that may be far from the configured engine: maps reach to stall and choke, where formulas end."""
+
+
+def named_file(text: str, air_path: AirPath) -> tuple[str, Path, str]:
+    """Return kind, file, and the label behind a DCM file, of `KIND=FILE` or `KIND=FILE.dcm:LABEL`."""
+    kind, equals, file = text.partition("=")
+    if not equals or kind not in air_path.component_maps:
+        known = ", ".join(air_path.component_maps) or "none: this engine has no corrections"
+        raise UsageError(f"--map {text}: expected KIND=FILE with KIND one of {known}")
+    name, colon, label = file.rpartition(":")
+    return (kind, Path(name), label) if colon and name.lower().endswith(".dcm") else (kind, Path(file), "")
+
+
+def read_component_map(kind: str, path: Path, label: str, air_path: AirPath) -> Table:
+    """Return the points of a table; raises DataError for one that lacks a column or cannot be of this engine."""
+    known = air_path.component_maps[kind]
+    columns, tolerance = _from_dcm(path, label, known) if label else _from_csv(path, known)
+    count = next(iter(columns.values())).size
+    if not LEAST_POINTS <= count <= MOST_POINTS:
+        raise DataError(f"{path}: {count} points, expected {LEAST_POINTS} to {MOST_POINTS} of a {kind} table")
+    points = known.points(air_path.engine, columns)
+    table = Table(points, (known.part,), tolerance, known.flow)
+    refuse_far(path, known.part.column, rows_of(air_path, unknowns_of({}, air_path.components), [table]), MOST_FAR)
+    return table
+
+
+def _from_csv(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
+    """Return the columns of the first form of which the file has the first one, and what it says of its tolerance."""
+    found = from_csv(path)
+    forms = [form for form in known.forms if next(iter(form)) in found.column_names]
+    forms.sort(key=lambda form: not set(form) <= set(found.column_names))
+    if not forms:
+        firsts = " or ".join(next(iter(form)) for form in known.forms)
+        raise DataError(f"{path}: has no column {firsts}; present: {', '.join(found.column_names) or 'none'}")
+    for name, within in forms[0].items():
+        if name not in found.column_names:
+            raise DataError(
+                f"{path}: '{name}' is missing, the {within.what}; give it as a column, "
+                f"or before the names in a line '# {name} = VALUE {within.unit}'"
+            )
+    columns = {name: column_of(path, found, name, within.unit) for name, within in forms[0].items()}
+    _refuse_impossible(path, columns, forms[0])
+    if TOLERANCE not in found.column_names:
+        return columns, known.tolerance
+    tolerance = column_of(path, found, TOLERANCE, "1")
+    _refuse_impossible(path, {TOLERANCE: tolerance}, {TOLERANCE: Within(1e-4, 0.5, "1", "tolerance of a table")})
+    return columns, float(tolerance[0])
+
+
+def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], float]:
+    """Return the columns of a map whose axes and values have the units of three of the columns, the last of them the values."""
+    item = read_dcm_map(path, label)
+    *axes, values = known.forms[0].items()
+    for y_first in (False, True):
+        nodes = (
+            [(item.y, item.unit_y), (item.x, item.unit_x)]
+            if y_first
+            else [(item.x, item.unit_x), (item.y, item.unit_y)]
+        )
+        grid = np.array(list(product(*(of for of, _ in nodes)))).T
+        flat = (item.values if y_first else item.values.T).ravel()
+        try:
+            columns = {
+                name: convert(column, unit or "1", within.unit)
+                for (name, within), column, unit in zip(
+                    [*axes, values], [*grid, flat], [*(unit for _, unit in nodes), item.unit], strict=True
+                )
+            }
+        except ValueError:
+            continue
+        _refuse_impossible(path, columns, known.forms[0])
+        return columns, known.tolerance
+    wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
+    raise DataError(
+        f"{path}: map '{label}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected {wanted}"
+    )
+
+
+def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, Within]) -> None:
+    """Raise for a value that cannot be, with what was probably meant."""
+    for name, values in columns.items():
+        for number, value in enumerate(values.tolist(), 1):
+            complaint = forms[name].complaint(value)
+            if complaint:
+                raise DataError(f"{path}: {name} at point {number}: {complaint}")
