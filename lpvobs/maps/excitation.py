@@ -28,14 +28,6 @@ class Excitation:
         """Return delta_1 of Eq. (29) of every cell, shape (p_2 - 1, p_1 - 1), [s]: the smallest eigenvalue."""
         return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))  # Eq. (29)
 
-    def leverage(self) -> Array:
-        """Return how many nodes the data of each cell determine, shape (p_2 - 1, p_1 - 1); the sum is that of informed nodes."""
-        rows, columns = self.cell_gram.shape[:2]
-        hat = node_values(self.gram, np.eye(self.gram.shape[0]))
-        nodes = corners(rows + 1, columns + 1)
-        shares = hat[nodes[:, :, None], nodes[:, None, :]] * self.cell_gram.reshape(-1, 4, 4)
-        return np.asarray(shares.sum((-1, -2)).reshape(rows, columns))
-
     def nodes(self) -> Array:
         """Return the time that informs each node when all others are unknown, shape (p,), [s].
 

@@ -3,10 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from lpvobs.observer.smoothing import CALM
-from lpvobs.records import Array
 
 CONSTANTS = ("joint", "consider")
 """What becomes of the engine's constants."""
@@ -41,11 +38,6 @@ class EstimateSettings:
     def consider(self) -> bool:
         """Whether the engine stays as configured."""
         return self.constants == "consider"
-
-    @property
-    def constants_variance(self) -> Array:
-        """Variance of each relative constant, shape (q,): uniform within its tolerance."""
-        return np.array(list(self.tolerance.values())) ** 2 / 3.0
 
     @property
     def calm(self) -> float:

@@ -2,6 +2,7 @@
 
 from numba import njit
 
+from lpvobs.simulation import plant as relation
 from lpvobs.simulation.plant import (
     OMEGA_T,
     P_EM,
@@ -17,17 +18,6 @@ from lpvobs.simulation.plant import (
     Flows,
     Inputs,
     Plant,
-    compressor_flow,
-    compressor_heating,
-    cylinder_flow,
-    cylinder_out_temperature,
-    egr_flow,
-    intake_leak,
-    pipe_temperature,
-    smoke_limit,
-    turbine_flow,
-    turbine_power,
-    valve_position,
 )
 from lpvobs.simulation.structure.filling import filling_factor
 from lpvobs.simulation.structure.slow import cooler_effectiveness
@@ -43,23 +33,23 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     """
     c, b, s = plant.engine, plant.body, plant.structure
     p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
-    W_ei = cylinder_flow(plant, p_im, given.n_e, T_im)
+    W_ei = relation.cylinder_flow(plant, p_im, given.n_e, T_im)
     if s.wave + s.residual_gas + s.charge_heating > 0.0:
         W_ei *= filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, W_ei / c.V_d, b.compression_ratio)
-    u_delta = max(0.0, min(given.u_demand, smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
+    u_delta = max(0.0, min(given.u_demand, relation.smoke_limit(plant, W_ei, x[X_OIM], given.n_e)))
     W_f = 1e-6 / 120.0 * u_delta * given.n_e * c.n_cyl  # Eq. (2)
     needed = W_f * b.air_fuel_stoichiometric * b.X_Oc
     lambda_O = W_ei * x[X_OIM] / needed if needed > 0.0 else 1e9  # no fuel counts as lean
     W_eo = W_ei + W_f
-    T_e = cylinder_out_temperature(plant, W_ei, W_f, lambda_O, p_im, p_em, T_im)
-    T_em = pipe_temperature(plant, T_e, W_eo, given.T_amb)
-    u_egr = valve_position(plant, x[U_EGR1], x[U_EGR2])
+    T_e = relation.cylinder_out_temperature(plant, W_ei, W_f, lambda_O, p_im, p_em, T_im)
+    T_em = relation.pipe_temperature(plant, T_e, W_eo, given.T_amb)
+    u_egr = relation.valve_position(plant, x[U_EGR1], x[U_EGR2])
     if s.compressor + s.pipes > 0.0:
         air = compressor_stage(plant, p_im, omega_t, given.p_amb, given.T_amb, T_em)
     else:
-        W_c = compressor_flow(plant, p_im, omega_t, given.p_amb, given.T_amb)
+        W_c = relation.compressor_flow(plant, p_im, omega_t, given.p_amb, given.T_amb)
         air = Stage(W_c, given.p_amb, p_im, given.T_amb, 1.0, 0.0)
-    heating = compressor_heating(plant, air.W_c, air.p_out, air.p_in, air.T_in, air.loss)
+    heating = relation.compressor_heating(plant, air.W_c, air.p_out, air.p_in, air.T_in, air.loss)
     warming = heating + air.warming + (air.T_in - given.T_amb)
     effectiveness = b.effectiveness_intercooler
     if s.thermocouple > 0.0:
@@ -67,19 +57,19 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     if s.turbine > 0.0:
         W_t, P_t = other_turbine(plant, p_em, x[U_VGT], omega_t, T_em, W_eo, given)
     else:
-        W_t, Pi_t = turbine_flow(plant, p_em, x[U_VGT], T_em, given.p_amb)
-        P_t = turbine_power(plant, W_t, Pi_t, omega_t, T_em)
+        W_t, Pi_t = relation.turbine_flow(plant, p_em, x[U_VGT], T_em, given.p_amb)
+        P_t = relation.turbine_power(plant, W_t, Pi_t, omega_t, T_em)
     if s.egr > 0.0:
         W_egr = other_egr(plant, p_im, p_em, u_egr, T_im, T_em, given.n_e, u_delta)
     else:
-        W_egr = egr_flow(plant, p_im, p_em, u_egr, T_im, T_em)
+        W_egr = relation.egr_flow(plant, p_im, p_em, u_egr, T_im, T_em)
     return Flows(
         air.W_c,
         W_egr,
         W_ei,
         W_f,
         W_t,
-        intake_leak(plant, p_im, T_im, given.p_amb, given.T_amb),
+        relation.intake_leak(plant, p_im, T_im, given.p_amb, given.T_amb),
         u_delta,
         u_egr,
         T_em,

@@ -7,6 +7,7 @@ from math import ceil, floor
 import numpy as np
 
 from lpvobs.engines.diesel.constants import DieselEngine
+from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.condition import stages_of
@@ -27,18 +28,7 @@ from lpvobs.simulation.structure.slow import shown_late
 FINE = 500.0  # Hz, of the signals behind sensors with a memory: a hot film takes 15 ms
 UNITS = {
     "time": "s",
-    "n_e": "rpm",
-    "u_delta": "mg/cycle",
-    "u_egr": "%",
-    "u_vgt": "%",
-    "p_im": "Pa",
-    "p_em": "Pa",
-    "omega_t": "rad/s",
-    "T_im": "K",
-    "T_em": "K",
-    "p_amb": "Pa",
-    "T_amb": "K",
-    "W_maf": "kg/s",
+    **{name: channel.unit for name, channel in Diesel.channels.items()},
     "ref_W_c": "kg/s",
     "ref_delta_W_c": "kg/s",
 }

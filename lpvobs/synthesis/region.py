@@ -56,17 +56,7 @@ class Region:
         return (*single, *polygons)
 
     def contains(self, values: Array) -> NDArray[np.bool_]:
-        """Tell which samples lie inside.
-
-        Parameters
-        ----------
-        values : ndarray, shape (N, m)
-            Parameters in the order of `names`; NaN is outside.
-
-        Returns
-        -------
-        ndarray of bool, shape (N,)
-        """
+        """Tell which samples, shape (N, m), lie inside; parameters are in the order of `names`, and NaN is outside."""
         inside = np.all((values >= self.lower) & (values <= self.upper), axis=1)
         for first, second in self.nonnegative_sums:
             inside &= values[:, self.names.index(first)] + values[:, self.names.index(second)] >= 0.0

@@ -40,20 +40,10 @@ class SensorState:
 
 
 def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
-    """Return the gain for four states, proven for time constants in a range.
+    """Return the gain for four states, proven for time constants tau [s] from the smallest to the largest.
 
-    Raises NotProven if the gain is no cascade, or no k makes V fall.
-
-    Parameters
-    ----------
-    problem : GainProblem
-        Of the observer without the sensor's state; `map_output` is the flow that drives the sensor.
-    gain : Gain
-        Its gain, a cascade: the sensor's column is zero.
-    tau : tuple of float
-        [s], smallest and largest.
-    correction : float
-        [1/s], l, not negative.
+    Problem and gain are those of the observer without the sensor's state; `map_output` is the flow that drives the sensor, and
+    the correction l [1/s] is not negative. Raises NotProven if the gain is no cascade, or no k makes V fall.
     """
     if np.any(gain.L[:, problem.map_output] != 0.0):
         raise NotProven(

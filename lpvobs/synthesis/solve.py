@@ -75,18 +75,10 @@ def synthesise(
 def certify_fixed_gain(
     problem: GainProblem, L: Array, epsilon: tuple[float, float] | None = None, *, falling_gain: bool = False
 ) -> Gain:
-    """Return a given gain with P and Q that prove it on the whole region.
+    """Return a given gain, shape (n, r), with P and Q that prove it on the whole region; options as for `synthesise`.
 
-    Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the conditions;
-    DataError for a gain of the wrong shape or with NaN in it.
-
-    Parameters
-    ----------
-    problem : GainProblem
-        n states, r outputs.
-    L : ndarray, shape (n, r)
-    epsilon, falling_gain
-        As for `synthesise`.
+    Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the
+    conditions; DataError for a gain of the wrong shape or with NaN in it.
     """
     eps_1, eps_2 = _epsilon(epsilon, falling_gain)
     A, C = problem.matrices()

@@ -127,19 +127,3 @@ def test_a_drive_without_a_step_informs_nothing():
     excited = excitation(SMALL, one, np.array([700.0]), np.array([0.0]), ((0, 1),))
     assert excited.nodes().max() == 0.0
     assert excited.cells().max() == 0.0
-
-
-def test_what_the_cells_determine_adds_up_to_the_nodes():
-    """The leverage of a cell is the trace of its share of the hat matrix, here without any ridge."""
-    u, n, time = wander(5)
-    excited = of(SMALL, u, n, time)
-    inverse = np.linalg.inv(excited.gram)
-    found = excited.leverage()
-    for j in range(3):
-        for i in range(2):
-            nodes = [j * 3 + i, j * 3 + i + 1, j * 3 + i + 3, j * 3 + i + 4]
-            expected = np.trace(inverse[np.ix_(nodes, nodes)] @ excited.cell_gram[j, i])
-            assert found[j, i] == pytest.approx(
-                expected, abs=1e-5
-            )  # the ridge, 1e-9, over the smallest share of a node's time
-    assert found.sum() == pytest.approx(SMALL.size, abs=1e-5)

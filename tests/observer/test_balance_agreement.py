@@ -139,7 +139,7 @@ def judged(air_path, grid, drive, settings):
     def judge(change=dict, **deviation):
         log = replace(drive[0], channels=change(drive[0].channels))
         engine = air_path.deviating(deviation)
-        variance = np.diag(settings.constants_variance)
+        variance = np.diag(np.array(list(settings.tolerance.values())) ** 2 / 3.0)
         found = sums_along(log, engine, grid, tuple(settings.tolerance))
         return agreement(grid, found, variance, AXES).ratio, found.mended_by()
 

@@ -10,13 +10,9 @@ from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 GOOD = EstimateSettings(smoothing=0.05, least_information=1.0, prior_map=0.1, tolerance={"V_d": 0.03, "R_c": 0.0})
 
 
-def test_a_constant_is_uniform_within_its_tolerance():
-    np.testing.assert_allclose(GOOD.constants_variance, [0.03**2 / 3, 0.0], rtol=1e-15)  # one rounding
-
-
 def test_constants_of_which_nothing_is_said_have_the_usual_tolerance_and_others_are_dropped():
     assert GOOD.of_engine({"R_c": 0.01, "V_im": 0.02}).tolerance == {"R_c": 0.0, "V_im": 0.02}
-    assert GOOD.of_engine({}).constants_variance.shape == (0,)
+    assert not GOOD.of_engine({}).tolerance
 
 
 def test_constants_are_estimated_or_considered():
