@@ -128,13 +128,3 @@ def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: 
         block = np.linalg.inv(inverse[np.ix_(own, own)])
         away[own], error[own] = block @ white[own], np.sqrt(np.diag(block))
     return away, error
-
-
-def held_out_rms(found: Calibration) -> dict[str, float]:
-    """Return by kind of row the root mean square of what is left, held out, over the flow's."""
-    shares = {}
-    for number, kind in enumerate(found.rows.kind):
-        own = found.rows.of == number
-        size = float(np.sqrt(np.mean(found.rows.reference[own] ** 2))) if own.any() else float("nan")
-        shares[kind.name] = float(np.sqrt(np.mean(found.held_out[own] ** 2))) / size if own.any() else float("nan")
-    return shares

@@ -29,19 +29,9 @@ class Taught:
 def taught(
     start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], progress: Callable[[float], None]
 ) -> Taught:
-    """Return the engine as logs show it whose sensor makes no error.
+    """Return the engine as logs show it whose sensor makes no error, from what is known of it before.
 
-    Parameters
-    ----------
-    start : Point
-        What is known of the engine before.
-    grid : Grid
-        Over whose cells the sums are kept.
-    gain : StateGain
-    logs : sequence of Recording
-        Each is gone through once a pass.
-    progress : callable
-        Takes the fraction done.
+    Sums are kept over the cells of the grid; each log is gone through once a pass.
     """
     point = start
     for turn in range(PASSES):

@@ -87,17 +87,9 @@ def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, 
 def caution(c: DieselConstants, x: Mapping[str, Array], noise: Mapping[str, Array], spread: float) -> Caution:
     """Return how far the balances can be relied on, and what the compressor's curvature makes of noise.
 
-    Near stall the flow answers to pressure and speed without bound, and the slope by a constant says nothing of a larger change.
-
-    Parameters
-    ----------
-    c : DieselConstants
-    x : mapping of str to ndarray, shape (n,)
-        Channels.
-    noise : mapping of str to ndarray, shape (n,)
-        Standard deviations of what is left of noise in `p_im` and `omega_t`.
-    spread : float
-        Relative standard deviation of the constants that scale the tip speed.
+    Near stall the flow answers to pressure and speed without bound, and the slope by a constant says nothing of a larger
+    change. `noise` is the standard deviation of what is left of it in `p_im` and `omega_t`, shape (n,) as the channels x have
+    it; `spread` is the relative one of the constants that scale the tip speed.
     """
     flow = _compressor_flow(c, x)
     turned = {"p_im": noise["p_im"], "omega_t": noise["omega_t"]}
