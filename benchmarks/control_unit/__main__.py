@@ -178,20 +178,9 @@ def cost(gain, logs, folder):
     for name, (flags, more) in methods.items():
         row = [name]
         for number in ([], ["-DLPVOBS_FLOAT"]):
-            common = [
-                *BASIS,
-                *flags,
-                *number,
-                *tuning,
-                f"-DSAMPLES={SAMPLES}",
-                "-I",
-                place,
-                "-I",
-                HERE,
-                *own,
-                *more,
-                HERE / "cost.c",
-            ]
+            common = [*BASIS, *flags, *number, *tuning, f"-DSAMPLES={SAMPLES}", "-I", place, "-I", HERE]
+            observer = place / "raw.c" if "-DRAW" in flags else own[0]
+            common += [observer, *own[1:], *more, HERE / "cost.c"]
             run("gcc", *common, "-lm", "-o", folder / "cost")
             call = ("valgrind", "--tool=callgrind", "--callgrind-out-file=calls", "--toggle-collect=one_step", "./cost")
             said = run(*call, folder=folder)
