@@ -12,6 +12,8 @@ import numpy as np
 
 from lpvobs.api.estimate import estimate_logs
 from lpvobs.api.extrapolate import extrapolate
+from lpvobs.api.simulate import simulate
+from lpvobs.api.trace import trace
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, load_config
@@ -36,6 +38,8 @@ KIND, PRINTED, DRIVE = next(
 UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
     name: channel.unit for name, channel in KIND.air_path.channels.items()
 }
+FACTOR = 1.2
+"""Of the reading of a faulty sensor."""
 METHODS = {"observer": 5e-5, "batch": 1e-9}
 """Tolerance of a node, [kg/s], of a map that reaches 3e-3: smoothing costs a fifth of it; without, rounding is left."""
 
@@ -157,6 +161,33 @@ def _damage(folder: Path) -> Iterator[Row]:
     yield Row("a gain file with one bit changed is refused", "checksum", 1.0, noticed, 0.0)
 
 
+def loop() -> Iterator[Row]:
+    """Yield a fault that is put into a simulated drive and found again: plant, map, search.
+
+    With it every kernel has been compiled: what runs after a self-test does not wait for the compiler.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config, clean, faulty = folder / "config.toml", folder / "clean.parquet", folder / "faulty.parquet"
+        config.write_text(shipped_config()[1], encoding="utf-8")
+        (folder / "effect.toml").write_text(f'[[effect]]\nid = "maf.gain"\nfactor = {FACTOR}\n', encoding="utf-8")
+        speeds = [
+            f"{t},{35.0 * (1.0 - np.cos(np.pi * t / 20.0)):.2f}" for t in range(81)
+        ]  # 0 to 70 km/h and back, twice
+        (folder / "cycle.csv").write_text("\n".join(["time_s,speed_kmh", *speeds]), encoding="utf-8")
+        simulate(config, str(folder / "cycle.csv"), clean, rate=20.0)
+        simulate(config, str(folder / "cycle.csv"), faulty, rate=20.0, seed=2, effects=folder / "effect.toml")
+        stored, _ = _files(folder, *shipped_config())
+        estimate_logs(*shipped_config(), stored, [clean], folder / "map.h5", "observer", lambda done: None)
+        found = trace(folder / "map.h5", faulty).found
+        sizes = {finding.id: finding.parameters for finding in found.findings}
+        yield Row(
+            "a sensor that reads too much: its gain alone is found", "put in", 1.0, float([*sizes] == ["maf.gain"]), 0.0
+        )
+        size = sizes["maf.gain"]["factor"].value
+        yield Row("a sensor that reads too much: how much", "put in", FACTOR, size, 0.03)
+
+
 CASES: dict[str, Case] = {
     "units": units,
     "interpolation": interpolation,
@@ -164,6 +195,7 @@ CASES: dict[str, Case] = {
     "published gain": published,
     "default gain": default_gain,
     "chain": chain,
+    "loop": loop,
 }
 
 
