@@ -6,24 +6,22 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.common import chosen_config, guarded, load_compiler, loading, print_json, progress, say, table
-from lpvobs.cli.options import ConfigOption, JsonOption, file_option
+from lpvobs.cli.options import ConfigOption, JsonOption, option
 
 
 @guarded
 def calibrate(
-    out: Annotated[Path, file_option("ENGINE.h5", "The engine to write.")],
+    out: Annotated[Path, option("ENGINE.h5", "The engine to write.")],
     bench: Annotated[
         list[Path] | None,
-        file_option(
-            "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
-        ),
+        option("TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"),
     ] = None,
     healthy: Annotated[
-        list[Path] | None, file_option("LOG", "A log whose air flow sensor was in order that day.", "--healthy")
+        list[Path] | None, option("LOG", "A log whose air flow sensor was in order that day.", "--healthy")
     ] = None,
     reference: Annotated[
         list[Path] | None,
-        file_option("LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"),
+        option("LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"),
     ] = None,
     maps: Annotated[
         list[str] | None,
@@ -36,7 +34,7 @@ def calibrate(
     ] = None,
     gain: Annotated[
         Path | None,
-        file_option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
+        option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
     ] = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,

@@ -3,11 +3,16 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, loading, print_json, progress, say, table
-from lpvobs.cli.options import CONSTANTS, METHODS, ConfigOption, JsonOption, LogsArgument, file_option, offer
+from lpvobs.cli.options import CONSTANTS, METHODS, ConfigOption, GainOption, JsonOption, LogsArgument, option
 
+WITH_OR_WITHOUT = (
+    "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
+    "intervals. By default as the configuration says."
+)
+SIDE_BY_SIDE = (
+    "Logs done at the same time, in processes of this machine; by default one for a few logs, else one per processor."
+)
 MOST_LINES = 5
 """Doubts that are shown; of a fleet with a wrong constant every log has one."""
 
@@ -15,44 +20,21 @@ MOST_LINES = 5
 @guarded
 def estimate(
     logs: LogsArgument,
-    out: Annotated[Path, file_option("RESULT.h5", "The result to write.")],
-    gain: Annotated[
-        Path | None, file_option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
-    ] = None,
+    out: Annotated[Path, option("RESULT.h5", "The result to write.")],
+    gain: GainOption = None,
     engine: Annotated[
         Path | None,
-        file_option("ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."),
+        option("ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."),
     ] = None,
     method: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=offer(METHODS),
-            help="observer; published: Gamma = 200 I as in the paper; ekf; batch.",
-        ),
+        str, option("NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS)
     ] = "observer",
-    constants: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=offer(CONSTANTS),
-            help="joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and "
-            "widen the intervals. By default as the configuration says.",
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Logs done at the same time, in processes of this machine; by default one for a few logs, else one per processor.",
-        ),
-    ] = None,
+    constants: Annotated[str | None, option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS)] = None,
+    jobs: Annotated[int | None, option("N", SIDE_BY_SIDE, min=1)] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="tcp://HOST:PORT",
-            help="Do the logs on the workers of this Dask scheduler, which see them under the same paths.",
+        option(
+            "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
         ),
     ] = None,
     config: ConfigOption = None,

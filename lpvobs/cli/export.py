@@ -6,48 +6,37 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import FORMATS, MAP_GAINS, JsonOption, file_argument, file_option, offer
+from lpvobs.cli.options import FORMATS, MAP_GAINS, JsonOption, argument, option
 from lpvobs.errors import UsageError
+
+WHAT = "dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit."
 
 
 @guarded
 def export(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5.")],
-    file_format: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="FORMAT",
-            autocompletion=offer(FORMATS),
-            help="dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit.",
-        ),
-    ],
-    out: Annotated[Path, file_option("FILE", "The file to write; for c99 the folder.")],
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5.")],
+    file_format: Annotated[str, option("FORMAT", WHAT, "--format", offers=FORMATS)],
+    out: Annotated[Path, option("FILE", "The file to write; for c99 the folder.")],
     start: Annotated[
-        Path | None, file_argument("[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.")
+        Path | None, argument("[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.")
     ] = None,
     source: Annotated[
-        str,
-        typer.Option("--values", metavar="GROUP", help="map or extrapolation; by default the latter if there is one."),
+        str, option("GROUP", "map or extrapolation; by default the latter if there is one.", "--values")
     ] = "",
     only_estimated: Annotated[
         bool, typer.Option("--only-estimated", help="No extrapolated node: old values there, or nothing.")
     ] = False,
     old: Annotated[
-        Path | None, file_option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed.")
+        Path | None, option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed.")
     ] = None,
-    name: Annotated[str, typer.Option(metavar="LABEL", help="Label of the map, also in the old file.")] = "delta_W_c",
-    kind: Annotated[str, typer.Option(metavar="KIND", help="KENNFELD (default) or GRUPPENKENNFELD.")] = "",
-    digits: Annotated[int, typer.Option(metavar="N", help="Significant digits in dcm and csv.")] = 7,
+    name: Annotated[str, option("LABEL", "Label of the map, also in the old file.")] = "delta_W_c",
+    kind: Annotated[str, option("KIND", "KENNFELD (default) or GRUPPENKENNFELD.")] = "",
+    digits: Annotated[int, option("N", "Significant digits in dcm and csv.")] = 7,
     map_gain: Annotated[
         str,
-        typer.Option(
-            metavar="GAIN",
-            autocompletion=offer(MAP_GAINS),
-            help="For c99 and fmu: falling (where the gain's proof covers it) or constant.",
-        ),
+        option("GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS),
     ] = "",
-    rate: Annotated[float, typer.Option(metavar="HZ", help="For c99 and fmu: samples a second, at most.")] = 100.0,
+    rate: Annotated[float, option("HZ", "For c99 and fmu: samples a second, at most.")] = 100.0,
     as_json: JsonOption = False,
 ) -> None:
     """Write the map for calibration tools, and list what it changes against an old DCM; or the observer for a control unit.

@@ -6,20 +6,15 @@ from typing import Annotated
 import typer
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import EXTRAPOLATIONS, JsonOption, file_argument, offer
+from lpvobs.cli.options import EXTRAPOLATIONS, JsonOption, argument, option
+
+HOW = "kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) alone, as in the paper."
 
 
 @guarded
 def extrapolate(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate; its /extrapolation is written.")],
-    method: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=offer(EXTRAPOLATIONS),
-            help="kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) alone, as in the paper.",
-        ),
-    ] = "kriging",
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate; its /extrapolation is written.")],
+    method: Annotated[str, option("NAME", HOW, offers=EXTRAPOLATIONS)] = "kriging",
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth the estimated nodes as well; /extrapolation marks them.")
     ] = False,

@@ -3,26 +3,20 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import PROFILES, JsonOption, file_argument, file_option, offer
+from lpvobs.cli.options import PROFILES, JsonOption, argument, option
 
 
 @guarded
 def ingest(
     sources: Annotated[
-        list[Path], file_argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock.")
+        list[Path], argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock.")
     ],
     profile: Annotated[
         str,
-        typer.Option(
-            metavar="NAME|TOML",
-            autocompletion=offer(PROFILES),
-            help="liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.",
-        ),
+        option("NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES),
     ],
-    out: Annotated[Path, file_option("LOG.parquet", "The log to write.")],
+    out: Annotated[Path, option("LOG.parquet", "The log to write.")],
     as_json: JsonOption = False,
 ) -> None:
     """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.

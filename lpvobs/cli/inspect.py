@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import folder_config, guarded, leave, print_json, table, visible
-from lpvobs.cli.options import JsonOption, LogsArgument, file_option
+from lpvobs.cli.options import JsonOption, LogsArgument, option
 
 if TYPE_CHECKING:
     from lpvobs.api.inspect import InspectedLog
@@ -15,7 +15,7 @@ def inspect(
     logs: LogsArgument,
     config: Annotated[
         Path | None,
-        file_option(
+        option(
             "TOML",
             "Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
             "--config",

@@ -27,25 +27,24 @@ def offer(names: tuple[str, ...]) -> Callable[[str], list[str]]:
     return fitting
 
 
-def file_option(metavar: str, told: str, *names: str) -> Any:
-    """Return an option for a file; whoever reads it says what is wrong with it."""
-    return typer.Option(*names, readable=False, metavar=metavar, help=told)
+def option(metavar: str, told: str, *names: str, offers: tuple[str, ...] = (), **more: Any) -> Any:
+    """Return an option that completes what it offers; whoever reads a file says what is wrong with it."""
+    return typer.Option(
+        *names, readable=False, metavar=metavar, help=told, autocompletion=offer(offers) if offers else None, **more
+    )
 
 
-def file_argument(metavar: str, told: str) -> Any:
+def argument(metavar: str, told: str) -> Any:
     """Return the same without a name before it."""
     return typer.Argument(readable=False, metavar=metavar, help=told)
 
 
-ConfigOption = Annotated[
-    Path | None,
-    file_option(
-        "TOML",
-        "Configuration: engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
-        "--config",
-    ),
+CONFIGURATION = "Engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it."
+ConfigOption = Annotated[Path | None, option("TOML", CONFIGURATION, "--config")]
+GainOption = Annotated[
+    Path | None, option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
 ]
-LogsArgument = Annotated[list[Path], file_argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
+LogsArgument = Annotated[list[Path], argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 MADE_WITH = "An engine made by calibrate to start from; by default, the one that the result was made with."
 MapOption = Annotated[

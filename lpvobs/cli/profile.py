@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say
-from lpvobs.cli.options import JsonOption, file_argument, file_option
+from lpvobs.cli.options import JsonOption, argument, option
 
 
 @guarded
 def profile(
-    source: Annotated[Path, file_argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording.")],
-    out: Annotated[Path | None, file_option("TOML", "The profile to write; else it is printed.")] = None,
+    source: Annotated[Path, argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording.")],
+    out: Annotated[Path | None, option("TOML", "The profile to write; else it is printed.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.

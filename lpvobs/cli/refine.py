@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say
-from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, file_argument, file_option
+from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, argument, option
 from lpvobs.cli.trace import show
 
 if TYPE_CHECKING:
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
 
 @guarded
 def refine(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate.")],
     logs: LogsArgument,
-    out: Annotated[Path, file_option("REFINED.h5", "The refined result to write.")],
+    out: Annotated[Path, option("REFINED.h5", "The refined result to write.")],
     hold_out: Annotated[
         list[Path] | None,
-        file_option(
+        option(
             "LOG",
             "A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
             "--hold-out",
         ),
     ] = None,
     freeze_map: MapOption = None,
-    engine: Annotated[Path | None, file_option("ENGINE.h5", MADE_WITH)] = None,
+    engine: Annotated[Path | None, option("ENGINE.h5", MADE_WITH)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.

@@ -3,26 +3,24 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from lpvobs.cli.common import guarded, print_json, say, table, visible
-from lpvobs.cli.options import JsonOption, file_argument, file_option
+from lpvobs.cli.options import JsonOption, argument, option
 
 
 @guarded
 def report(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate.")],
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate.")],
     further: Annotated[
         list[Path] | None,
-        file_argument("[LOG|RESULT]...", "Logs that the results were made from (time series), and further results."),
+        argument("[LOG|RESULT]...", "Logs that the results were made from (time series), and further results."),
     ] = None,
-    html: Annotated[Path | None, file_option("FILE", "Write one self-contained page.")] = None,
+    html: Annotated[Path | None, option("FILE", "Write one self-contained page.")] = None,
     gate: Annotated[
         list[str] | None,
-        typer.Option(metavar="EXPR", help="metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
+        option("EXPR", "metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
     ] = None,
     junit: Annotated[
-        Path | None, file_option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems.")
+        Path | None, option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -3,34 +3,29 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say
-from lpvobs.cli.options import CYCLES, ConfigOption, JsonOption, file_option, offer
+from lpvobs.cli.options import CYCLES, ConfigOption, JsonOption, option
 from lpvobs.errors import UsageError
 
 
 @guarded
 def simulate(
-    out: Annotated[Path, file_option("FILE", "The log or table to write.")],
+    out: Annotated[Path, option("FILE", "The log or table to write.")],
     cycle: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME|CSV",
-            autocompletion=offer(CYCLES),
-            help="etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
+        option(
+            "NAME|CSV",
+            "etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
+            offers=CYCLES,
         ),
     ] = None,
     bench: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            help="No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet.",
-        ),
+        option("N", "No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet."),
     ] = None,
     effects: Annotated[
         Path | None,
-        file_option(
+        option(
             "TOML",
             "What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
             "another error surface: configs/surfaces.",
@@ -38,10 +33,10 @@ def simulate(
     ] = None,
     engine: Annotated[
         Path | None,
-        file_option("ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."),
+        option("ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."),
     ] = None,
-    rate: Annotated[float | None, typer.Option(metavar="HZ", help="Samples per second.", show_default="100")] = None,
-    seed: Annotated[int, typer.Option(help="Of sensor noise, road, points; same seed, same bytes.")] = 1,
+    rate: Annotated[float | None, option("HZ", "Samples per second.", show_default="100")] = None,
+    seed: Annotated[int, option("N", "Of sensor noise, road, points; same seed, same bytes.")] = 1,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -53,51 +48,31 @@ def simulate(
 
     A bench table: lpvobs simulate --config configs/diesel.toml --bench 100 --out bench.csv
     """
-    config = chosen_config(config)
-    if bench is not None:
-        _bench(
-            config, bench, out, seed, engine, [name for name, given in _others(cycle, effects, rate) if given], as_json
-        )
-        return
-    if cycle is None:
-        raise UsageError("neither --cycle nor --bench; name a cycle, or how many stationary points")
     from lpvobs.api.simulate import SimulateOutput
     from lpvobs.api.simulate import simulate as drive
-
-    with progress(f"simulating {cycle}") as report:
-        speed = 100.0 if rate is None else rate
-        log = drive(config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, progress=report)
-    time = log.channels["time"]
-    duration = float(time[-1] - time[0])
-    if as_json:
-        driven = SimulateOutput(log=str(out), samples=time.size, duration=duration, channels=tuple(log.channels))
-        print_json("simulate", driven)
-    else:
-        say(f"{out}: {time.size} samples, {duration:.0f} s")
-
-
-def _others(cycle: str | None, effects: Path | None, rate: float | None) -> list[tuple[str, bool]]:
-    """Return the options that belong to a cycle, and whether each was given."""
-    return [("--cycle", cycle is not None), ("--effects", effects is not None), ("--rate", rate is not None)]
-
-
-def _bench(
-    config: Path, points: int, out: Path, seed: int, engine: Path | None, refused: list[str], as_json: bool
-) -> None:
-    """Write a bench table and say so; options of a cycle are refused."""
-    from lpvobs.api.simulate import SimulateOutput
     from lpvobs.api.simulate_bench import simulate_bench
 
-    if refused:
-        raise UsageError(
-            f"--bench goes without {' and '.join(refused)}: what belongs to a cycle has no place at rest; leave it out"
-        )
-    with progress(f"simulating {points} points") as report:
-        table = simulate_bench(config, points, out, seed=seed, engine=engine, progress=report)
-    if as_json:
-        print_json(
-            "simulate",
-            SimulateOutput(log=str(out), samples=points, duration=table.duration, channels=tuple(table.channels)),
-        )
+    config = chosen_config(config)
+    if bench is not None:
+        of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate}
+        if given := [name for name, value in of_cycle.items() if value is not None]:
+            raise UsageError(
+                f"--bench goes without {' and '.join(given)}: what belongs to a cycle has no place at rest; leave it out"
+            )
+        with progress(f"simulating {bench} points") as report:
+            points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
+        channels, samples, duration, told = tuple(points.channels), bench, points.duration, f"{bench} stationary points"
+    elif cycle is None:
+        raise UsageError("neither --cycle nor --bench; name a cycle, or how many stationary points")
     else:
-        say(f"{out}: {points} stationary points")
+        with progress(f"simulating {cycle}") as report:
+            speed = 100.0 if rate is None else rate
+            log = drive(config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, progress=report)
+        time = log.channels["time"]
+        channels, samples, duration = tuple(log.channels), time.size, float(time[-1] - time[0])
+        told = f"{samples} samples, {duration:.0f} s"
+    if as_json:
+        made = SimulateOutput(log=str(out), samples=samples, duration=duration, channels=channels)
+        print_json("simulate", made)
+    else:
+        say(f"{out}: {told}")

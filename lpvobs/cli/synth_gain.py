@@ -3,24 +3,19 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, table
-from lpvobs.cli.options import ConfigOption, JsonOption, file_argument, file_option
+from lpvobs.cli.options import ConfigOption, JsonOption, argument, option
 
 
 @guarded
 def synth_gain(
-    out: Annotated[Path, file_option("GAIN.h5", "The gain to write.")],
+    out: Annotated[Path, option("GAIN.h5", "The gain to write.")],
     logs: Annotated[
-        list[Path] | None, file_argument("[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.")
+        list[Path] | None, argument("[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.")
     ] = None,
     published: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC.",
-        ),
+        option("COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."),
     ] = None,
     config: ConfigOption = None,
     as_json: JsonOption = False,

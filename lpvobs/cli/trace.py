@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
-from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, file_argument, file_option
+from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, argument, option
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Leading, Trace
@@ -16,10 +16,10 @@ MOST_SHOWN = 6
 
 @guarded
 def trace(
-    result: Annotated[Path, file_argument("RESULT.h5", "A result of estimate or refine; its /trace is written.")],
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate or refine; its /trace is written.")],
     logs: LogsArgument,
     freeze_map: MapOption = None,
-    engine: Annotated[Path | None, file_option("ENGINE.h5", MADE_WITH)] = None,
+    engine: Annotated[Path | None, option("ENGINE.h5", MADE_WITH)] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.

@@ -4,14 +4,14 @@ from pathlib import Path
 from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, table
-from lpvobs.cli.options import JsonOption, file_argument, file_option
+from lpvobs.cli.options import JsonOption, argument, option
 
 
 @guarded
 def verify(
-    gain: Annotated[Path, file_argument("GAIN.h5", "A gain made by synth-gain.")],
+    gain: Annotated[Path, argument("GAIN.h5", "A gain made by synth-gain.")],
     config: Annotated[
-        Path | None, file_option("TOML", "The configuration whose engine the gain has to be for.", "--config")
+        Path | None, option("TOML", "The configuration whose engine the gain has to be for.", "--config")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
