@@ -49,40 +49,19 @@ AMPLITUDE_SPREAD = 1.5
 
 @dataclass(frozen=True)
 class Solution:
-    """Map and engine together.
-
-    Attributes
-    ----------
-    layout : Columns
-    mean : ndarray, shape (s,)
-        Of all columns that are solved for.
-    covariance : ndarray, shape (s, s)
-    noise : ndarray, shape (p, p)
-        [kg^2/s^2], covariance of the map from noise alone, the engine being as the mean says.
-    response : ndarray, shape (p, q)
-        [kg/s], how the map would answer to each unknown of the engine if that were all that there is.
-    design : ndarray, shape (p, 6)
-        The node values that the method finds for each term of Eq. (37).
-    errors : ndarray, shape (B, B)
-        S [kg^2/s], covariance of the balances' errors over a second.
-    fast : ndarray, shape (B, B)
-        The part of it that is new in every window.
-    quick : ndarray, shape (p, p)
-        [kg^2/s^2], `noise` as if that part were all.
-    amplitudes : tuple of float
-        Of the groups of corrections.
-    """
+    """Map and engine together."""
 
     layout: Columns
-    mean: Array
-    covariance: Array
-    noise: Array
+    mean: Array  # (s,) of all columns that are solved for
+    covariance: Array  # (s, s)
+    noise: Array  # (p, p) [kg^2/s^2], covariance of the map from noise alone, the engine being as the mean says
+    # (p, q) [kg/s], how the map would answer to each unknown of the engine if that were all that there is
     response: Array
-    design: Array
-    errors: Array
-    fast: Array
-    quick: Array
-    amplitudes: tuple[float, ...]
+    design: Array  # (p, 6) node values that the method finds for each term of the quadratic
+    errors: Array  # (B, B) S [kg^2/s], covariance of the balances' errors over a second
+    fast: Array  # (B, B) the part of it that is new in every window
+    quick: Array  # (p, p) [kg^2/s^2], `noise` as if that part were all
+    amplitudes: tuple[float, ...]  # of the groups of corrections
 
     @property
     def theta(self) -> Array:
@@ -102,20 +81,11 @@ class Solution:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known before the logs.
+    """What is known before the logs."""
 
-    Attributes
-    ----------
-    node : float
-        [kg/s], standard deviation of a node, far beyond any sensor.
-    unknowns : Unknowns
-    levels : tuple of float
-        [kg/s], standard deviation of each balance's level of the day.
-    """
-
-    node: float
+    node: float  # [kg/s], standard deviation of a node, far beyond any sensor
     unknowns: Unknowns
-    levels: tuple[float, ...]
+    levels: tuple[float, ...]  # [kg/s], standard deviation of each balance's level of the day
 
     def mean(self, layout: Columns) -> Array:
         """Return the mean of all columns that are solved for."""
@@ -137,14 +107,7 @@ class Prior:
 
 
 def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
-    """Return map and engine as the sums of logs determine them.
-
-    Parameters
-    ----------
-    layout : Columns
-    moments : Moments
-    prior : Prior
-    """
+    """Return map and engine as the sums of logs determine them."""
     groups = prior.unknowns.groups()
     amplitudes: tuple[float, ...] = (AMPLITUDES[0],) * len(groups)
     S = FIRST_ERROR**2 * np.eye(layout.balances)

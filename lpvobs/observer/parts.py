@@ -29,48 +29,24 @@ SETTLED = 0.25
 
 @dataclass(frozen=True)
 class StateGain:
-    """The part of a synthesised gain that the recursion needs.
+    """The part of a synthesised gain that the recursion needs."""
 
-    Attributes
-    ----------
-    outputs : tuple of str
-        Measured states among the outputs; the sensor comes after them.
-    L : ndarray, shape (n, r)
-    region : Region or None
-        What its certificate covers; None where nobody asks.
-    """
-
-    outputs: tuple[str, ...]
-    L: Array
-    region: Region | None = None
+    outputs: tuple[str, ...]  # measured states among the outputs; the sensor comes after them
+    L: Array  # (n, r)
+    region: Region | None = None  # what its certificate covers; None where nobody asks
 
 
 @dataclass(frozen=True)
 class LogInformation:
-    """What one log says of the map and of the engine's unknowns, in the columns and cells that it touches.
-
-    Attributes
-    ----------
-    run : LogRun
-    columns : ndarray of int, shape (a,)
-        See `windows.Columns`.
-    products : ndarray, shape (B, B, a, a)
-        See `windows.Moments`.
-    slow : ndarray, shape (B, B, a, a)
-    windows : float
-    cells : ndarray of int, shape (v,)
-        Numbers of the cells, row by row.
-    gram : ndarray, shape (v, 4, 4)
-        [s]
-    """
+    """What one log says of the map and of the engine's unknowns, in the columns and cells that it touches."""
 
     run: LogRun
-    columns: NDArray[np.int64]
-    products: Array
-    slow: Array
+    columns: NDArray[np.int64]  # (a,) see `windows.Columns`
+    products: Array  # (B, B, a, a) see `windows.Moments`
+    slow: Array  # (B, B, a, a)
     windows: float
-    cells: NDArray[np.int64]
-    gram: Array
+    cells: NDArray[np.int64]  # (v,) numbers of the cells, row by row
+    gram: Array  # (v, 4, 4) [s]
 
     def moments(self, grid: Grid, layout: Columns) -> Moments:
         """Return the sums over all columns and cells."""
@@ -83,28 +59,14 @@ class LogInformation:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the observer makes of N samples, B balances.
+    """What the observer makes of N samples, B balances."""
 
-    Attributes
-    ----------
-    time, steps : ndarray, shape (N,)
-        [s]
-    parameters : ndarray, shape (N, m)
-        Scheduling parameters.
-    point : tuple of ndarray, shape (N,)
-        The map's inputs: fuel, speed.
-    z : ndarray, shape (B, N)
-        [kg/s], the sensor's reading less the flow of each balance.
-    signals : ndarray, shape (s, N)
-        See `SlopeSignals`.
-    """
-
-    time: Array
-    steps: Array
-    parameters: Array
-    point: tuple[Array, Array]
-    z: Array
-    signals: Array
+    time: Array  # (N,) [s]
+    steps: Array  # (N,) [s]
+    parameters: Array  # (N, m) scheduling parameters
+    point: tuple[Array, Array]  # (N,) the map's inputs: fuel, speed
+    z: Array  # (B, N) [kg/s], the sensor's reading less the flow of each balance
+    signals: Array  # (s, N) see `SlopeSignals`
 
 
 @dataclass(frozen=True)
@@ -141,16 +103,7 @@ def signals_for(air_path: AirPath) -> SlopeSignals:
 
 
 class Sums:
-    """The rows of one log, added up as they come.
-
-    Parameters
-    ----------
-    air_path : AirPath
-        At the point of linearisation.
-    grid : Grid
-    unknowns : Unknowns
-    settings : EstimateSettings
-    """
+    """The rows of one log, added up as they come; the air path is at the point of linearisation."""
 
     def __init__(self, air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings):
         self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
@@ -199,22 +152,9 @@ class Sums:
 def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings, unknowns: Unknowns
 ) -> LogInformation:
-    """Return the part of one log, read once from beginning to end.
+    """Return the part of one log, read once from beginning to end; the air path is at the point of linearisation.
 
-    Parameters
-    ----------
-    air_path : AirPath
-        At the point of linearisation.
-    grid : Grid
-    gain : StateGain
-    log : Recording
-    settings : EstimateSettings
-    unknowns : Unknowns
-
-    Raises
-    ------
-    DataError
-        If the gain is no cascade, or no two samples of the log are neighbours.
+    Raises DataError if the gain is no cascade, or no two samples of the log are neighbours.
     """
     if np.any(gain.L[:, -1] != 0.0):
         raise DataError(

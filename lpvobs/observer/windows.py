@@ -59,24 +59,12 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Sums of products of rows over windows.
+    """Sums of products of rows over windows."""
 
-    Attributes
-    ----------
-    products : ndarray, shape (B, B, C, C)
-        Of the rows of every two balances; symmetric under exchange of both pairs.
-    slow : ndarray, shape (B, B, C, C)
-        The same of sums of rows over a `GROUP` of windows over the root of their number.
-    windows : float
-        Their number.
-    gram : ndarray, shape (cells, 4, 4)
-        [s], the integral of Psi_l^T Psi_l over the stay in each cell, for Eq. (29).
-    """
-
-    products: Array
-    slow: Array
-    windows: float
-    gram: Array
+    products: Array  # (B, B, C, C) of the rows of every two balances; symmetric under exchange of both pairs
+    slow: Array  # (B, B, C, C) the same of sums of rows over a `GROUP` of windows over the root of their number
+    windows: float  # their number
+    gram: Array  # (cells, 4, 4) [s], integral of Psi_l^T Psi_l over the stay in each cell, for its excitation
 
     def __add__(self, other: "Moments") -> "Moments":
         """Return the sums of both."""
@@ -97,25 +85,13 @@ def no_moments(grid: Grid, layout: Columns) -> Moments:
 
 @dataclass(frozen=True, eq=False)
 class Means:
-    """Means over each of n windows.
+    """Means over each of n windows."""
 
-    Attributes
-    ----------
-    stay : ndarray, shape (n,)
-        [s]
-    Psi : ndarray, shape (n, p)
-    terms : ndarray, shape (n, 6)
-    z : ndarray, shape (n, B)
-        [kg/s]
-    signals : ndarray, shape (n, s)
-        Of whatever the slopes are computed from.
-    """
-
-    stay: Array
-    Psi: Array
-    terms: Array
-    z: Array
-    signals: Array
+    stay: Array  # (n,) [s]
+    Psi: Array  # (n, p)
+    terms: Array  # (n, 6)
+    z: Array  # (n, B) [kg/s]
+    signals: Array  # (n, s) of whatever the slopes are computed from
 
 
 Slopes = Callable[[Array], tuple[Array, Array, Array]]
@@ -123,17 +99,7 @@ Slopes = Callable[[Array], tuple[Array, Array, Array]]
 
 
 class Windows:
-    """Rows of a log as they are completed, added up.
-
-    Parameters
-    ----------
-    grid : Grid
-    layout : Columns
-    slopes : callable
-        See `Slopes`.
-    signals : int
-        Their number s.
-    """
+    """Rows of a log as they are completed, added up; `slopes` are functions of so many signals, see `Slopes`."""
 
     def __init__(self, grid: Grid, layout: Columns, slopes: Slopes, signals: int):
         self.grid, self.layout, self.slopes = grid, layout, slopes
