@@ -14,7 +14,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
 from lpvobs.report.discovered import Discovered
-from lpvobs.report.load import Loaded, LoadedLog, Origin, air_path_of
+from lpvobs.report.load import Loaded, LoadedLog, air_path_of
 from lpvobs.report.names import cycle_title, distinct
 
 SEEN = 0.1
@@ -47,11 +47,10 @@ class Drive:
 
 @dataclass(frozen=True)
 class ResultView:
-    """One result: its name on the page, what is stored, the maps to draw, how it came to be, what was found on it."""
+    """One result: its name on the page, what is stored, the maps to draw, what was found on it."""
 
     name: str
     stored: StoredResult
-    origin: Origin
     discovered: tuple[Discovered, ...]
     estimated: SurfaceView
     extrapolated: SurfaceView | None
@@ -101,21 +100,21 @@ class Report:
 def gather(loaded: Loaded) -> Report:
     """Return the content of the page for results and the logs that belong to them."""
     names = distinct([result.path for result in loaded.results])
-    views = [_view(*item) for item in zip(names, loaded.results, loaded.origins, loaded.discovered, strict=True)]
+    views = [_view(*item) for item in zip(names, loaded.results, loaded.discovered, strict=True)]
     given = {item.log.sha256: item for item in loaded.logs}
     summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
     cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
     return Report(tuple(views), cycles)
 
 
-def _view(name: str, stored: StoredResult, origin: Origin, discovered: tuple[Discovered, ...]) -> ResultView:
+def _view(name: str, stored: StoredResult, discovered: tuple[Discovered, ...]) -> ResultView:
     axes = air_path_of(stored).axes
     estimated = SurfaceView(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
     fitted = stored.extrapolation
     extrapolated = None
     if fitted is not None:
         extrapolated = SurfaceView(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
-    return ResultView(name, stored, origin, discovered, estimated, extrapolated)
+    return ResultView(name, stored, discovered, estimated, extrapolated)
 
 
 def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog | None) -> CycleView:

@@ -1,7 +1,7 @@
 """What a report is made of: results, and the logs that belong to them."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,20 +12,11 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import References, read_log, read_references
-from lpvobs.io.results.hdf import is_hdf5, reading
-from lpvobs.io.results.provenance import table_of
-from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
+from lpvobs.io.results.hdf import is_hdf5
+from lpvobs.io.results.results import REMEDY, StoredResult, read_result
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
-
-
-@dataclass(frozen=True)
-class Origin:
-    """How a result came to be, as it says itself."""
-
-    command_line: str
-    versions: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -38,10 +29,9 @@ class LoadedLog:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Results in the order given, each with its origin and what was found on it, and the logs in the order given."""
+    """Results in the order given, each with what was found on it, and the logs in the order given."""
 
     results: tuple[StoredResult, ...]
-    origins: tuple[Origin, ...]
     discovered: tuple[tuple[Discovered, ...], ...]
     logs: tuple[LoadedLog, ...]
 
@@ -60,7 +50,6 @@ def load(paths: Sequence[Path]) -> Loaded:
     logs = {digest: path for path in further if path not in inner for digest in [file_digest(path)]}
     return Loaded(
         results=results,
-        origins=tuple(read_origin(result.path) for result in results),
         discovered=tuple(read_discovered(result.path) for result in results),
         logs=tuple(_load_log(path, digest, results) for digest, path in logs.items()),
     )
@@ -77,13 +66,6 @@ def air_path_of(result: StoredResult) -> type[AirPath]:
             f"read it with the version of lpvobs that wrote it"
         )
     return ENGINES[result.air_path].air_path
-
-
-def read_origin(path: Path) -> Origin:
-    """Return what a result says of its own making; raises DataError as `read_result` does."""
-    with reading(path, KIND, REMEDY) as file:
-        attributes = file["provenance"].attrs
-        return Origin(str(attributes["command_line"]), table_of(attributes["versions"]))
 
 
 def _refuse_absent(paths: Sequence[Path]) -> None:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -18,21 +17,12 @@ from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
-from lpvobs.report.residual import Picture, picture, residual_sections
+from lpvobs.report.residual import Picture, Section, picture, residual_sections
 from lpvobs.report.tables import Table, bounds_table, coefficient_tables, gain_line, grams, percent, report_rows
 
 TEMPLATE = "report.html.j2"
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading with pictures under it."""
-
-    title: str
-    pictures: tuple[Picture, ...]
-    table: Table | None = None
 
 
 def write_page(path: Path, report: Report) -> None:
@@ -69,7 +59,7 @@ def page(report: Report) -> str:
         ],
         gains=[(view.name, gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
         defects=defect_rows(report),
-        origins=[(view.name, view.origin, view.stored.provenance) for view in report.results],
+        origins=[(view.name, view.stored.provenance) for view in report.results],
     )
     return legible(text)
 
@@ -204,7 +194,8 @@ def _driving(report: Report) -> Iterator[Section]:
         if found is not None and found.cells:
             shown = surface_figures.plan_map(f"p{number}", f"cells to drive next, {view.name}", view.estimated, found)
             caption = "How long to drive in each cell; frames number the cells of the table."
-            yield Section(view.name, (picture(shown, caption),), drive_rows(view, found))
+            table = drive_rows(view, found), f"Cells that pay best, {view.name}"
+            yield Section(view.name, (picture(shown, caption),), (table,))
 
 
 def _quality(view: ResultView, number: int) -> Iterator[Picture]:

@@ -40,19 +40,19 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class ResidualSection:
-    """What a page shows of one trace or refinement."""
+class Section:
+    """A heading with what stands under it; every table has its caption."""
 
     title: str
-    verdict: str
-    tables: tuple[tuple[Table, str], ...]
     pictures: tuple[Picture, ...]
+    tables: tuple[tuple[Table, str], ...] = ()
+    verdict: str = ""
 
 
-def residual_sections(view: ResultView, number: int) -> list[ResidualSection]:
+def residual_sections(view: ResultView, number: int) -> list[Section]:
     """Return the sections of one result, none where neither verb has run."""
     return [
-        ResidualSection(
+        Section(
             title=f"{view.name}, {TITLES[found.verb]}",
             verdict=sentence(found),
             tables=tuple(_tables(found)),

@@ -5,7 +5,7 @@ import platform
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,31 +16,34 @@ from lpvobs import __version__
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
 
+def versions() -> dict[str, str]:
+    """Return the version of the package, of Python, and of the libraries that numbers depend on."""
+    return {"lpvobs": __version__, "python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
+
+
 @dataclass(frozen=True)
 class Provenance:
-    """Where a result comes from."""
+    """Where a result comes from; made by this process unless said."""
 
     inputs: Mapping[str, str]  # file name (without folders) to SHA-256
     config: str  # text of the configuration
+    command_line: str = field(default_factory=lambda: shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]))
+    versions: Mapping[str, str] = field(default_factory=versions)
 
     def write(self, file: h5py.File) -> None:
         """Write the attributes of `/provenance`."""
         group = file.create_group("provenance")
         group.attrs["inputs_sha256"] = json.dumps(dict(self.inputs))
         group.attrs["config"] = self.config
-        group.attrs["command_line"] = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-        group.attrs["versions"] = json.dumps(versions())
-
-
-def versions() -> dict[str, str]:
-    """Return the version of the package, of Python, and of the libraries that numbers depend on."""
-    return {"lpvobs": __version__, "python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
+        group.attrs["command_line"] = self.command_line
+        group.attrs["versions"] = json.dumps(dict(self.versions))
 
 
 def read_provenance(file: h5py.File) -> Provenance:
-    """Return the inputs and the configuration behind a stored result."""
-    attributes = file["provenance"].attrs
-    return Provenance(table_of(attributes["inputs_sha256"]), str(attributes["config"]))
+    """Return what a stored result says of its own making."""
+    found = file["provenance"].attrs
+    inputs, libraries = (table_of(found[name]) for name in ("inputs_sha256", "versions"))
+    return Provenance(inputs, str(found["config"]), str(found["command_line"]), libraries)
 
 
 def table_of(text: str) -> dict[str, str]:
