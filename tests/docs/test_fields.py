@@ -8,6 +8,9 @@ from repository import ROOT
 
 pytest.importorskip("griffe", reason="comes with the extra 'docs'")
 SOURCE = '''
+WHERE = "through the"
+
+
 class Heat:
     """What warms the air."""
 
@@ -20,6 +23,8 @@ class Heat:
     # before a line of its own
     flow: float  # kg/s
     kind: str = "#"
+    loss: Annotated[Array, Item("W", f"{WHERE} wall", ("node", "time"))]
+    rows: Annotated[int, Meta(description="how many")]
 '''
 
 
@@ -31,12 +36,24 @@ def fields():
     return module
 
 
+def field_of(name):
+    (found,) = (
+        item for item in ast.walk(ast.parse(SOURCE)) if getattr(item, "annotation", None) and item.target.id == name
+    )
+    return found
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [("wall", "K, of the ports"), ("share", "a line above and another"), ("plain", ""), ("flow", "kg/s"), ("kind", "")],
 )
 def test_a_field_has_the_comment_behind_it_or_above_it(fields, name, said):
-    (field,) = (
-        item for item in ast.walk(ast.parse(SOURCE)) if getattr(item, "target", None) and item.target.id == name
-    )
-    assert fields.comment_at(field, fields.comments_of(SOURCE)) == said
+    assert fields.comment_at(field_of(name), fields.comments_of(SOURCE)) == said
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("loss", ("Array", "(node, time) [W] through the wall")), ("rows", ("int", "how many")), ("wall", ("float", ""))],
+)
+def test_what_an_annotation_says_is_shown(fields, name, said):
+    assert fields.split(field_of(name).annotation, fields.texts_of(SOURCE)) == said
