@@ -8,8 +8,7 @@ import numpy as np
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
-from lpvobs.io.results.engines import read_unknowns, unknowns_fields
-from lpvobs.io.results.hdf import Field, write_group
+from lpvobs.io.results.engines import read_unknowns, write_corrections, write_unknowns
 from lpvobs.io.results.mapping import read, write
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -53,20 +52,10 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     Of a calibrated engine, what the calibration knew is written beside it.
     """
     if found.unknowns.learned:
-        write_group(file, BEFORE, unknowns_fields(found.before()))
+        write_unknowns(file, BEFORE, found.before())
     group = write(file, GROUP, stored_engine(found))
-    places = found.unknowns.places()
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
-    for component in found.unknowns.components:
-        own = places[component.name]
-        axes = {
-            name.replace("/", "_over_"): Field(nodes.values, nodes.unit, nodes.meaning)
-            for name, nodes in component.axes.items()
-        }
-        shape = tuple(nodes.values.size for nodes in component.axes.values())
-        correction = Field(found.mean[own].reshape(shape), component.unit, component.meaning, tuple(axes))
-        error = Field(errors[own].reshape(shape), component.unit, "standard error of it", tuple(axes))
-        write_group(group, component.name, axes | {"correction": correction, "standard_error": error})
+    write_corrections(group, found.unknowns, found.mean, errors)
 
 
 def read_engine_found(file: h5py.File) -> EngineOfMap | None:

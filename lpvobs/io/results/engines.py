@@ -11,8 +11,8 @@ import numpy as np
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import Field, creating, reading, text, write_group
-from lpvobs.io.results.mapping import read_rows, rows
+from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
+from lpvobs.io.results.mapping import Contents, fields, read, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Array, Item
@@ -75,78 +75,75 @@ DETERMINED = 0.5
 """Share of the prior standard deviation below which the data have determined a constant."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Unknowns as a file has them."""
+
+    names: Annotated[tuple[str, ...], Item("1", "constant, or node of a correction", name="unknown")]
+    mean: Annotated[Array, Item("1", "relative deviation of a constant, value of a correction", ("unknown",))]
+    covariance: Annotated[Array, Item("1", "covariance of mean", ("unknown", "other_unknown"))]
+
+
+@dataclass(frozen=True, eq=False)
+class _Calibrated(_Found):
+    prior_error: Annotated[Array, Item("1", "standard deviation before the data", ("unknown",))]
+
+
 def write_engine(path: Path, stored: StoredEngine) -> None:
     """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
     unknowns = stored.unknowns
     with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
-        file.attrs["air_path"] = stored.air_path
-        for name in ("constants", "amplitudes", "left"):
-            group = file.create_group(name)
-            for key, value in getattr(stored, name).items():
-                group.attrs[key] = value
-        before = Field(stored.prior_error, "1", "standard deviation before the data", ("unknown",))
-        write_group(file, "unknowns", {**unknowns_fields(unknowns), "prior_error": before})
-        _write_components(file.create_group("components"), stored)
+        write_fields(file, fields(StoredEngine, stored))
+        found = _Calibrated(unknowns.names, unknowns.mean, unknowns.covariance, stored.prior_error)
+        write(file, "unknowns", found, {"other_unknown": unknowns.names})
+        write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
         write_group(file, "rows", rows(stored.rows, "row"))
         stored.provenance.write(file)
 
 
-def unknowns_fields(unknowns: Unknowns) -> dict[str, Field]:
-    """Return the unknowns of an engine as a file has them."""
-    square = ("unknown", "other_unknown")
-    names = {axis: Field(text(unknowns.names), "1", "constant, or node of a correction") for axis in square}
-    return names | {
-        "mean": Field(unknowns.mean, "1", "relative deviation of a constant, value of a correction", square[:1]),
-        "covariance": Field(unknowns.covariance, "1", "covariance of mean", square),
-    }
+def write_unknowns(file: h5py.File, name: str, unknowns: Unknowns) -> None:
+    """Write the unknowns of an engine into a group of their own."""
+    found = _Found(unknowns.names, unknowns.mean, unknowns.covariance)
+    write(file, name, found, {"other_unknown": unknowns.names})
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
-    names = tuple(map(str, group["unknown"].asstr()[()]))
-    q, components = len(names), air_path.components
-    own = names[: max(q - sum(component.size for component in components), 0)]
-    found = Unknowns(own, components, _finite(group, "mean", q), _finite(group, "covariance", q, q), learned=True)
-    if found.names != names or not set(own) <= set(air_path.engine_constants()):
+    stored, components = read(group, _Found), air_path.components
+    own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
+    found = Unknowns(own, components, stored.mean, stored.covariance, learned=True)
+    if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):
         raise DataError(
             f"{group.file.filename}: has unknowns that this version of lpvobs does not know; {REMEDY} again"
         )
     return found
 
 
-def _write_components(parent: h5py.Group, stored: StoredEngine) -> None:
-    """Write every correction over its own axes, for people; `unknowns` has the same numbers."""
-    for component in stored.unknowns.components:
-        own = stored.unknowns.places()[component.name]
-        names = [name.replace("/", "_over_") for name in component.axes]
+def write_corrections(parent: h5py.Group, unknowns: Unknowns, mean: Array, error: Array) -> None:
+    """Write every correction over its own axes, for people."""
+    for component in unknowns.components:
+        own = unknowns.places()[component.name]
         axes = {
-            name: Field(nodes.values, nodes.unit, nodes.meaning)
-            for name, nodes in zip(names, component.axes.values(), strict=True)
+            name.replace("/", "_over_"): Field(nodes.values, nodes.unit, nodes.meaning)
+            for name, nodes in component.axes.items()
         }
-        shape = [nodes.values.size for nodes in component.axes.values()]
-        shown = {
-            "correction": Field(
-                stored.unknowns.mean[own].reshape(shape), component.unit, component.meaning, tuple(names)
-            ),
-            "standard_error": Field(stored.error[own].reshape(shape), component.unit, "standard error", tuple(names)),
-        }
-        write_group(parent, component.name, {**axes, **shown, "group": component.group})
+        shape = tuple(nodes.values.size for nodes in component.axes.values())
+        correction = Field(mean[own].reshape(shape), component.unit, component.meaning, tuple(axes))
+        spread = Field(error[own].reshape(shape), component.unit, "standard error of it", tuple(axes))
+        shown: Contents = {**axes, "correction": correction, "standard_error": spread, "group": component.group}
+        write_group(parent, component.name, shown)
 
 
 def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     """Return a stored engine; raises DataError for anything else, and for one that was calibrated from other constants."""
     with reading(path, KIND, REMEDY) as file:
-        constants = _numbers(file["constants"])
-        _expect_engine(path, str(file.attrs["air_path"]), constants, air_path)
-        unknowns = read_unknowns(file["unknowns"], air_path)
+        kept = values(file, StoredEngine)
+        _expect_engine(path, kept["air_path"], kept["constants"], air_path)
         return StoredEngine(
-            air_path=air_path.name,
-            constants=constants,
-            unknowns=unknowns,
-            prior_error=_finite(file["unknowns"], "prior_error", unknowns.size),
-            amplitudes=_numbers(file["amplitudes"]),
-            left=_numbers(file["left"]),
+            **kept,
+            unknowns=read_unknowns(file["unknowns"], air_path),
+            prior_error=read(file["unknowns"], _Calibrated).prior_error,
             rows=read_rows(file["rows"], EngineRow, "row"),
             provenance=read_provenance(file),
         )
@@ -168,19 +165,3 @@ def _expect_engine(path: Path, kind: str, constants: Mapping[str, float], air_pa
                 f"{path}: calibrated from another engine: {name} is {constants.get(name)} there and {value:g} in the "
                 f"configuration; {REMEDY} from this configuration"
             )
-
-
-def _numbers(group: h5py.Group) -> dict[str, float]:
-    """Return the attributes of a group; raises ValueError for what is not a finite number."""
-    found = {str(name): float(value) for name, value in group.attrs.items()}
-    if not np.isfinite(list(found.values())).all():
-        raise ValueError(f"'{group.name}' holds what is not finite")
-    return found
-
-
-def _finite(group: h5py.Group, name: str, *shape: int) -> Array:
-    """Return a dataset of finite numbers; raises ValueError for another shape or content."""
-    found = np.asarray(group[name][()], dtype=float)
-    if found.shape != shape or not np.isfinite(found).all():
-        raise ValueError(f"'{name}' has the shape {found.shape}, expected finite numbers of shape {shape}")
-    return found

@@ -44,6 +44,7 @@ AXES = {
     "other_constant": Item("1", "constant"),
     "other_node": Item("1", "node in the order of Eq. (23): speed by speed"),
     "other_state": Item("1", "state"),
+    "other_unknown": Item("1", "constant, or node of a correction"),
     "output": Item("1", "output"),
     "parameter": Item("1", "scheduling parameter"),
     "point": Item("1", "some of the points"),
