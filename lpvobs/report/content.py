@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, MapAxis
+from lpvobs.io.logs.reading import References
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.excitation import excitation
@@ -101,7 +102,7 @@ def gather(loaded: Loaded) -> Report:
     """Return the content of the page for results and the logs that belong to them."""
     names = distinct([result.path for result in loaded.results])
     views = [_view(*item) for item in zip(names, loaded.results, loaded.discovered, strict=True)]
-    given = {item.log.sha256: item for item in loaded.logs}
+    given = {log.sha256: (log, references) for log, references in loaded.logs}
     summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
     cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
     return Report(tuple(views), cycles)
@@ -120,7 +121,7 @@ def _view(name: str, stored: StoredResult, discovered: tuple[Discovered, ...]) -
 def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog | None) -> CycleView:
     pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
     first = pairs[0][0].stored
-    drive = None if given is None else _drive(air_path_of(first), first.grid, given)
+    drive = None if given is None else _drive(air_path_of(first), first.grid, *given)
     estimates = [
         None if drive is None else view.stored.grid.interpolate(view.stored.theta, drive.fuel, drive.speed)
         for view, _ in pairs
@@ -129,8 +130,7 @@ def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog
     return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
 
 
-def _drive(air_path: type[AirPath], grid: Grid, given: LoadedLog) -> Drive:
-    log, references = given.log, given.references
+def _drive(air_path: type[AirPath], grid: Grid, log: Log, references: References | None) -> Drive:
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     reference = None if references is None else references.delta_W_c
     return Drive(

@@ -18,13 +18,8 @@ from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
 
-
-@dataclass(frozen=True)
-class LoadedLog:
-    """A log that at least one of the results was made from; `references` is None where it was recorded without truth."""
-
-    log: Log
-    references: References | None
+LoadedLog = tuple[Log, References | None]
+"""A log that at least one of the results was made from; no references where it was recorded without truth."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +77,7 @@ def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> Loade
             f"expected one of the very files that `lpvobs estimate` read; leave it out, or estimate from it first"
         )
     log = read_log(path, air_path_of(owner).channels, _policies(owner))
-    return LoadedLog(log, read_references(path, log.rows))
+    return log, read_references(path, log.rows)
 
 
 def _policies(result: StoredResult) -> LogPolicies:
