@@ -30,7 +30,7 @@ from lpvobs.simulation.parameters import Bump, ErrorSurface
 from lpvobs.simulation.readings import surface_error
 from lpvobs.simulation.sensors import measure
 
-FIRST_PLANT = 601
+FIRST_PLANT = 641
 FAMILIES = ("paper's", "King's", "plane", "hollow", "random bumps")
 FUEL, SPEED = np.linspace(0.0, 56.0, 57), np.linspace(0.0, 4000.0, 81)
 FLOW = (
@@ -124,17 +124,19 @@ def _columns(found: Array) -> list[str]:
 def together(grid: Grid, found: list[tuple[Case, Filled, Filled]]) -> str:
     """Return the table of means over regions and of differences of the maps of two drives with one sensor."""
     rows = []
-    for title, case_filled in (("region means, filled map", True), ("region means, estimated nodes alone", False)):
-        full, alone, draws = [], [], 0
+    for title, as_it_is in (("region means, best map where driven", False), ("region means, the surface itself", True)):
+        full, alone = [], []
         for case, kriging, _ in found:
-            for weights in _regions(grid, case, case_filled):
-                draws += 1
+            on = case.estimate.supported & ~as_it_is
+            truth = np.where(on, case.best, case.truth).ravel()
+            for (n_low, n_high), (u_low, u_high) in REGIONS:
+                along = mean_weights(grid.speed, n_low, n_high), mean_weights(grid.fuel, u_low, u_high)
+                weights = np.outer(*along).ravel()
                 mean = combined(weights[None], kriging.delta_W_c.ravel(), kriging.covariance)
-                away = abs(float(mean.values[0] - weights @ _truth(case, case_filled)))
-                own = np.sqrt(weights**2 @ np.diag(kriging.covariance))
+                away = abs(float(mean.values[0] - weights @ truth))
                 full.append(away <= NORMAL_90 * mean.standard_error[0])
-                alone.append(away <= NORMAL_90 * own)
-        rows.append([title, str(draws), f"{100 * np.mean(full):.0f}", f"{100 * np.mean(alone):.0f}"])
+                alone.append(away <= NORMAL_90 * np.sqrt(weights**2 @ np.diag(kriging.covariance)))
+        rows.append([title, str(len(full)), f"{100 * np.mean(full):.0f}", f"{100 * np.mean(alone):.0f}"])
     first, second = (
         {(case.plant, case.family): (case, kriging) for case, kriging, _ in found if case.cycle == cycle}
         for cycle in CYCLES
@@ -165,22 +167,6 @@ def together(grid: Grid, found: list[tuple[Case, Filled, Filled]]) -> str:
     )
     header = ["", "draws", "held by the full covariance, %", "by node errors alone, %"]
     return markdown(header, rows) + "\n\n" + below
-
-
-def _regions(grid: Grid, case: Case, whole: bool) -> list[Array]:
-    """Return weights of nodes: means over `REGIONS`, or over the estimated nodes among them."""
-    found = []
-    for (n_low, n_high), (u_low, u_high) in REGIONS:
-        weights = np.outer(mean_weights(grid.speed, n_low, n_high), mean_weights(grid.fuel, u_low, u_high)).ravel()
-        if not whole:
-            weights = weights * case.estimate.supported.ravel()
-        found.append(weights / weights.sum())
-    return found
-
-
-def _truth(case: Case, whole: bool) -> Array:
-    """Return the true surface at the nodes, or the best bilinear map along the drive."""
-    return (case.truth if whole else np.where(case.estimate.supported, case.best, 0.0)).ravel()
 
 
 def duration(grid: Grid, cases: list[Case]) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lpvobs.api.calibrate import calibrate
+    from lpvobs.api.compare import compare
     from lpvobs.api.draft_profile import draft_profile
     from lpvobs.api.estimate import estimate
     from lpvobs.api.export import export
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "calibrate",
+    "compare",
     "draft_profile",
     "estimate",
     "export",

@@ -7,11 +7,13 @@ from lpvobs.api.files import File, as_path, writing
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
 from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
-from lpvobs.io.calibration.surfaces import Surface, keep_old, onto, read_surface
+from lpvobs.io.calibration.surfaces import LEFT_OUT, Surface, keep_old, mean_flow, onto, read_surface
 from lpvobs.io.safety.unchanged import file_digest
 
 FORMATS = ("dcm", "csv", "netcdf")
 SOURCES = ("map", "extrapolation")
+WIDEST = 0.1
+"""Of the mean air flow: sensors in service are off by up to ten per cent, and what is less sure than that corrects nothing."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Exported:
 
     surface: Surface
     changes: list[Change] | None
+    widest: float  # [kg/s], nodes with a wider 90 % interval to either side were left out
 
 
 def export(
@@ -33,6 +36,7 @@ def export(
     name: str = "delta_W_c",
     kind: str = "",
     digits: int = 7,
+    widest: float = WIDEST,
 ) -> Exported:
     """Write the map for calibration tools: what to subtract from a reading.
 
@@ -55,6 +59,9 @@ def export(
         `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, else the former.
     digits : int
         Significant digits in DCM and CSV.
+    widest : float
+        Share of the mean air flow of the logs. A node whose 90 % interval is wider to either side is left out: it keeps its
+        old value, is empty, or in a DCM without an old map zero, which corrects nothing.
 
     Returns
     -------
@@ -72,12 +79,17 @@ def export(
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
     with writing(out, [result, before]) as target:
         path = as_path(result)
+        most = widest * mean_flow(path)
         surface = read_surface(path, values)
         known = None if before is None else _old_map(before, name, kind, surface)
         if known is not None:
             surface = onto(surface, known.x, known.y)
-        surface = keep_old(surface, None if known is None else known.values, only_estimated)
+        surface = keep_old(surface.without_wide(most), None if known is None else known.values, only_estimated)
         comments = _comments(path, surface, before)
+        if left := int((surface.origin == LEFT_OUT).sum()):
+            comments.append(
+                f"{left} nodes without a correction: their 90 % interval exceeds {1e3 * most:.3g} g/s to either side"
+            )
         if file_format == "csv":
             write_csv(target, surface, digits)
         elif file_format == "netcdf":
@@ -86,7 +98,7 @@ def export(
             kind = kind or (known.item.kind if known else "KENNFELD")
             comments.insert(2, f"numbers rounded to {digits} significant digits")
             write_dcm(target, as_dcm(surface, name, kind, known), digits, comments)
-    return Exported(surface, None if known is None else changes(surface, known, digits))
+    return Exported(surface, None if known is None else changes(surface, known, digits), most)
 
 
 def _refuse_contradictions(

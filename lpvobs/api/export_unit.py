@@ -15,7 +15,7 @@ from lpvobs.api.known_engine import known_engine
 from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.files import Change
-from lpvobs.io.calibration.surfaces import ESTIMATED, read_surface
+from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
@@ -26,6 +26,7 @@ from lpvobs.io.results.results import read_result
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.kinds import Count
+from lpvobs.maps.quadratic import ESTIMATED
 
 FORMATS = ("c99", "fmu")
 MAP_GAINS = ("falling", "constant")
@@ -55,6 +56,8 @@ class ExportOutput:
     digits: Count
     nodes: Annotated[Mapping[str, Count], Meta(description="By origin.")]
     changes: Sequence[Change] | None
+    # nodes with a wider 90 % interval to either side were left out
+    widest: Annotated[float | None, Meta(description="kg/s")]
     unit: ExportedUnit | None
 
 

@@ -1,21 +1,28 @@
 """`report`: results, and the logs that belong to them, as tables, page and verdicts on gates."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.errors import UsageError
+from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.results.results import StoredResult
 from lpvobs.report.discovered import contents, sentences
 from lpvobs.report.gates import Verdict, enforce, judge, parse_gate, write_junit
 from lpvobs.report.load import load
 from lpvobs.report.names import distinct
-from lpvobs.report.outputs import ReportOutput, report_output
+from lpvobs.report.outputs import RegionMean, ReportOutput, report_output
 
 
 def write_report(
-    result: File, further: File | Iterable[File] = (), *, html: File | None = None, gates: Sequence[str] = ()
+    result: File,
+    further: File | Iterable[File] = (),
+    *,
+    html: File | None = None,
+    gates: Sequence[str] = (),
+    region: Mapping[str, tuple[float, float]] | None = None,
 ) -> ReportOutput:
     """Return how far the corrected sensor is from the truth, write the page if asked for, and judge the gates.
 
@@ -28,6 +35,8 @@ def write_report(
         The self-contained page to write.
     gates : sequence of str
         Such as `mean_relative_error<=0.02`; fractions are fractions.
+    region : mapping of str to (float, float), optional
+        From and to by the name of an axis: the mean of each map over it, with its interval.
 
     Returns
     -------
@@ -43,7 +52,7 @@ def write_report(
     UsageError
         If a gate cannot be understood.
     """
-    done = make_report(result, further, html=html, gates=gates)
+    done = make_report(result, further, html=html, gates=gates, region=region)
     enforce(done.verdicts)
     return done.content
 
@@ -65,6 +74,7 @@ def make_report(
     html: File | None = None,
     gates: Sequence[str] = (),
     junit: File | None = None,
+    region: Mapping[str, tuple[float, float]] | None = None,
 ) -> Reported:
     """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for.
 
@@ -84,6 +94,8 @@ def make_report(
         results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
         found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]
         content = report_output(results, [contents(discovered) for _, discovered in found])
+        if region is not None:
+            content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in results])
         if page is not None:
             from lpvobs.report.content import gather
             from lpvobs.report.page import write_page
@@ -93,3 +105,10 @@ def make_report(
         if suite is not None:
             write_junit(suite, verdicts)
     return Reported(results, tuple(sentences(found)), content, verdicts)
+
+
+def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]]) -> RegionMean:
+    mean = read_surface(path).mean(region)
+    low, high = mean.ci90[0].tolist()
+    where = ", ".join(f"{axis} {ends[0]:g} to {ends[1]:g}" for axis, ends in region.items())
+    return RegionMean(result=name, region=where, value=float(mean.values[0]), ci90=(low, high))

@@ -37,6 +37,9 @@ def export(
         option("GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS),
     ] = "",
     rate: Annotated[float, option("HZ", "For c99 and fmu: samples a second, at most.")] = 100.0,
+    widest: Annotated[
+        float, option("SHARE", "Leave out nodes whose 90 % interval exceeds this share of the logs' mean air flow.")
+    ] = 0.1,
     as_json: JsonOption = False,
 ) -> None:
     """Write the map for calibration tools, and list what it changes against an old DCM; or the observer for a control unit.
@@ -47,13 +50,20 @@ def export(
     from lpvobs.api.export import export as export_map
     from lpvobs.api.export_unit import FORMATS as UNITS
     from lpvobs.api.export_unit import ExportOutput, export_unit
-    from lpvobs.report.tables import change_rows, origin_counts
+    from lpvobs.report.tables import change_rows, grams, origin_counts
 
     if file_format in UNITS:
         unit = export_unit(result, out, file_format, result=start, map_gain=map_gain, rate=rate)
         if as_json:
             said = ExportOutput(
-                out=str(out), format=file_format, values=unit.start, digits=17, nodes={}, changes=None, unit=unit
+                out=str(out),
+                format=file_format,
+                values=unit.start,
+                digits=17,
+                nodes={},
+                changes=None,
+                widest=None,
+                unit=unit,
             )
             print_json("export", said)
             return
@@ -78,6 +88,7 @@ def export(
         name=name,
         kind=kind,
         digits=digits,
+        widest=widest,
     )
     counts = origin_counts(done.surface)
     if as_json:
@@ -88,6 +99,7 @@ def export(
             digits=digits,
             nodes=counts,
             changes=done.changes,
+            widest=done.widest,
             unit=None,
         )
         print_json("export", written)
@@ -97,3 +109,5 @@ def export(
     if done.changes is not None:
         say(f"{len(done.changes)} of {done.surface.origin.size} nodes differ from {old}")
     say(f"{out}: {', '.join(f'{count} {origin}' for origin, count in counts.items())}")
+    if left := counts.get("left_out", 0):
+        say(f"{left} nodes left out: 90 % intervals over {grams(done.widest)} g/s to either side; --widest takes more")

@@ -35,6 +35,7 @@ VERBS = {
     "trace": "Find what the model lacks, from its residual.",
     "refine": "Add what is proven, estimate again, error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
+    "compare": "How two maps differ, and where that is more than their errors.",
     "report": "Tables, gates and the HTML report.",
     "selftest": "Try the installed package on cases with known answers.",
 }

@@ -45,6 +45,9 @@ GainOption = Annotated[
     Path | None, option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
 ]
 LogsArgument = Annotated[list[Path], argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
+RegionOption = Annotated[
+    str | None, option("AXIS=FROM:TO,...", "Mean over this part of the map, such as n_e=1500:2500,u_delta=8:24.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 MADE_WITH = "An engine made by calibrate to start from; by default, the one that the result was made with."
 MapOption = Annotated[

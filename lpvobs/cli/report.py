@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say, table, visible
-from lpvobs.cli.options import JsonOption, argument, option
+from lpvobs.cli.options import JsonOption, RegionOption, argument, option
 
 
 @guarded
@@ -22,17 +22,20 @@ def report(
     junit: Annotated[
         Path | None, option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems.")
     ] = None,
+    region: RegionOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
+    from lpvobs.api.regions import region_of
     from lpvobs.api.write_report import make_report
     from lpvobs.report.gates import enforce
-    from lpvobs.report.tables import coefficient_tables, gain_line, report_rows
+    from lpvobs.report.tables import coefficient_tables, gain_line, grams, report_rows
 
-    done = make_report(result, further or (), html=html, gates=gate or (), junit=junit)
+    wanted = None if region is None else region_of(region)
+    done = make_report(result, further or (), html=html, gates=gate or (), junit=junit, region=wanted)
     for written in (html, junit):
         if written is not None:
             say(f"{written}: written")
@@ -42,6 +45,9 @@ def report(
         print(table(*report_rows(done.results), labels=3))
         for coefficients in coefficient_tables(done.results):
             print("\n" + table(*coefficients))
+        for mean in done.content.regions:
+            low, high = map(grams, mean.ci90)
+            print(f"\n{mean.result}: mean error over {mean.region}: {grams(mean.value)} g/s (90 %: {low} to {high})")
         if done.told:
             print("\n" + "\n".join(visible(line) for line in done.told))
         print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in done.results))

@@ -29,8 +29,11 @@ from lpvobs.records import Array
 
 LENGTHS = tuple(np.geomspace(0.1, 3.2, 6).tolist())
 """Half widths of the grid: from less than a node to what nobody can tell from the trend."""
-AMPLITUDES = tuple(np.geomspace(0.003, 2.0, 9).tolist())
+AMPLITUDES = tuple(np.geomspace(0.01, 3.0, 9).tolist())
 """Of the process over the rms of the map: from less than noise to more than any sensor's error has beyond a quadratic."""
+USUAL, SPREAD = 0.3, 1.0
+"""Of that ratio before any data: middle, and standard deviation of its logarithm. Sensors' errors are no quadratics: with all
+amplitudes alike beforehand, 85 instead of 88 % of the nodes beyond FTP75 were inside their 90 % intervals (100 surfaces)."""
 LEAST_WEIGHT = 1e-3
 """Of the likeliest combination: what weighs less changes no interval by a hundredth."""
 ROUNDING = 1e-10
@@ -118,7 +121,8 @@ def krige(
     size = float(np.sqrt(np.mean(data.z**2) + np.mean(np.diag(data.noise))))
     few = data.thinned(MOST_NODES)
     choices = [(pair, size * share) for pair in product(LENGTHS, LENGTHS) for share in AMPLITUDES]
-    likelihoods = np.array([_Weighted(few, *choice).log_likelihood() for choice in choices])
+    before = [-0.5 * (np.log(amplitude / size / USUAL) / SPREAD) ** 2 for _, amplitude in choices]
+    likelihoods = np.array([_Weighted(few, *choice).log_likelihood() for choice in choices]) + before
     weights = np.exp(likelihoods - likelihoods.max())
     kept = np.flatnonzero(weights >= LEAST_WEIGHT)
     weights = weights[kept] / weights[kept].sum()

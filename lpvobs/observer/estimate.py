@@ -212,7 +212,9 @@ def estimate_published(
         run = observe(trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta)
         theta = run.theta
         excited.append(excitation(grid, *point, log.time, log.segments))
-        runs.append(run_of(log, trajectory.parameters, gain.region))
+        # The observer takes the temperatures for constant; what the certificate covers is judged by those of the drive.
+        measured = air_path.trajectory(log, gain.outputs).parameters
+        runs.append(run_of(log, measured, gain.region, air_path.sensor))
     unknown = np.full((grid.size, grid.size), np.nan)
     return finished("published", grid, theta, unknown, runs, sum(excited[1:], excited[0]), settings)
 
@@ -244,9 +246,9 @@ def finished(
     )
 
 
-def run_of(log: Log, parameters: Array, region: Region | None) -> LogRun:
+def run_of(log: Log, parameters: Array, region: Region | None, sensor: str) -> LogRun:
     """Return what an estimate keeps of a log, given the scheduling parameters along it, shape (N, m)."""
-    seen = RangeSeen(parameters.shape[1], region)
+    seen = RangeSeen(parameters.shape[1], region, sensor)
     seen.time(next(iter(log.pieces())))
     seen.see(parameters)
     return seen.run(log)

@@ -21,6 +21,7 @@ class LogRun:
     lower: Array  # (m,) range of the scheduling parameters along the log
     upper: Array  # (m,)
     share_certified: float  # share of the samples inside the region of the gain's certificate; NaN without one
+    mean_flow: float = float("nan")  # [kg/s] of the sensor's readings
 
 
 def nothing_between(name: str, started: float) -> DataError:
@@ -34,20 +35,22 @@ def nothing_between(name: str, started: float) -> DataError:
 class RangeSeen:
     """Samples, time and range of the scheduling parameters so far."""
 
-    def __init__(self, parameters: int, region: Region | None):
+    def __init__(self, parameters: int, region: Region | None, sensor: str = ""):
         self.samples, self.duration, self.inside, self.scheduled = 0, 0.0, 0, 0
         self.started, self.last = float("nan"), float("nan")
         self.lower, self.upper = np.full(parameters, np.inf), np.full(parameters, -np.inf)
-        self.region = region
+        self.region, self.sensor, self.flow = region, sensor, 0.0
 
     def time(self, piece: Piece) -> None:
-        """Take in the clock of N samples."""
+        """Take in the clock of N samples, and what the sensor read."""
         if not self.samples:
             self.started = self.last = float(piece.time[0])
         steps = np.diff(piece.time, prepend=self.last)
         steps[piece.begins] = 0.0
         self.samples, self.last = self.samples + piece.time.size, float(piece.time[-1])
         self.duration = running_sum(self.duration, steps)
+        if self.sensor:
+            self.flow = running_sum(self.flow, piece.channels[self.sensor])
 
     def see(self, parameters: Array) -> None:
         """Take in the scheduling parameters of N samples, shape (N, m)."""
@@ -60,7 +63,10 @@ class RangeSeen:
     def run(self, log: Recording) -> LogRun:
         """Return what is kept of the log that has been gone through."""
         share = float("nan") if self.region is None else self.inside / self.scheduled
-        return LogRun(log.name, log.sha256, self.samples, self.duration, log.defects, self.lower, self.upper, share)
+        flow = self.flow / self.samples if self.sensor else float("nan")
+        return LogRun(
+            log.name, log.sha256, self.samples, self.duration, log.defects, self.lower, self.upper, share, flow
+        )
 
 
 def running_sum(start: float, values: Array) -> float:

@@ -161,7 +161,7 @@ def inform(
             "gain: the sensor corrects the state (last column of L is not zero), expected a cascade for the default method; "
             "synthesise with cascade = true in [gain], or use --method published"
         )
-    seen = RangeSeen(len(air_path.parameter_names), gain.region)
+    seen = RangeSeen(len(air_path.parameter_names), gain.region, air_path.sensor)
     sums, walk = Sums(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)
     for stretch in stretches(_clocked(log.pieces(), seen), air_path.smoothed, settings.smoothing, air_path.calmed):
         found = walk.follow(stretch)
@@ -188,7 +188,7 @@ def inform_observed(
     unknowns: Unknowns,
 ) -> LogInformation:
     """Return the part of a log whose flows are known; raises DataError if no two samples are neighbours."""
-    seen = RangeSeen(len(air_path.parameter_names), region)
+    seen = RangeSeen(len(air_path.parameter_names), region, air_path.sensor)
     seen.time(next(iter(log.pieces())))
     if not seen.duration > 0.0:
         raise nothing_between(log.name, seen.started)

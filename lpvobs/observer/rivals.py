@@ -43,7 +43,7 @@ def estimate_ekf(
             state, trajectory, log.time, log.segments, point, grid, measurement, process, kalman.map_drift, first
         )
         excited.append(excitation(grid, *point, log.time, log.segments))
-        runs.append(run_of(log, trajectory.parameters, gain.region))
+        runs.append(run_of(log, trajectory.parameters, gain.region, air_path.sensor))
     return finished("ekf", grid, state.theta, state.P[n:, n:], runs, sum(excited[1:], excited[0]), settings)
 
 
@@ -65,7 +65,7 @@ def estimate_batch(
         more = normal_equations(p, nodes[used], weights[used], z)
         gram, right, squares, samples = gram + more[0], right + more[1], squares + float(z @ z), samples + z.size
         excited.append(excitation(grid, *point, log.time, log.segments))
-        runs.append(run_of(log, trajectory.parameters, gain.region))
+        runs.append(run_of(log, trajectory.parameters, gain.region, air_path.sensor))
     inverse = np.linalg.inv(gram + np.eye(p) / NO_PRIOR**2)
     theta = inverse @ right
     variance = max(squares - float(theta @ right), 0.0) / max(samples - p, 1)

@@ -42,8 +42,8 @@ class Gate:
         return RELATIONS[self.relation](value, self.limit)
 
 
-def parse_gate(expression: str) -> Gate:
-    """Return the gate that an expression states.
+def parse_gate(expression: str, unit: float = 1.0, metrics: Sequence[str] = METRICS) -> Gate:
+    """Return the gate that an expression states, its limit times a unit.
 
     Raises UsageError if it is not `metric<=number` (or with <, >=, >), or nothing is measured under that name.
     """
@@ -55,11 +55,11 @@ def parse_gate(expression: str) -> Gate:
             f"fractions as fractions, for example mean_relative_error<=0.02"
         )
     metric = found["metric"]
-    if metric not in METRICS:
-        near = difflib.get_close_matches(metric, METRICS, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(METRICS)}"
+    if metric not in metrics:
+        near = difflib.get_close_matches(metric, metrics, n=1, cutoff=0.4)
+        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(metrics)}"
         raise UsageError(f"--gate '{expression}': no metric '{metric}'; {hint}")
-    return Gate(metric, found["relation"], limit)
+    return Gate(metric, found["relation"], unit * limit)
 
 
 @dataclass(frozen=True)

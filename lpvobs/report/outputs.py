@@ -132,6 +132,16 @@ class ReportedResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RegionMean:
+    """The mean of a result's map over a region."""
+
+    result: str
+    region: str
+    value: KgPerS
+    ci90: tuple[KgPerS, KgPerS]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReportOutput:
     """Metrics of every log; map and extrapolation are those of the first result."""
 
@@ -139,6 +149,7 @@ class ReportOutput:
     map: MapCounts
     extrapolation: QuadraticOutput | None
     results: Sequence[ReportedResult]
+    regions: Sequence[RegionMean]
 
 
 def log_fields(log: LogSummary) -> dict[str, Any]:
@@ -202,7 +213,7 @@ def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[M
         for name, result in results
         for log in result.logs
     ]
-    return ReportOutput(logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every)
+    return ReportOutput(logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every, regions=())
 
 
 def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:

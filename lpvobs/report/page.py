@@ -89,7 +89,7 @@ def _sentence(view: ResultView, log: LogSummary) -> str:
     return (
         f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
         f"{percent(m.mean_relative_error)} on average (floor of the grid {percent(m.floor_mean_relative_error)}{paper}), "
-        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples inside the certificate{held}."
+        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples where stability is certified{held}."
     )
 
 

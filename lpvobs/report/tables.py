@@ -18,7 +18,7 @@ from lpvobs.report.outputs import log_fields
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
-METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "certified")
+METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "stability certified")
 
 
 def percent(value: float | None, digits: int = 2) -> str:
@@ -125,7 +125,8 @@ def gain_line(gain: StoredGain) -> str:
     if not certificate.proven:
         return f"{gain.origin}: not proven"
     more = ", also for map gains that fall with information" if certificate.falling_gain else ""
-    return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}"
+    drawn = f"; its region was drawn from the logs ({', '.join(gain.log_bounds)})" if gain.log_bounds else ""
+    return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}{drawn}"
 
 
 def state_bound_table(gain: StoredGain) -> Table:

@@ -74,6 +74,7 @@ def outputs(config, chain, other_engine, tmp_path_factory):
         "verify": ("verify", chain.gain),
         "estimate": ("estimate", "--config", config, "--gain", chain.gain, chain.log, bare, "--out", folder / "two.h5"),
         "extrapolate": ("extrapolate", result),
+        "compare": ("compare", chain.result, result),
         "trace": ("trace", result, slow),
         "refine": ("refine", result, slow, "--out", refined),
         "export": ("export", result, "--format", "dcm", "--digits", 3, "--out", folder / "map.dcm"),

@@ -17,7 +17,7 @@ from repository import ROOT
 SKIPPED = ("make ", "python3 -m venv ", "pip install ", ".venv/bin/pip install ", ". .venv/bin/activate")
 """Commands that set up what the tests have already, an environment with the package in it; and `make`, which would run them all."""
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-SHARE = 0.02
+SHARE = 0.01
 """By which numbers may differ. They repeat to the last digit on one machine; other processors and libraries sum in another
 order, and the solver of the gain stops elsewhere."""
 
@@ -128,8 +128,8 @@ def same_word(shown: str, printed: str) -> bool:
 
 
 def close(shown: str, printed: str) -> bool:
-    """Tell whether two numbers agree within `SHARE`, or within two units of the last decimal that is shown."""
+    """Tell whether two numbers agree within `SHARE`, or within one unit of the last decimal that is shown."""
     mine, theirs = float(shown), float(printed)
     decimals = len(shown.partition(".")[2]) if "e" not in shown else 0
-    last = 2.0 * 10.0**-decimals if "." in shown and "e" not in shown else 0.0
+    last = 10.0**-decimals if "." in shown and "e" not in shown else 0.0
     return abs(mine - theirs) <= max(SHARE * abs(mine), 1.0001 * last)

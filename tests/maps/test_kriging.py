@@ -52,7 +52,8 @@ def test_lengths_and_amplitude_count_by_their_restricted_likelihood(monkeypatch)
     size = np.sqrt(np.mean(z**2) + np.mean(np.diag(own)))
     choices = [(a, b, share * size) for a in lengths for b in lengths for share in amplitudes]
     each = [conditioned(PLACE, TREND, chosen, TREND[chosen], z, own, (a, b), s) for a, b, s in choices]
-    weights = np.exp(np.array([item[2] for item in each]) - max(item[2] for item in each))
+    before = [-0.5 * np.log(s / size / 0.3) ** 2 for _, _, s in choices]
+    weights = np.exp(np.array([item[2] for item in each]) + before - max(item[2] for item in each))
     weights /= weights.sum()
     assert 0.05 < weights.max() < 0.99  # otherwise nothing is averaged
     means, spreads = np.array([item[0] for item in each]), np.array([np.diag(item[1]) for item in each])
@@ -144,7 +145,7 @@ def test_of_very_many_nodes_some_tell_lengths_and_amplitude(monkeypatch):
     monkeypatch.setattr(kriging, "MOST_NODES", 20)
     few = krige(GRID, surface, noise, VISITED, TREND)
     assert few.nodes == whole.nodes
-    np.testing.assert_allclose(few.delta_W_c, whole.delta_W_c, atol=5e-4)
+    np.testing.assert_allclose(few.delta_W_c, whole.delta_W_c, atol=1e-3)
 
 
 def test_too_few_nodes_are_refused():

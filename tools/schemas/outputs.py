@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from lpvobs.api.compare import CompareOutput
 from lpvobs.api.draft_profile import ProfileOutput
 from lpvobs.api.estimate import EstimateOutput
 from lpvobs.api.export_unit import ExportOutput
@@ -31,6 +32,7 @@ RECORDS: Mapping[str, Any] = {
     "synth-gain": SynthGainOutput,
     "verify": VerifyOutput,
     "estimate": EstimateOutput,
+    "compare": CompareOutput,
     "extrapolate": ExtrapolateOutput,
     "trace": TraceOutput,
     "refine": RefineOutput,

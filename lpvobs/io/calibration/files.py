@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
-from lpvobs.io.calibration.surfaces import NONE, ORIGINS, Surface, axis_layout, surface_layout
+from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.axes import LONG_NAME
 from lpvobs.io.results.hdf import creating, write_fields
@@ -62,6 +62,8 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
 def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap:
     """Return the surface as a map of a DCM file: X the speed and Y the fuel, or as the old file has them, in its units.
 
+    A node that was left out corrects nothing: zero.
+
     Raises DataError if a node has no value: a DCM cannot say so.
     """
     empty = int(np.count_nonzero(surface.origin == NONE))
@@ -70,6 +72,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap
             f"map '{name}': {empty} of {surface.origin.size} nodes have no value, and a DCM has a value everywhere; run "
             f"`lpvobs extrapolate`, or give old values with --old"
         )
+    surface = replace(surface, values=np.where(surface.origin == LEFT_OUT, 0.0, surface.values))
     group = kind == "GRUPPENKENNFELD"
     if old is None:
         return DcmMap(

@@ -1,5 +1,6 @@
-"""The error map as calibration tools want it: values on two axes, read from a result and laid onto other axes."""
+"""The error map as people and calibration tools want it: values on two axes with their covariance, read from a result."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,13 +11,12 @@ from lpvobs.errors import DataError
 from lpvobs.io.results.axes import LONG_NAME, ORIGIN, axes_of
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.mapping import Layout, read
+from lpvobs.maps.joint import NORMAL_90, Joint, at_weights, combined, mean_weights
+from lpvobs.maps.quadratic import ESTIMATED, EXTRAPOLATED, SMOOTHED, SUPPORT
 from lpvobs.records import Array, Item
 
-NONE, ESTIMATED, EXTRAPOLATED, OLD = 0, 1, 2, 3
-ORIGINS = {NONE: "none", ESTIMATED: "estimated", EXTRAPOLATED: "extrapolated", OLD: "old"}
-
-SNAP = 1e-6
-"""Share of a cell by which an axis of rounded numbers may miss the node that it means."""
+NONE, OLD, LEFT_OUT = 0, 3, 5
+ORIGINS = {NONE: "none", **SUPPORT, OLD: "old", LEFT_OUT: "left_out"}
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,84 @@ class SurfaceAxis:
 
 @dataclass(frozen=True)
 class Surface:
-    """The sensor's error over engine speed and fuel."""
+    """The sensor's error over engine speed and fuel, bilinear between the nodes.
+
+    Examples
+    --------
+    `surface.mean({"n_e": (1500, 2500)}).ci90`: the 90 % interval of the mean error between 1500 and 2500 rpm, over all fuels.
+    """
 
     x: SurfaceAxis  # engine speed, p2 nodes
     y: SurfaceAxis  # fuel, p1 nodes
     values: Array  # (p2, p1) [unit], NaN where nothing is known
     standard_error: Array  # the same
+    covariance: Array  # (p2 p1, p2 p1) [unit^2] of the nodes' errors, speed by speed; neighbours err alike
     origin: NDArray[np.int8]  # (p2, p1) where each value comes from, see ORIGINS
     unit: str  # of the values
     source: str  # group of the result that they are from
+
+    def at(self, points: Sequence[tuple[float, float]]) -> Joint:
+        """Return the map at operating points, each a speed and a fuel, with the covariance of their errors.
+
+        Raises DataError where the map has no value, or ends.
+        """
+        x, y = np.asarray(points, dtype=float).reshape(-1, 2).T
+        weights = at_weights(self.x.nodes, x)[:, :, None] * at_weights(self.y.nodes, y)[:, None, :]
+        if not np.all(weights.sum((1, 2)) > 0.0):
+            raise DataError(f"points: expected {self._ends()}")
+        return self._combined(weights.reshape(x.size, -1))
+
+    def mean(self, region: Mapping[str, tuple[float, float]]) -> Joint:
+        """Return the mean over a region: from and to by the name of an axis; an axis without counts whole.
+
+        Raises DataError for another axis, a region that leaves the map, or one with nodes without a value.
+        """
+        axes = (self.x, self.y)
+        other = sorted(set(region) - {axis.name for axis in axes})
+        if other:
+            raise DataError(f"region: no axis '{other[0]}', expected {self._ends()}")
+        whole = {axis.name: (float(axis.nodes[0]), float(axis.nodes[-1])) for axis in axes} | dict(region)
+        along = [mean_weights(axis.nodes, *whole[axis.name]) for axis in axes]
+        return self._combined(np.outer(*along).reshape(1, -1))
+
+    def difference(self, other: "Surface") -> "Surface":
+        """Return this map less another one, on the axes of this one; the errors of both count as independent.
+
+        Raises DataError where the other has other inputs, or another unit.
+        """
+        for mine, its in ((self.x, other.x), (self.y, other.y)):
+            if (mine.name, mine.unit, self.unit) != (its.name, its.unit, other.unit):
+                raise DataError(
+                    f"maps over {mine.name} [{mine.unit}] and {its.name} [{its.unit}], of {self.unit} and {other.unit}; "
+                    f"compare maps of one kind of engine"
+                )
+        laid = onto(other, self.x.nodes, self.y.nodes)
+        known = (self.origin != NONE) & (laid.origin != NONE)
+        covariance = self.covariance + laid.covariance
+        error = np.sqrt(np.diag(covariance)).reshape(known.shape)
+        return replace(
+            self,
+            values=np.where(known, self.values - laid.values, np.nan),
+            standard_error=np.where(known, error, np.nan),
+            covariance=covariance,
+            origin=np.where(known, np.maximum(self.origin, laid.origin), NONE).astype(np.int8),
+            source="difference",
+        )
+
+    def without_wide(self, most: float) -> "Surface":
+        """Return the map without the nodes whose 90 % interval is wider to either side than `most` [unit]."""
+        wide = (self.origin != NONE) & (NORMAL_90 * self.standard_error > most)
+        values, error = (np.where(wide, np.nan, each) for each in (self.values, self.standard_error))
+        origin = np.where(wide, LEFT_OUT, self.origin).astype(np.int8)
+        return replace(self, values=values, standard_error=error, origin=origin)
+
+    def _combined(self, weights: Array) -> Joint:
+        return combined(weights, self.values.ravel(), self.covariance)
+
+    def _ends(self) -> str:
+        return " and ".join(
+            f"{axis.name} from {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}" for axis in (self.x, self.y)
+        )
 
 
 def read_surface(path: Path, source: str = "") -> Surface:
@@ -57,8 +126,16 @@ def read_surface(path: Path, source: str = "") -> Surface:
             read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
             for name, item in (speed, fuel)
         )
-        unit = str(group["delta_W_c"].attrs["units"])
-        return read(group, surface_layout(x.name, y.name, unit, "support"), x=x, y=y, unit=unit, source=source)
+        unit, held = str(group["delta_W_c"].attrs["units"]), group if source == "extrapolation" else file["nodes"]
+        covariance, layout = held["covariance"][()].astype(float), surface_layout(x.name, y.name, unit, "support")
+        return read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
+
+
+def mean_flow(path: Path) -> float:
+    """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
+    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+        logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
+        return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
 def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
@@ -82,11 +159,10 @@ def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
 def onto(surface: Surface, x: Array, y: Array) -> Surface:
     """Return a surface at the nodes of other axes, bilinear as the map itself.
 
-    A node counts as estimated only if every node that it leans on is; outside the surface nothing is known. The standard error
-    is the weighted mean of those leaned on, an upper bound whatever their correlation. The nodes x and y, shapes (p2',) and
-    (p1',), are in the units of the surface's axes.
+    A node counts as estimated only if every node that it leans on is; outside the surface nothing is known. The nodes x and y,
+    shapes (p2',) and (p1',), are in the units of the surface's axes.
     """
-    weight_x, weight_y = _weights(surface.x.nodes, x), _weights(surface.y.nodes, y)
+    weight_x, weight_y = at_weights(surface.x.nodes, x), at_weights(surface.y.nodes, y)
     inside = np.outer(weight_x.sum(axis=1) > 0, weight_y.sum(axis=1) > 0)
 
     def touched(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -94,33 +170,23 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
         return np.asarray((weight_x > 0).astype(float) @ mask.astype(float) @ (weight_y > 0).T > 0)
 
     unknown = touched(surface.origin == NONE) | ~inside
-    origin = np.where(unknown, NONE, np.where(touched(surface.origin == EXTRAPOLATED), EXTRAPOLATED, ESTIMATED))
+    origin = np.full(inside.shape, ESTIMATED)
+    for code in (SMOOTHED, EXTRAPOLATED):
+        origin[touched(surface.origin == code)] = code
+    origin[unknown] = NONE
     known = surface.origin != NONE
-    values, error = (
-        np.where(unknown, np.nan, weight_x @ np.where(known, item, 0.0) @ weight_y.T)
-        for item in (surface.values, surface.standard_error)
-    )
+    values = np.where(unknown, np.nan, weight_x @ np.where(known, surface.values, 0.0) @ weight_y.T)
+    weights = np.kron(weight_x, weight_y)
+    covariance = weights @ surface.covariance @ weights.T
     return replace(
         surface,
         x=replace(surface.x, nodes=x),
         y=replace(surface.y, nodes=y),
         values=values,
-        standard_error=error,
+        standard_error=np.where(unknown, np.nan, np.sqrt(np.diag(covariance)).reshape(values.shape)),
+        covariance=covariance,
         origin=origin.astype(np.int8),
     )
-
-
-def _weights(nodes: Array, at: Array) -> Array:
-    """Return how much each node counts at each place, shape (len(at), len(nodes)); a row of zeros outside."""
-    cell = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, nodes.size - 2)
-    share = (at - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
-    inside = (share >= -SNAP) & (share <= 1 + SNAP)
-    share = np.where(np.abs(share) <= SNAP, 0.0, np.where(np.abs(share - 1) <= SNAP, 1.0, share))
-    weights = np.zeros((at.size, nodes.size))
-    rows = np.arange(at.size)
-    weights[rows, cell] = np.where(inside, 1 - share, 0.0)
-    weights[rows, cell + 1] += np.where(inside, share, 0.0)
-    return weights
 
 
 def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surface:
@@ -128,11 +194,12 @@ def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surfa
 
     Without old values such nodes are empty.
     """
-    kept = surface.origin != ESTIMATED if only_estimated else surface.origin == NONE
+    kept = surface.origin != ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
+    empty = np.where(surface.origin == LEFT_OUT, LEFT_OUT, NONE)
     values = np.where(kept, np.nan if old is None else old, surface.values)
     return replace(
         surface,
         values=values,
         standard_error=np.where(kept, np.nan, surface.standard_error),
-        origin=np.where(kept, NONE if old is None else OLD, surface.origin).astype(np.int8),
+        origin=np.where(kept, empty if old is None else OLD, surface.origin).astype(np.int8),
     )

@@ -39,6 +39,7 @@ class LogSummary:
     lower: Annotated[Array, Item("SI", "smallest scheduling parameters along the log", ("parameter",))]
     upper: Annotated[Array, Item("SI", "largest scheduling parameters along the log", ("parameter",))]
     balance_ratio: float
+    mean_flow: Annotated[float, Item("kg/s", "mean of the sensor's readings", gaps=True)]
     metrics: Metrics | None
 
 
@@ -59,6 +60,7 @@ def summary_of(run: LogRun, metrics: Metrics | None, balance_ratio: float = nan)
         lower=run.lower,
         upper=run.upper,
         balance_ratio=balance_ratio,
+        mean_flow=run.mean_flow,
         metrics=metrics,
     )
 

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -11,10 +12,13 @@ import xarray as xr
 from lpvobs.api.export import export
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import DcmMap, dcm_text, read_dcm_map
-from lpvobs.io.calibration.surfaces import ESTIMATED, EXTRAPOLATED, NONE, OLD, keep_old, onto, read_surface
+from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, OLD, keep_old, onto, read_surface
+from lpvobs.maps.quadratic import ESTIMATED, EXTRAPOLATED
 
 SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)
 TRUTH = -0.004 + 1e-6 * np.add.outer(SPEED, 30.0 * FUEL)
+COVARIANCE = 1e-8 * (0.1 * np.eye(TRUTH.size) + 0.9)
+"""[kg^2/s^2]: neighbours err alike."""
 INSIDE = np.add.outer(np.arange(SPEED.size), np.arange(FUEL.size)) % 5 != 0
 
 
@@ -38,7 +42,11 @@ def result(tmp_path):
                 support.astype(np.int8),
             )
             group["delta_W_c"].attrs["units"] = "kg/s"
+            group["covariance"] = COVARIANCE
         file["map"].attrs["axes"] = "u_delta n_e"
+        file["nodes/covariance"] = COVARIANCE
+        file["logs/drive/mean_flow"] = 0.02
+        file["logs/drive"].attrs["samples"] = 100
     return path
 
 
@@ -153,7 +161,7 @@ def test_netcdf_opens_with_axes_units_and_names(result, tmp_path, engine):
         np.testing.assert_array_equal(found["n_e"], SPEED)
         assert found["delta_W_c"].attrs["units"] == "kg/s"
         assert all("long_name" in found[name].attrs for name in found.variables)
-        assert found["origin"].attrs["flag_meanings"] == "none estimated extrapolated old"
+        assert found["origin"].attrs["flag_meanings"] == "none estimated extrapolated smoothed old left_out"
         assert float(found["delta_W_c"].sel(n_e=1000.0, u_delta=10.0)) == TRUTH[1, 1]
 
 
@@ -172,7 +180,7 @@ def test_laid_onto_its_own_axes_a_surface_is_itself(result):
     again = onto(surface, SPEED * (1 + 1e-9), FUEL)
     np.testing.assert_array_equal(again.values, surface.values)
     np.testing.assert_array_equal(again.origin, surface.origin)
-    np.testing.assert_array_equal(again.standard_error, surface.standard_error)
+    np.testing.assert_allclose(again.standard_error, surface.standard_error, rtol=1e-12)
 
 
 def test_a_node_between_is_as_sure_as_the_least_it_leans_on(result):
@@ -184,6 +192,76 @@ def test_a_node_between_is_as_sure_as_the_least_it_leans_on(result):
     kept = keep_old(between, np.full((3, 3), 0.5), True)
     assert np.array_equal(kept.origin == OLD, between.origin != ESTIMATED)
     assert np.all(kept.values[kept.origin == OLD] == 0.5)
+    assert np.all(between.standard_error[1:] <= 1e-4)  # 0.9 correlated: little less than that of a node
+    assert between.standard_error[1, 1] == pytest.approx(1e-4 * np.sqrt(0.9 + 0.1 / 4))
+
+
+def test_points_and_means_have_the_covariance_of_all_nodes(result):
+    surface = read_surface(result)
+    found = surface.at([(500.0, 0.0), (750.0, 15.0)])
+    np.testing.assert_allclose(found.values, [-0.0035, -0.004 + 1e-6 * (750.0 + 450.0)])
+    np.testing.assert_allclose(found.covariance, 1e-8 * np.array([[1.0, 0.9], [0.9, 0.925]]))
+    mean = surface.mean({"n_e": (1000.0, 2000.0), "u_delta": (5.0, 15.0)})
+    np.testing.assert_allclose(mean.values, -0.004 + 1e-6 * (1500.0 + 300.0))
+    # Along speed 1/4, 1/2, 1/4, along fuel 1/8, 3/4, 1/8.
+    weights = np.outer([0.25, 0.5, 0.25], [0.125, 0.75, 0.125])
+    assert mean.standard_error[0] == pytest.approx(1e-4 * np.sqrt(0.9 + 0.1 * np.sum(weights**2)))
+    np.testing.assert_allclose(
+        mean.ci90[0], mean.values[0] + 1.645 * mean.standard_error[0] * np.array([-1, 1]), atol=2e-8
+    )
+    whole = surface.mean({})
+    assert whole.values[0] == pytest.approx(-0.004 + 1e-6 * (1750.0 + 600.0))
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda map_: map_.mean({"rpm": (1000.0, 2000.0)}), "no axis 'rpm', expected n_e from 500 to 3000 rpm"),
+        (
+            lambda map_: map_.mean({"n_e": (1000.0, 4000.0)}),
+            "1000 to 4000, expected two rising values from 500 to 3000",
+        ),
+        (lambda map_: map_.mean({"n_e": (2000.0, 1000.0)}), "expected two rising values"),
+        (lambda map_: map_.mean({}), "6 of the 30 nodes asked for have no value"),
+        (lambda map_: map_.at([(100.0, 10.0)]), "points: expected n_e from 500"),
+    ],
+)
+def test_what_a_map_does_not_know_is_refused(result, ask, words):
+    with pytest.raises(DataError, match=re.escape(words)):
+        ask(read_surface(result, "map"))
+
+
+def test_a_difference_has_both_covariances_and_its_own_nodes(result):
+    surface = read_surface(result, "map")
+    other = onto(surface, SPEED[1:], FUEL)
+    change = surface.difference(replace(other, values=other.values - 1e-3))
+    assert np.all(change.origin[0] == NONE)
+    known = change.origin != NONE
+    np.testing.assert_array_equal(known[1:], INSIDE[1:])
+    np.testing.assert_allclose(change.values[known], 1e-3)
+    np.testing.assert_allclose(change.standard_error[known], np.sqrt(2.0) * 1e-4)
+    with pytest.raises(DataError, match="of one kind of engine"):
+        surface.difference(replace(surface, unit="kg/h"))
+
+
+def test_nodes_with_wide_intervals_are_left_out_and_counted(result, tmp_path):
+    with h5py.File(result, "r+") as file:
+        wide = np.where(INSIDE, 1e-4, 2e-3)
+        file["extrapolation/standard_error"][:] = wide
+        file["extrapolation/covariance"][:] = np.diag(wide.ravel() ** 2)
+    done = export(result, tmp_path / "maf.csv", "csv")  # 0.1 of 20 g/s are 2 g/s, and 1.645 times 2 g/s is more
+    assert done.widest == pytest.approx(2e-3)
+    np.testing.assert_array_equal(done.surface.origin == LEFT_OUT, ~INSIDE)
+    assert (tmp_path / "maf.csv").read_text().count("left_out") == 6
+    export(result, tmp_path / "maf.dcm", "dcm")
+    text = (tmp_path / "maf.dcm").read_text(encoding="latin-1")
+    assert "6 nodes without a correction: their 90 % interval exceeds 2 g/s" in text
+    assert read_dcm_map(tmp_path / "maf.dcm", "delta_W_c").values.T[~INSIDE].tolist() == [0.0] * 6
+    assert np.all(export(result, tmp_path / "all.csv", "csv", widest=1.0).surface.origin != LEFT_OUT)
+    old = write_old(tmp_path / "old.dcm", x=FUEL, y=SPEED, values=0.36 * np.ones((6, 5)))
+    kept = export(result, tmp_path / "new.dcm", "dcm", old=old, name="MAP").surface
+    assert np.all(kept.origin[~INSIDE] == OLD)
+    np.testing.assert_allclose(kept.values[~INSIDE], 1e-4)
 
 
 def test_a_dcm_has_a_value_everywhere(result, tmp_path):

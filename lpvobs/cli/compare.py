@@ -1,0 +1,48 @@
+"""`lpvobs compare`."""
+
+from pathlib import Path
+from typing import Annotated
+
+from lpvobs.cli.common import guarded, print_json, say, table
+from lpvobs.cli.options import JsonOption, RegionOption, argument, option
+
+
+@guarded
+def compare(
+    first: Annotated[Path, argument("A.h5", "A result of estimate, the earlier one.")],
+    second: Annotated[Path, argument("B.h5", "Another result.")],
+    values: Annotated[str, option("GROUP", "map: nodes that both have estimated; extrapolation: every node.")] = "map",
+    region: RegionOption = None,
+    gate: Annotated[
+        list[str] | None,
+        option("EXPR", 'Such as "largest_change<=0.5 g/s"; also mean_change, p_value. Repeatable.'),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show how map B differs from map A, and where that is more than the errors of both.
+
+    Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
+    """
+    from lpvobs.api.compare import changes_between, expect_gates
+    from lpvobs.api.regions import region_of
+    from lpvobs.report.tables import grams
+
+    found = changes_between(first, second, values, None if region is None else region_of(region))
+    if as_json:
+        print_json("compare", found)
+    else:
+        low, high = (grams(end) for end in found.mean.ci90)
+        where = f"in {region}" if region else f"over the {found.nodes} nodes that both have"
+        print(f"mean change {where}: {grams(found.mean.value)} g/s (90 %: {low} to {high})")
+        print(
+            f"no change at all: p = {found.p_value:.2g}; {len(found.significant)} nodes have changed by more than their errors"
+        )
+        if found.significant:
+            rows = [
+                [f"{node.speed:g}", f"{node.fuel:g}", *map(grams, (node.before, node.after, node.change, *node.ci90))]
+                for node in found.significant
+            ]
+            print(table([*found.axes, "A [g/s]", "B [g/s]", "change [g/s]", "5 %", "95 %"], rows))
+    expect_gates(found, gate or ())
+    if gate:
+        say(f"{second}: every gate holds")

@@ -1,0 +1,68 @@
+"""What the README says of accuracy is what the pages of results say: figures are made, not typed."""
+
+import re
+
+import pytest
+from repository import ROOT
+
+SHARE = 0.01
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+CYCLES = {"ETC part 1": "ETC surrogate, part 1", "FTP75": "FTP75, cold transient"}
+
+
+def row(page, *starts):
+    """Return the numbers of the row that begins as given, below the headings given before it."""
+    text = (ROOT / "benchmarks" / "results" / f"{page}.md").read_text(encoding="utf-8")
+    for start in starts[:-1]:
+        text = text[text.index(f"## {start}") :]
+    line = next(line for line in text.splitlines() if line.startswith(f"| {starts[-1]} |"))
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", line.removeprefix(f"| {starts[-1]} |"))]
+
+
+def told(words):
+    """Return the numbers of the README in words, where # stands for one."""
+    pattern = re.escape(words).replace(r"\#", r"(-?\d+(?:\.\d+)?)").replace(r"\ ", r"\s+")
+    found = re.search(pattern, README)
+    assert found, f"the README does not say '{words}'"
+    return [float(number) for number in found.groups()]
+
+
+def alike(mine, theirs):
+    return mine == pytest.approx(theirs, rel=SHARE)
+
+
+@pytest.mark.parametrize("cycle", CYCLES)
+def test_the_table_of_accuracy(cycle):
+    line = next(line for line in README.splitlines() if line.startswith(f"| {cycle}") and "%" in line)
+    paper, published, default, floor = (float(number) for number in re.findall(r"(\d+\.\d+) %", line))
+    assert paper == {"ETC part 1": 10.41, "FTP75": 5.28}[cycle]
+    assert alike(published, row("accuracy", CYCLES[cycle], "a) as published, Gamma = 200")[0])
+    within = row("drawn_constants", f"within 1 % | {CYCLES[cycle]}")
+    assert alike(default, within[0])
+    assert alike(floor, within[2])
+
+
+def test_the_engine_of_another_structure():
+    ours, table = told("misses by # % of the air flow, a bench table of volumetric efficiency by # %")
+    found = row("structures", "all")
+    assert alike([ours, table], [found[0], found[2]])
+
+
+def test_the_blind_bank():
+    single = "single effect: first named right, or in a set of three at most"
+    (logs,) = told("bank of # simulated diesel drives")
+    right, of, clean = told("# of # single effects were named rightly and none of # clean drives was suspected")
+    assert [right, of] == row("blind", "diesel", single)[:2]
+    assert row("blind", "diesel", "clean: `none`")[:2] == [clean, clean]
+    assert told("only # of # pairs were found whole") == row("blind", "diesel", "pair: both found")[:2]
+    assert told("# of # single effects were; there") == row("blind", "throttled", single)[:2]
+    assert told("there # % of the 90 % intervals") == [
+        round(row("blind", "throttled", "truth inside its 90 % interval")[2])
+    ]
+    text = (ROOT / "benchmarks" / "results" / "blind.md").read_text(encoding="utf-8")
+    assert f"\n{logs:.0f} logs: {clean:.0f} clean" in text
+
+
+def test_the_bank_says_which_commit_judged():
+    text = (ROOT / "benchmarks" / "results" / "blind.md").read_text(encoding="utf-8")
+    assert re.search(r"The code that judged is that of commit [0-9a-f]{7,40}\b", text)
