@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lpvobs.engines.bounds import Within
 from lpvobs.engines.curves import Weights
