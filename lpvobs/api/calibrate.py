@@ -42,6 +42,7 @@ def calibrate(
     maps: Iterable[str] = (),
     out: File,
     gain: File | None = None,
+    prior: bool = False,
     progress: Progress | None = None,
 ) -> StoredEngine:
     """Find an engine's constants and the corrections of its components, with their covariance, and write them.
@@ -63,6 +64,8 @@ def calibrate(
         The engine to write.
     gain : path, optional
         For logs; without it one is made and proven first.
+    prior : bool
+        Write the engine as configured where there is nothing to calibrate from.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
@@ -86,7 +89,7 @@ def calibrate(
     tables, known, metered = as_paths(bench), find_logs(as_paths(healthy)), find_logs(as_paths(reference))
     given = None if gain is None else as_path(gain)
     parts = [named_file(item, air_path) for item in maps]
-    if not (tables or known or metered or parts):
+    if not (tables or known or metered or parts or prior):
         raise UsageError(
             "nothing to calibrate from; give --bench TABLE, --healthy LOG, --reference LOG or --map KIND=FILE"
         )

@@ -36,6 +36,9 @@ def calibrate(
         Path | None,
         option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
     ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Say which further bench points would help most; needs no data yet.")
+    ] = False,
     config: ConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -49,6 +52,7 @@ def calibrate(
     with loading():
         load_compiler()
         from lpvobs.api.calibrate import calibrate as find_engine
+        from lpvobs.api.plan_bench import plan_bench
         from lpvobs.report.engines import calibration_tables, told
 
     config = chosen_config(config)
@@ -61,9 +65,11 @@ def calibrate(
             maps=maps or (),
             out=out,
             gain=gain,
+            prior=plan,
             progress=report,
         )
-    found = told(stored, str(out))
+    with progress("planning") as report:
+        found = told(stored, str(out), plan_bench(config, out, progress=report) if plan else ())
     if as_json:
         print_json("calibrate", found)
         return
@@ -73,4 +79,8 @@ def calibrate(
     say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
     say(f"constants that stay as the configuration has them, within its tolerance: {', '.join(by_prior) or 'none'}")
     points = f", {found.points} bench points" if found.points else ""
-    say(f"{out}: engine from {', '.join(found.inputs)}{points}")
+    say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
+    if found.plan:
+        say(
+            f"the air flow is unknown by {100 * found.plan[0].before:.2g} % now, over all points that the engine can stand at"
+        )

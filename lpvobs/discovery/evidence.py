@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
+import scipy.linalg
+import scipy.stats
 from numpy.typing import NDArray
 
 from lpvobs.discovery.imbalances import operating_nodes, residual_of, views

@@ -12,7 +12,8 @@ the degrees of freedom of the sum (Satterthwaite). The standard error is scaled 
 """
 
 import numpy as np
-import scipy
+import scipy.linalg
+import scipy.stats
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import scipy
+import scipy.stats
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import Curve

@@ -44,6 +44,18 @@ class ConstantOutput:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlannedPoint:
+    """A bench point that is worth recording."""
+
+    point: Annotated[Mapping[str, Finite], Meta(description="What the bench sets, by channel.")]
+    units: Mapping[str, str]
+    before: Annotated[
+        Finite, Meta(description="Uncertainty of the air flow over all points without it, rms over the flow.")
+    ]
+    after: Annotated[Finite, Meta(description="The same with it, and with those before it.")]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CalibrateOutput:
     """What is known of an engine."""
 
@@ -54,9 +66,10 @@ class CalibrateOutput:
     components: Sequence[ComponentOutput]
     amplitudes: Annotated[Mapping[str, Finite], Meta(description="Of the corrections by group, over their prior's.")]
     constants: Mapping[str, ConstantOutput]
+    plan: Annotated[Sequence[PlannedPoint], Meta(description="With --plan: further bench points, the best first.")]
 
 
-def told(stored: StoredEngine, out: str) -> CalibrateOutput:
+def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> CalibrateOutput:
     """Return what is said of a calibrated engine."""
     error = stored.error
     determined = stored.determined()
@@ -81,6 +94,7 @@ def told(stored: StoredEngine, out: str) -> CalibrateOutput:
             name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
             for i, (name, value) in enumerate(stored.deviation.items())
         },
+        plan=plan,
     )
 
 
@@ -97,11 +111,17 @@ def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
 
 
 def calibration_tables(found: CalibrateOutput) -> list[Table]:
-    """Return how well bench rows fit, and the corrections of the components."""
+    """Return how well bench rows fit, the corrections of the components, and which points to record next."""
     fit = [[row.kind, str(row.rows), *map(percent, (row.configured, row.held_out, row.left))] for row in found.rows]
     corrections = [
         [item.component, item.unit, *(f"{value:.2g}" for value in (item.largest, item.standard_error, item.before))]
         for item in found.components
     ]
     tables = [(["correction", "unit", "largest", "standard error", "before the data"], corrections)]
+    if found.plan:
+        header = [f"{name} {unit}" for name, unit in found.plan[0].units.items()]
+        rows = [
+            [*(f"{value:.5g}" for value in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan
+        ]
+        tables.append(([*header, "then unknown"], rows))
     return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables

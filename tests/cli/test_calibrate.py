@@ -64,6 +64,21 @@ def test_healthy_logs_and_meters_teach(lpvobs, other_engine, chain, folder):
     assert (lacking.code, "'W_reference' is missing" in lacking.err) == (3, True)
 
 
+def test_a_plan_names_points_that_help(lpvobs, other_engine, folder):
+    bench = ("--bench", other_engine.bench, "--plan", "--out", folder / "plan.h5")
+    known = lpvobs("calibrate", "--config", DIESEL, *bench, "--json")
+    assert known.code == 0, known.err
+    nothing = lpvobs("calibrate", "--config", DIESEL, "--plan", "--out", folder / "nothing.h5", "--json")
+    assert nothing.code == 0, nothing.err
+    for done in (known, nothing):
+        assert len(done.json["plan"]) == 8
+        assert set(done.json["plan"][0]["point"]) == {"u_delta", "n_e", "u_egr", "p_amb", "T_amb"}
+        before = [item["before"] for item in done.json["plan"]]
+        assert before == sorted(before, reverse=True)
+    assert known.json["plan"][0]["before"] < 0.2 * nothing.json["plan"][0]["before"]
+    assert nothing.json["inputs"] == []
+
+
 def test_tables_of_components_are_taken(lpvobs, folder):
     table = folder / "compressor.csv"
     lines = ["corrected_speed,corrected_flow,pressure_ratio", "rpm,kg/s,1"]

@@ -167,17 +167,17 @@ def test_a_bound_of_the_state_that_was_made_smaller_is_not_proven(lpvobs, chain,
 
 # --- commands ----------------------------------------------------------------------------------------------------------------
 VERBS = {
-    "simulate": ("--config", "--cycle", "--out", "--effects", "--rate", "--seed"),
+    "simulate": ("--config", "--cycle", "--out", "--effects", "--rate", "--seed", "--engine"),
     "ingest": ("--profile", "--out"),
     "inspect": (),
     "synth-gain": ("--config", "--out"),
     "verify": (),
-    "calibrate": ("--bench", "--reference", "--healthy", "--config", "--out"),
+    "calibrate": ("--bench", "--reference", "--healthy", "--map", "--plan", "--config", "--out"),
     "estimate": ("--config", "--gain", "--engine", "--out", "--method", "--jobs"),
     "extrapolate": ("--method", "--smooth"),
     "compare": ("--gate",),
-    "trace": ("--freeze-map", "--free-map"),
-    "refine": ("--out", "--freeze-map", "--free-map"),
+    "trace": ("--freeze-map", "--free-map", "--engine"),
+    "refine": ("--out", "--freeze-map", "--free-map", "--engine"),
     "report": ("--html", "--gate"),
     "export": ("--format", "--out"),
 }

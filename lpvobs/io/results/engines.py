@@ -76,7 +76,7 @@ DETERMINED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _UnknownsAsStored:
     """Unknowns as a file has them."""
 
     names: Annotated[tuple[str, ...], Item("1", "constant, or node of a correction", name="unknown")]
@@ -85,7 +85,7 @@ class _Found:
 
 
 @dataclass(frozen=True, eq=False)
-class _Calibrated(_Found):
+class _Calibrated(_UnknownsAsStored):
     prior_error: Annotated[Array, Item("1", "standard deviation before the data", ("unknown",))]
 
 
@@ -104,13 +104,13 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
 
 def write_unknowns(file: h5py.File, name: str, unknowns: Unknowns) -> None:
     """Write the unknowns of an engine into a group of their own."""
-    found = _Found(unknowns.names, unknowns.mean, unknowns.covariance)
+    found = _UnknownsAsStored(unknowns.names, unknowns.mean, unknowns.covariance)
     write(file, name, found, {"other_unknown": unknowns.names})
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
-    stored, components = read(group, _Found), air_path.components
+    stored, components = read(group, _UnknownsAsStored), air_path.components
     own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
     found = Unknowns(own, components, stored.mean, stored.covariance, learned=True)
     if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):

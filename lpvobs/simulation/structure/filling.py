@@ -2,7 +2,8 @@
 
 from math import cos, exp, pi, sqrt
 
-from lpvobs.compiled import njit
+from numba import njit
+
 from lpvobs.simulation.structure.amplitudes import Amplitudes
 
 RUNNER = 0.45  # m, intake runner from plenum to valve; 0.3 to 0.6 in passenger cars

@@ -3,7 +3,8 @@
 from math import exp, pi, sin, sqrt
 from typing import NamedTuple
 
-from lpvobs.compiled import njit
+from numba import njit
+
 from lpvobs.simulation.plant import Inputs, Plant, compressor_flow, turbine_flow, turbine_power, vgt_area_ratio
 
 STEPS = 3
