@@ -30,70 +30,36 @@ class Item:
 
 @dataclass(frozen=True)
 class DefectFound:
-    """Samples of a channel that are numbers, but no readings.
+    """Samples of a channel that are numbers, but no readings."""
 
-    Attributes
-    ----------
-    kind : str
-        `stuck`, `saturated` or `spike`.
-    first : float
-        [s], time of the first of them.
-    policy : str
-        What was done: `drop`.
-    """
-
-    kind: str
+    kind: str  # `stuck`, `saturated` or `spike`
     channel: str
     samples: int
-    first: float
-    policy: str
+    first: float  # [s], time of the first of them
+    policy: str  # what was done: `drop`
 
 
 @dataclass(frozen=True)
 class Defects:
-    """What the reader found in a log and what the policies did about it.
+    """What the reader found in a log and what the policies did about it."""
 
-    Attributes
-    ----------
-    samples_read : int
-        Rows in the file.
-    dropped : Mapping[str, int]
-        Rows dropped because this channel was not finite or not possible there (a row may count for several channels).
-    dropped_rows : int
-        Rows dropped altogether.
-    gaps : int
-        Places where the time step exceeds the limit; each splits the log.
-    repeated : int
-        Rows removed because their time repeats or runs backward (only on request; otherwise the log is refused).
-    findings : tuple of DefectFound
-        Stuck, saturated and spiked samples, which were dropped as well.
-    """
-
-    samples_read: int
+    samples_read: int  # rows in the file
+    # rows dropped because this channel was not finite or not possible there (a row may count for several channels)
     dropped: Mapping[str, int] = field(default_factory=dict)
-    dropped_rows: int = 0
-    gaps: int = 0
+    dropped_rows: int = 0  # rows dropped altogether
+    gaps: int = 0  # places where the time step exceeds the limit; each splits the log
+    # rows removed because their time repeats or runs backward (only on request; otherwise the log is refused)
     repeated: int = 0
-    findings: tuple[DefectFound, ...] = ()
+    findings: tuple[DefectFound, ...] = ()  # stuck, saturated and spiked samples, which were dropped as well
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive samples of a recorded drive.
+    """Consecutive samples of a recorded drive."""
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        [s], strictly increasing, later than any earlier piece.
-    channels : Mapping[str, ndarray of shape (n,)]
-        As in `Log`.
-    begins : ndarray of bool, shape (n,)
-        True where a segment begins; the first piece begins with one.
-    """
-
-    time: Array
-    channels: Mapping[str, Array]
-    begins: NDArray[np.bool_]
+    time: Array  # (n,) [s], strictly increasing, later than any earlier piece
+    channels: Mapping[str, Array]  # (n,) as in `Log`
+    begins: NDArray[np.bool_]  # (n,) true where a segment begins; the first piece begins with one
 
 
 class Recording(Protocol):
@@ -120,36 +86,18 @@ class Recording(Protocol):
 
 @dataclass(frozen=True)
 class Log:
-    """One recorded drive, in SI units (map axes in the units of the engine's record), without reference channels.
+    """One recorded drive, in SI units (map axes in the units of the engine's record), without reference channels."""
 
-    Attributes
-    ----------
-    name : str
-        Stem of the file, the name of the log in results.
-    sha256 : str
-        Of the file's bytes.
-    time : ndarray, shape (N,)
-        [s], strictly increasing.
-    channels : Mapping[str, ndarray of shape (N,)]
-        The channels that the engine's air path needs, finite everywhere.
-    auxiliary : Mapping[str, ndarray of shape (N,)]
-        All other numeric channels, as they are: NaN where the file has none. No estimator reads them.
-    segments : tuple of (start, stop)
-        Half-open ranges of samples without a gap; no state is carried from one to the next.
-    rows : ndarray of int, shape (N,)
-        Row of the file behind each sample, so that references can be laid beside it.
-    defects : Defects
-        What was found and done on reading.
-    """
-
-    name: str
-    sha256: str
-    time: Array
-    channels: Mapping[str, Array]
+    name: str  # stem of the file, the name of the log in results
+    sha256: str  # of the file's bytes
+    time: Array  # (N,) [s], strictly increasing
+    channels: Mapping[str, Array]  # (N,) the channels that the engine's air path needs, finite everywhere
+    # (N,) all other numeric channels as they are, NaN where the file has none; no estimator reads them
     auxiliary: Mapping[str, Array]
+    # half-open ranges of samples without a gap; no state is carried from one to the next
     segments: tuple[tuple[int, int], ...]
-    rows: NDArray[np.int64]
-    defects: Defects
+    rows: NDArray[np.int64]  # (N,) row of the file behind each sample, so that references can be laid beside it
+    defects: Defects  # what was found and done on reading
 
     def __getitem__(self, channel: str) -> Array:
         """Return one needed channel, shape (N,)."""
