@@ -12,8 +12,8 @@ from repository import ROOT
 
 ROOT = ROOT / "lpvobs"
 ROOMS = (
-    "errors", "kinds", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "simulation", "io",
-    "ingest", "report", "api", "selftest", "cli",
+    "errors", "kinds", "compiled", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "simulation",
+    "io", "ingest", "report", "api", "selftest", "cli",
 )  # fmt: skip
 FORBIDDEN = {"selftest": {"report"}}
 ASKED = {"api", "selftest", "report", "errors", "cli"}

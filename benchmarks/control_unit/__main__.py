@@ -186,7 +186,7 @@ def cost(gain, logs, folder):
             said = run(*call, folder=folder)
             counted = int(re.findall(r"Collected : (\d+)", said)[0]) / SAMPLES
             state = re.findall(rf"^{SAMPLES} \S+ \S+ (\d+)$", said, re.M)[0]
-            row += [state, f"{counted:.0f}"]
+            row += ["-" if "-DMODEL" in flags else state, f"{counted:.0f}"]
             if name.endswith("195 states") and not number:
                 _agrees_with_python(config, unit, log, folder)
             row += _on_m7(common, folder)

@@ -6,7 +6,6 @@ from functools import partial
 from lpvobs.api.files import File, as_path
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
-from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.report.outputs import StateBoundOutput
 from lpvobs.synthesis.bound import prove_bound
@@ -50,6 +49,8 @@ def check_stored(gain: File, config: File | None = None) -> tuple[StoredGain, Ce
     stored = read_gain(as_path(gain))
     certificate = check_again(stored)
     if config is not None:
+        from lpvobs.io.configuration.config import load_config
+
         expect_engine(as_path(gain), stored, load_config(as_path(config))[0])
     return stored, certificate
 

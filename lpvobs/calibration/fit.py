@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lpvobs.calibration.bench import Rows, Table, rows_of
 from lpvobs.engines.base import AirPath

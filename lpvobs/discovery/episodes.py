@@ -4,8 +4,8 @@ from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.linear import Linear, dot, residual_with
 from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Term

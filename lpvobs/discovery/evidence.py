@@ -3,8 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.imbalances import operating_nodes, residual_of, views

@@ -12,8 +12,7 @@ the degrees of freedom of the sum (Satterthwaite). The standard error is scaled 
 """
 
 import numpy as np
-import scipy.linalg
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision

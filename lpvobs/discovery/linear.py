@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-from numba import njit
+import scipy
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.imbalances import Nodes, Scene, map_along, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.noise import Noise
 from lpvobs.discovery.residual import Problem, Term

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
-import scipy.ndimage
-from numba import njit
+import scipy
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import AT_ONCE, FIRST_NOISE, LEAST_IN_CELL, MOST_STRETCHED, SHORT, SLOW, TRANSIENT
 from lpvobs.engines.healthy import TAIL

@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.known_effects import KnownEffect, effect_along
 from lpvobs.discovery.thresholds import WIDE
 from lpvobs.engines.base import AirPath

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.known_effects import own_time

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of

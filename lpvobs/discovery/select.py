@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import Curve

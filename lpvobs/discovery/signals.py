@@ -5,8 +5,8 @@ independent where that of the sensor is independent from sample to sample.
 """
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.discovery.thresholds import NEAR
 from lpvobs.records import Array, Log
 

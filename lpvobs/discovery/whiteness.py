@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import scipy.stats
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.linear import Linear

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
 from lpvobs.engines.bounds import Within
 from lpvobs.engines.curves import Weights
@@ -145,8 +146,7 @@ class Unknowns:
         variance, modes = np.linalg.eigh(self.covariance[n:, n:])
         modes = modes[:, variance > NEGLIGIBLE**2][:, ::-1]
         largest = np.take_along_axis(modes, np.abs(modes).argmax(axis=0)[None], axis=0)  # libraries differ in the sign
-        modes = modes * np.sign(largest)
-        return np.block([[np.eye(n), np.zeros((n, modes.shape[1]))], [np.zeros((len(modes), n)), modes]])
+        return np.asarray(scipy.linalg.block_diag(np.eye(n), modes * np.sign(largest)))
 
     def reduced(self, covariance: Array) -> Array:
         """Return a covariance of all unknowns as one of the coordinates, shape (m, m)."""

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.maps.grid import Grid, local, locate
 from lpvobs.records import Array
 

@@ -9,9 +9,9 @@ of which one or two remain (cases 1 to 3 of Remark 2).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.records import Array
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.maps.excitation import corners, node_values, over_nodes
 from lpvobs.maps.grid import Grid, local
 from lpvobs.records import Array, Item

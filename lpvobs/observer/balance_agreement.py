@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from math import nan
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincc
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Channels, Suspects
@@ -223,7 +223,7 @@ def agreement(grid: Grid, sums: BalanceSums, unknown: Array, axes: Sequence[str]
         squares = share * (mean / scale) ** 2
         # The probability of a larger sum of correlated chi-squares, as of one with the same mean, 1, and variance, twice `half`.
         half = float(share @ (covariance / np.outer(scale, scale)) ** 2 @ share)
-        p_value = min(1.0, pairs * float(gammaincc(0.5 / half, 0.5 * squares.sum() / half)))
+        p_value = min(1.0, pairs * float(scipy.special.gammaincc(0.5 / half, 0.5 * squares.sum() / half)))
         row, column = divmod(int(cells[np.argmax(squares)]), grid.fuel.size - 1)
         ends = (grid.fuel[column : column + 2].tolist(), grid.speed[row : row + 2].tolist())
         where = {axis: (low, high) for axis, (low, high) in zip(axes, ends, strict=True)}

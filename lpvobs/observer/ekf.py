@@ -12,8 +12,8 @@ whose gains are all exactly zero (nodes that are not correlated with anything me
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid, local
 from lpvobs.observer.inverse import ROW, invert

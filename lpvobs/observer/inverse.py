@@ -8,8 +8,7 @@ the ratio of the largest over the smallest eigenvalue of M: in a step of the obs
 tens for 2000 1/s at 10 ms.
 """
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.records import Array
 
 ROW = 256

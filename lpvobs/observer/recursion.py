@@ -24,8 +24,8 @@ Departure from the paper: none in the equations; the discretisation is ours, the
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.base import Trajectory
 from lpvobs.maps.grid import Grid, reach, seek
 from lpvobs.observer.inverse import ROW, invert

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.records import Array, Piece
 
 BLOCK = 4096

@@ -16,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.maps.grid import Grid, seek, share
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.records import Array

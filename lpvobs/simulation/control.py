@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.parameters import Control, Setpoints, SimulationParameters

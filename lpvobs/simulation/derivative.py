@@ -1,7 +1,6 @@
 """The right-hand side of the plant: flows, temperatures and powers of a state, and how the state moves."""
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.simulation import plant as relation
 from lpvobs.simulation.plant import (
     OMEGA_T,

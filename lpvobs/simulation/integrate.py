@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.simulation.control import Commands, Targets, control
 from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.plant import (

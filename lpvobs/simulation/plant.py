@@ -11,9 +11,9 @@ from math import exp, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.simulation.parameters import Actuators, Combustion, Cooling, SimulationParameters

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import exp, expm1, floor, sqrt
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
-from scipy.signal import lfilter
+import scipy
 
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
@@ -135,7 +134,7 @@ def lagged(W: Array, step: float, tau: float) -> Array:
     mean = tau / step * -expm1(-step / tau)
     if W.size == 0:
         return W
-    return np.asarray(lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
+    return np.asarray(scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
 
 
 def delayed(W: Array, step: float, delay: float) -> Array:
@@ -169,6 +168,6 @@ def _quadratic(surface: ErrorSurface, u: Array, n: Array) -> Array:
 
 def _table(surface: ErrorSurface, u: Array, n: Array) -> Array:
     axes = (np.asarray(surface.n_e, dtype=float), np.asarray(surface.u_delta, dtype=float))
-    table = RegularGridInterpolator(axes, np.asarray(surface.values, dtype=float))
+    table = scipy.interpolate.RegularGridInterpolator(axes, np.asarray(surface.values, dtype=float))
     held = [np.clip(values, axis[0], axis[-1]) for values, axis in zip((n, u), axes, strict=True)]
     return np.asarray(table(np.column_stack(held)))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array

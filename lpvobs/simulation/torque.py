@@ -4,8 +4,8 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.records import Array
 from lpvobs.simulation.parameters import SimulationParameters

@@ -9,9 +9,9 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import SpeedCycle

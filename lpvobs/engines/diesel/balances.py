@@ -6,8 +6,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants

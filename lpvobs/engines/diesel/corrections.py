@@ -8,8 +8,8 @@ the error of a flow does not vanish with the flow.
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.curves import Weights, on_line, on_surface
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants

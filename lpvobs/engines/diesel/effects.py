@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
@@ -119,8 +120,7 @@ def diesel_model(
         seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
         own = known.reduced(known.covariance) / np.outer(seen, seen)
         apart = np.diag(np.array(list(others.values())) ** 2 / 3.0)
-        names, across = (*others, *known.coordinates), np.zeros((len(apart), len(own)))
-        covariance = np.block([[apart, across], [across.T, own]])
+        names, covariance = (*others, *known.coordinates), scipy.linalg.block_diag(apart, own)
         values, modes = known.mean[n:], known.reduction[n:, n:]
     count = len(names) - modes.shape[1]
 

@@ -6,8 +6,7 @@ so the compiler takes it out of the loops over samples.
 
 from math import sqrt
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import COMPRESSOR_FORMS, TURBINE_FORMS, DieselConstants
 
 TIP_SPEED = list(COMPRESSOR_FORMS).index("tip_speed")

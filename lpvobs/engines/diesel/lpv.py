@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.diesel import corrections as correction

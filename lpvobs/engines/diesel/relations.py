@@ -6,8 +6,7 @@ EGR that flows backward, and a compressor that passes more flow when the pressur
 
 from math import pi, sqrt
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.engines.diesel import forms
 from lpvobs.engines.diesel.constants import DieselConstants
 

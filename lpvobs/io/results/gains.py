@@ -4,20 +4,22 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import h5py
 import msgspec
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.configuration.config import Config
 from lpvobs.io.results.hdf import creating, reading
 from lpvobs.io.results.mapping import fields, read, write
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.region import Region
+
+if TYPE_CHECKING:
+    from lpvobs.io.configuration.config import Config
 
 KIND = "gain"
 REMEDY = "make it with `lpvobs synth-gain`"
@@ -88,7 +90,7 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
     return read(group, StoredGain, gain=read(group, Gain, region=region))
 
 
-def expect_engine(path: Path, stored: StoredGain, config: Config) -> None:
+def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
     """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
     if stored.air_path != config.air_path:
         raise DataError(

@@ -2,8 +2,7 @@
 
 from math import cos, exp, pi, sqrt
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.simulation.structure.amplitudes import Amplitudes
 
 RUNNER = 0.45  # m, intake runner from plenum to valve; 0.3 to 0.6 in passenger cars

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from math import exp, log, sqrt
 
 import numpy as np
-from numba import njit
 
+from lpvobs.compiled import njit
 from lpvobs.records import Array
 from lpvobs.simulation.readings import lagged
 from lpvobs.simulation.structure.amplitudes import Structure

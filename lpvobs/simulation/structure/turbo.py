@@ -3,8 +3,7 @@
 from math import exp, pi, sin, sqrt
 from typing import NamedTuple
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.simulation.plant import Inputs, Plant, compressor_flow, turbine_flow, turbine_power, vgt_area_ratio
 
 STEPS = 3

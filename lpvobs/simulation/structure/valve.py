@@ -2,8 +2,7 @@
 
 from math import cos, exp, pi, sqrt, tanh
 
-from numba import njit
-
+from lpvobs.compiled import njit
 from lpvobs.simulation.plant import Plant, egr_flow
 
 PHASES = (cos(0.125 * pi), cos(0.375 * pi), -cos(0.375 * pi), -cos(0.125 * pi))

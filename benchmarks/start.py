@@ -1,0 +1,91 @@
+"""How long verbs take to start, and the first `estimate`: `python benchmarks/start.py [TREE]`.
+
+TREE is another state of these sources; both are timed in one run, in turn. Processor time counts, and the least of several: on a
+shared machine everything else measures its other users.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
+
+from common import CONFIG, markdown, publish
+
+HERE = Path(__file__).parents[1]
+ROUNDS = 7
+STARTS = {
+    "--version": ("--version",),
+    "verify": ("verify", "nothing.h5"),
+    "extrapolate": ("extrapolate", "nothing.h5"),
+    "trace": ("trace", "nothing.h5", "nothing.parquet"),
+    "refine": ("refine", "nothing.h5", "nothing.parquet", "--out", "r.h5"),
+    "report": ("report", "nothing.h5"),
+    "export": ("export", "nothing.h5", "--format", "csv", "--out", "m.csv"),
+    "inspect": ("inspect", "nothing.parquet"),
+    "estimate": ("estimate", "--config", "diesel.toml", "--gain", "nothing.h5", "nothing.parquet", "--out", "m.h5"),
+}
+"""Verbs that load what they need and find no file: what is left is the start."""
+
+
+def taken(tree: Path, folder: Path, cache: Path, *arguments: str) -> float:
+    """Return the processor time of a command line, children included [s]."""
+    environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OPENBLAS_NUM_THREADS": "1"}
+    before = getrusage(RUSAGE_CHILDREN)
+    call = [sys.executable, "-c", "from lpvobs.cli.start import run; run()", *arguments]
+    subprocess.run(call, cwd=folder, env=environment, capture_output=True, check=False)
+    after = getrusage(RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def prepared(tree: Path, folder: Path, cache: Path) -> None:
+    """Make a configuration, a log and a gain of a tree."""
+    folder.mkdir()
+    configuration = tree / CONFIG.relative_to(HERE)
+    (folder / "diesel.toml").write_text(configuration.read_text(encoding="utf-8"), encoding="utf-8")
+    simulated = ("--cycle", "ftp75_cold", "--out", "drive.parquet")
+    taken(tree, folder, cache, "simulate", "--config", "diesel.toml", *simulated)
+    taken(tree, folder, cache, "synth-gain", "--config", "diesel.toml", "drive.parquet", "--out", "gain.h5")
+
+
+def first_times(tree: Path, folder: Path, root: Path, name: str) -> list[str]:
+    """Return the first `estimate` with nothing compiled, after a self-test, and the next one; and the self-test."""
+    estimate = ("estimate", "--config", "diesel.toml", "--gain", "gain.h5", "drive.parquet", "--out", "map.h5")
+    cold = taken(tree, folder, root / f"{name}-cold", *estimate)
+    test = taken(tree, folder, root / f"{name}-tested", "selftest")
+    first = taken(tree, folder, root / f"{name}-tested", *estimate)
+    warm = min(taken(tree, folder, root / f"{name}-tested", *estimate) for _ in range(ROUNDS))
+    return [f"{cold:.2f}", f"{test:.1f}", f"{first:.2f}", f"{warm:.2f}", f"{first / warm:.2f}"]
+
+
+def main() -> None:
+    trees = {"now": HERE} | ({"before": Path(sys.argv[1]).resolve()} if len(sys.argv) > 1 else {})
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        for tree, path in trees.items():
+            prepared(path, root / tree, root / f"{tree}-made")
+        rows = []
+        for verb, arguments in STARTS.items():
+            least = dict.fromkeys(trees, float("inf"))
+            for _ in range(ROUNDS):
+                for tree, path in trees.items():
+                    least[tree] = min(least[tree], taken(path, root / tree, root / f"{tree}-made", *arguments))
+            rows.append([f"`{verb}`", *(f"{seconds:.2f}" for seconds in reversed(least.values()))])
+        firsts = [[tree, *first_times(path, root / tree, root, tree)] for tree, path in reversed(trees.items())]
+    text = [
+        "## Starts of verbs, s",
+        markdown(("verb", *reversed(trees)), rows),
+        f"Processor time until the verb finds that its file is not there, least of {ROUNDS}.",
+        "## The first `estimate`, one drive of 505 s at 100 Hz, s",
+        markdown(
+            ("", "nothing compiled", "`selftest`, nothing compiled", "first after it", "warm", "first over warm"),
+            firsts,
+        ),
+        "Processor time. `make setup` runs `lpvobs selftest`, which calls every kernel; `docs/ci.md` says where to do the same in "
+        "a container.",
+    ]
+    publish("start", "From the first second", "\n\n".join(text), "python benchmarks/start.py TREE")
+
+
+main()

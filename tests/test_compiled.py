@@ -1,0 +1,47 @@
+"""The compiler and what else is heavy are loaded by whoever needs them, and compiled functions are what they would be with it."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("numba", "cvxpy", "matplotlib", "pandas", "pint", "scipy.stats", "scipy.signal", "scipy.interpolate")
+
+
+def loaded_after(code):
+    """Return what is loaded after lines of code, in a process of its own."""
+    call = [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"]
+    return set(subprocess.run(call, capture_output=True, text=True, check=True, timeout=120).stdout.split())
+
+
+@pytest.mark.parametrize("verb", ["verify", "extrapolate", "export", "trace", "refine"])
+def test_a_verb_on_stored_results_starts_without_what_is_heavy(verb):
+    assert loaded_after(f"import lpvobs; lpvobs.{verb}") & set(HEAVY) == set()
+
+
+def test_the_first_call_compiles_in_every_module_that_has_the_function():
+    code = """
+import sys
+import numpy as np
+from lpvobs.maps import excitation, grid, metrics
+assert "numba" not in sys.modules
+kept = [grid.locate]
+assert metrics.local is grid.local and grid.local.__name__ == "local"
+assert kept[0](np.array([0.0, 1.0, 2.0]), 1.5) == (1, 0.5)
+assert "numba" in sys.modules
+assert metrics.local is grid.local and hasattr(grid.local, "py_func")
+assert kept[0](np.array([0.0, 1.0, 2.0]), 0.5) == (0, 0.5)
+from lpvobs.observer import windows
+assert not any(type(value).__name__ == "_Waiting" for module in (grid, windows) for value in vars(module).values())
+"""
+    assert "numba" in loaded_after(code)
+
+
+def test_numba_that_is_there_already_is_used_at_once():
+    code = """
+from lpvobs.maps import grid
+import numba
+from lpvobs.observer import recursion
+assert hasattr(grid.locate, "py_func") and hasattr(recursion._recursion, "py_func")
+"""
+    assert "numba" in loaded_after(code)
