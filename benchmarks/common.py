@@ -3,7 +3,7 @@
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -70,9 +70,11 @@ def altered(engine: DieselEngine, factors: dict[str, float]) -> DieselEngine:
     parts = {}
     for item in fields(engine):
         part = getattr(engine, item.name)
+        if not is_dataclass(part):
+            continue
         own = {name: getattr(part, name) * factor for name, factor in factors.items() if hasattr(part, name)}
         parts[item.name] = replace(part, **own)
-    return DieselEngine(**parts)
+    return replace(engine, **parts)
 
 
 def machine() -> str:

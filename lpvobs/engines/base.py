@@ -59,7 +59,10 @@ class AirPath(Protocol):
     name: ClassVar[str]  # which engine this is, as in the configuration
     channels: ClassVar[Mapping[str, Channel]]  # needed channels, the sensor under test among them
     smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
-    calmed: ClassVar[tuple[str, ...]]  # those that a steep relation reads: for it they go through a wider window
+    calmed: ClassVar[
+        tuple[str, ...]
+    ]  # those that go through a wider window, too: a steep relation reads them, or their noise counts
+    noisy: ClassVar[tuple[str, ...]]  # of these, those whose noise moves a flow and its slopes alike
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
     measured_parts: ClassVar[tuple[MeasuredPart, ...]]  # flows inside the engine that a bench may measure
@@ -136,6 +139,7 @@ class AsKnown:
     """What an engine whose balances need no correction offers of these."""
 
     calmed: ClassVar[tuple[str, ...]] = ()
+    noisy: ClassVar[tuple[str, ...]] = ()
     components: ClassVar[tuple[Component, ...]] = ()
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}

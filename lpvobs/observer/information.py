@@ -41,6 +41,8 @@ SWEEPS = 2
 """Over the groups of corrections."""
 LEAST_FREE = 0.5
 """Share of the rows that counts as left over, even if the unknowns have used up more."""
+LEAST_SEEN = 4.0
+"""[s] Of stay, below which a direction of the map tells nothing of whether errors come back."""
 NO_LEVEL = 1e-9
 """[kg/s], standard deviation of a level of the day where none is configured."""
 AMPLITUDE_SPREAD = 1.5
@@ -163,6 +165,7 @@ class _Solved:
         """Return S from what the solution leaves, less the freedom that it has used up, and its part that is new in every window.
 
         S is from sums over groups of windows, for errors of a model last; from windows where a short log leaves too few groups.
+        Errors that come back where the engine runs alike again make all of it larger.
         """
         left = np.zeros(self.layout.size)
         left[: self.layout.solved], left[self.layout.z] = -mean, 1.0
@@ -176,7 +179,27 @@ class _Solved:
                 np.einsum("i,abij,j->ab", left, products, left) / free + LEAST_ERROR**2 * np.eye(self.layout.balances)
             )
         fast, slow = found
-        return (slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast), fast
+        S = slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast
+        # The map takes up what balances have in common, and leaves them with opposite errors: those are none of their own.
+        S = np.where(np.eye(self.layout.balances, dtype=bool), S, np.maximum(S, 0.0))
+        return S * self.coming_back(S, left), fast
+
+    def coming_back(self, S: Array, left: Array) -> float:
+        """Return how much larger the variance of the errors is from visit to visit than S says; at least one.
+
+        An error of the model belongs to an operating point and is the same at each visit, so it does not average out as S has it.
+        What the balances leave at the nodes, Psi^T r_b, shows it where they contradict each other: the map takes up the rest. With
+        G = Psi^T Psi, the sum of S^-1_ab r_a^T Psi G^-1 Psi^T r_b is compared with what errors of S alone would make of it.
+        """
+        p, inverse = self.layout.nodes, np.linalg.inv(S)
+        products = self.moments.products[:, :, :p]
+        G = np.einsum("aaij->ij", products[..., :p]) / self.layout.balances
+        stay, axes = np.linalg.eigh(G)
+        axes = axes[:, stay > LEAST_SEEN] / np.sqrt(stay[stay > LEAST_SEEN])
+        at_nodes = np.einsum("aaij,j->ai", products, left) @ axes
+        seen = np.einsum("ab,ai,bi->", inverse, at_nodes, at_nodes)
+        usual = np.einsum("ab,abij,ik,jk->", inverse * S, products[..., :p], axes, axes) - axes.shape[1]
+        return max(1.0, float(seen / usual)) if usual > 0.0 else 1.0
 
     def without_map(self, S: Array) -> tuple[tuple[Array, Array, Array], Array, Array]:
         """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated.

@@ -19,7 +19,7 @@ from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import SmoothStretch, noise_left, stretches
-from lpvobs.observer.windows import Columns, Moments, Windows, no_moments
+from lpvobs.observer.windows import Columns, Moments, Slopes, Windows, no_moments
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 from lpvobs.synthesis.region import Region
 
@@ -71,7 +71,7 @@ class Observed:
 
 @dataclass(frozen=True)
 class SlopeSignals:
-    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what a window took out, steps."""
+    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what windows took out, steps."""
 
     channels: tuple[str, ...]
     rates: tuple[str, ...]
@@ -80,21 +80,25 @@ class SlopeSignals:
     @property
     def count(self) -> int:
         """Number of rows."""
-        return len(self.channels) + len(self.rates) + len(self.calmed) + 1
+        return sum(map(len, vars(self).values())) + 1
 
     def stacked(
-        self, channels: Mapping[str, Array], rates: Mapping[str, Array], taken: Mapping[str, Array], steps: Array
+        self,
+        channels: Mapping[str, Array],
+        rates: Mapping[str, Array],
+        taken: Mapping[str, Array],
+        steps: Array,
     ) -> Array:
         """Return the rows, shape (s, N); `taken` is what the wider window took out of each calmed channel."""
         squares = [taken[name] ** 2 for name in self.calmed]
         flows = (*(channels[name] for name in self.channels), *(rates[name] for name in self.rates))
         return np.stack([*flows, *squares, steps])
 
-    def parted(self, rows: Array) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
-        """Return channels, rates, squares and steps again, from rows of shape (n, s)."""
+    def parted(self, rows: Array) -> tuple[list[dict[str, Array]], Array]:
+        """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
         columns = iter(np.ascontiguousarray(rows.T))
-        channels, rates, squares = ({name: next(columns) for name in names} for names in vars(self).values())
-        return channels, rates, squares, next(columns)
+        parts = [{name: next(columns) for name in names} for names in vars(self).values()]
+        return parts, next(columns)
 
 
 def signals_for(air_path: AirPath) -> SlopeSignals:
@@ -119,24 +123,35 @@ class Sums:
         """Add samples."""
         self.windows.add(seen.time, seen.steps, seen.point, seen.z, seen.signals)
 
-    def slopes(self, means: Array) -> tuple[Array, Array, Array]:
-        """Return J, weights, and what noise makes of the flows, at mean signals; see `windows.Slopes`."""
-        channels, rates, squares, step = self.signals.parted(means)
-        n = means.shape[0]
-        left = noise_left(float(np.median(step)), self.half_width)
-        log = _log(np.arange(float(n)), channels)
-        slope = self.air_path.balances(log, rates, self.unknowns.constants).slope
-        B, q = slope.shape[:2]
+    def slopes(self, stay: Array, means: Array) -> Slopes:
+        """Return what mean signals of windows of some stay say of the slopes."""
+        (channels, rates, squares), steps = self.signals.parted(means)
+        step = float(np.median(steps))
+        left = noise_left(step, self.half_width)
+        noise = {name: np.full(stay.size, left * np.sqrt(square.mean())) for name, square in squares.items()}
+        caution = self.air_path.caution(_log(np.arange(float(stay.size)), channels), noise, self.spread)
+        J, flow = self._at(channels, rates)
+        shaken = []
+        for name in self.air_path.noisy:  # transients raise the mean of the squares, not their median
+            sd = np.sqrt(np.median(squares[name]) * (1.0 + left**2) * step / stay)
+            J_moved, flow_moved = self._at({**channels, name: channels[name] + sd}, rates)
+            shaken.append((J_moved - J, flow - flow_moved))
+        return Slopes(J, caution.trust.T, caution.bias.T, shaken)
+
+    def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return J (n, B, q) and the flows (n, B) [kg/s]."""
+        n = next(iter(rates.values())).size
+        log = _log(np.arange(float(n)), dict(channels))
+        found = self.air_path.balances(log, rates, self.unknowns.constants)
+        B, q = found.slope.shape[:2]
         J = np.zeros((n, B, self.unknowns.size))
-        J[:, :, :q] = slope.transpose(2, 0, 1)
+        J[:, :, :q] = found.slope.transpose(2, 0, 1)
         places = self.unknowns.places().values()
         for place, correction in zip(places, self.air_path.corrections(log, rates), strict=True):
             columns = correction.columns(place.stop - place.start)
             for b in range(B) if correction.balance is None else (correction.balance,):
                 J[:, b, place] = columns
-        noise = {name: np.full(n, left * np.sqrt(square.mean())) for name, square in squares.items()}
-        caution = self.air_path.caution(log, noise, self.spread)
-        return J, caution.trust.T, caution.bias.T
+        return J, found.flow.T
 
     def part(self, run: LogRun) -> LogInformation:
         """Return what the log says."""

@@ -8,11 +8,11 @@ Psi being the mean regressor of the map (Eq. 23), beta the engine's unknowns, an
 at the mean signals of the window. The sums of products of these rows are all that a log leaves behind: they hold no weights and no
 amplitudes, so both can change without the log.
 
-Signals are noisy, and J and z are made of the same signals. Means over a window have so little of that noise that its products bias
-the map by less than its standard error: `tests/observer/test_windows.py` has the figure.
+Signals are noisy, and J and z are made of the same signals, so their products hold a part that is noise alone. It is computed from
+the noise that smoothing took out, and subtracted.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,14 +94,20 @@ class Means:
     signals: Array  # (n, s) of whatever the slopes are computed from
 
 
-Slopes = Callable[[Array], tuple[Array, Array, Array]]
-"""From mean signals (n, s): J (n, B, q) [kg/s], weights (n, B), and what is to be added to z (n, B) [kg/s]."""
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """What mean signals of n windows say beside z."""
+
+    J: Array  # (n, B, q) [kg/s]
+    weight: Array  # (n, B)
+    correction: Array  # (n, B) [kg/s], to be added to z
+    shaken: Sequence[tuple[Array, Array]]  # what one standard deviation of the noise of a channel adds to J and z
 
 
 class Windows:
-    """Rows of a log as they are completed, added up; `slopes` are functions of so many signals, see `Slopes`."""
+    """Rows of a log as they are completed, added up; `slopes` takes the stay (n,) [s] and mean signals (n, s) of windows."""
 
-    def __init__(self, grid: Grid, layout: Columns, slopes: Slopes, signals: int):
+    def __init__(self, grid: Grid, layout: Columns, slopes: Callable[[Array, Array], Slopes], signals: int):
         self.grid, self.layout, self.slopes = grid, layout, slopes
         self.widths = (1, grid.size, len(COEFFICIENTS), layout.balances, signals)
         self.total, self.windows, self.started = no_moments(grid, layout), 0.0, float("nan")
@@ -141,20 +147,32 @@ class Windows:
                 self._add_block(on // GROUP, Means(stay[on, 0], *(total[on] / stay[on] for total in sums)))
 
     def _add_block(self, group: NDArray[np.int64], seen: Means) -> None:
-        J, weight, correction = self.slopes(seen.signals)
-        layout = self.layout
+        found, layout = self.slopes(seen.stay, seen.signals), self.layout
+        own = slice(layout.nodes, layout.nodes + layout.unknowns)
         rows = np.zeros((layout.balances, seen.stay.size, layout.size))
         for b, row in enumerate(rows):
             row[:, : layout.nodes] = seen.Psi
-            row[:, layout.nodes : layout.nodes + layout.unknowns] = J[:, b]
+            row[:, own] = found.J[:, b]
             row[:, layout.nodes + layout.unknowns + b] = 1.0
-            row[:, layout.z] = seen.z[:, b] + correction[:, b]
+            row[:, layout.z] = seen.z[:, b] + found.correction[:, b]
             row[:, layout.z + 1 :] = seen.terms
-        rows *= np.sqrt(seen.stay * weight.T)[:, :, None]
+        rows *= np.sqrt(seen.stay * found.weight.T)[:, :, None]
         summed = np.add.reduceat(rows, np.flatnonzero(np.diff(group, prepend=-1)), axis=1) / np.sqrt(GROUP)
         self.windows += float(seen.stay.size)
         _add_products(self.total.products, rows)
         _add_products(self.total.slow, summed)
+        for J, z in found.shaken:
+            counted = np.sqrt(seen.stay[:, None]) * found.weight  # a slope counts once more as far as it is trusted
+            self._subtract(J * counted[:, :, None], z * counted, own)
+
+    def _subtract(self, J: Array, z: Array, own: slice) -> None:
+        """Take what noise makes of the products of J and z out of all sums; it is independent from window to window."""
+        for a in range(self.layout.balances):
+            for b in range(a, self.layout.balances):
+                left, right = J[:, a].T @ z[:, b], z[:, a] @ J[:, b]
+                for sums, count in ((self.total.products, 1), (self.total.slow, GROUP)):
+                    sums[a, b, own, self.layout.z] -= left / count
+                    sums[a, b, self.layout.z, own] -= right / count
 
 
 @njit(cache=True)
