@@ -59,9 +59,8 @@ class AirPath(Protocol):
     name: ClassVar[str]  # which engine this is, as in the configuration
     channels: ClassVar[Mapping[str, Channel]]  # needed channels, the sensor under test among them
     smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
-    calmed: ClassVar[
-        tuple[str, ...]
-    ]  # those that go through a wider window, too: a steep relation reads them, or their noise counts
+    # of these, those that go through a wider window, too: a steep relation reads them, or their noise counts
+    calmed: ClassVar[tuple[str, ...]]
     noisy: ClassVar[tuple[str, ...]]  # of these, those whose noise moves a flow and its slopes alike
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
