@@ -1,12 +1,14 @@
-"""Engines that are not the model: `python benchmarks/engine_as_it_is.py [constants|structure] [DRAWS]`, default ten and two draws.
+"""Engines that are not the model: `python benchmarks/engine_as_it_is.py [constants|structure|healthy] [DRAWS]`.
 
 `constants`: the plant's constants are drawn, the estimator keeps the configured ones with their tolerance. `structure`: the plant
 has one form of `[simulation.structure]`, or all; the engine is calibrated from 100 points of its own bench, and the map estimated
 on it. Beside it the rival that workshops use: speed-density, from the volumetric efficiency of the same bench over speed and
-pressure, EGR flow and storage from the configured formulas.
+pressure, EGR flow and storage from the configured formulas. `healthy`: the plant has all forms; in place of a bench there are two
+logs of other days whose sensor is right.
 
 Judged along the drive: the mean relative error of the map as in `accuracy`, and |map - best bilinear map| over the mean air flow;
-and the share of estimated nodes whose 90 % interval holds the node of that best map.
+the share of estimated nodes whose 90 % interval holds the node of that best map; and the same of means over four regions, those
+of low and high fuel and speed.
 """
 
 import sys
@@ -19,16 +21,19 @@ from scipy.interpolate import RBFInterpolator
 
 from lpvobs.calibration.bench import bench_table
 from lpvobs.calibration.fit import calibrated
+from lpvobs.calibration.logs import taught
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.io.configuration.config import Config
 from lpvobs.maps.grid import Grid
+from lpvobs.maps.joint import combined
 from lpvobs.maps.metrics import best_fit, compare
 from lpvobs.observer.estimate import MapEstimate, Point, calmed, estimate_default, of_parts
 from lpvobs.observer.parts import StateGain, inform
 from lpvobs.records import Array
 from lpvobs.simulation.drawing import drawn
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.stationary import BenchTable, bench
 
 FIRST_SEED = 501
@@ -54,6 +59,7 @@ class Judged:
     floor: float
     of_air: float
     coverage: float
+    of_regions: float
 
 
 def main(what: str, draws: int) -> None:
@@ -62,6 +68,13 @@ def main(what: str, draws: int) -> None:
     setting = Setting(config, config.grid(), state_gain(config))
     if what == "constants":
         publish("drawn_constants", f"Drawn constants, {draws} draws a row", _constants(setting, draws), COMMAND)
+    elif what == "healthy":
+        publish(
+            "healthy_days",
+            f"Another structure, known from healthy days, {draws} engines",
+            _healthy(setting, draws),
+            COMMAND,
+        )
     else:
         publish("structures", f"Another structure, {draws} engines a row", _structures(setting, draws), COMMAND)
 
@@ -87,12 +100,13 @@ def _constants(setting: Setting, draws: int) -> str:
                 d = drive(setting.config, cycle, seed, None, drawn(setting.config.engine, within, seed)[0])
                 path = Diesel(setting.config.engine)
                 estimate = estimate_default(path, setting.grid, setting.gain, [d.log], settings)
-                found.append(judged(setting.grid, estimate.theta, estimate.standard_error, estimate.supported, d))
+                found.append(judged(setting.grid, estimate.theta, estimate.covariance, estimate.supported, d))
                 print(case, cycle, seed, found[-1], file=sys.stderr)
             rows.append([case, title, *_columns(found)])
-    return markdown(
-        ["constants", "drive", "mean relative error, %", "floor, %", "of the air flow, %", "coverage, %"], rows
-    )
+    return markdown(["constants", "drive", *COLUMNS], rows)
+
+
+COLUMNS = ("mean relative error, %", "floor, %", "of the air flow, %", "coverage, %", "of regions, %")
 
 
 def _columns(found: list[Judged]) -> list[str]:
@@ -101,6 +115,7 @@ def _columns(found: list[Judged]) -> list[str]:
         f"{np.mean([each.floor for each in found]):.2f}",
         _mean(each.of_air for each in found),
         _mean(each.coverage for each in found),
+        _mean(each.of_regions for each in found),
     ]
 
 
@@ -111,20 +126,40 @@ def _mean(values: Iterable[float]) -> str:
     return f"{x.mean():.2f} ± {spread:.2f}"
 
 
-def judged(grid: Grid, theta: Array, error: Array | None, supported: Array, d: Drive) -> Judged:
+def judged(grid: Grid, theta: Array, covariance: Array | None, supported: Array, d: Drive) -> Judged:
     """Return how far a map is from the truth along a drive."""
     nodes, weights = grid.regressors(d.log["u_delta"], d.log["n_e"])
     best = best_fit(grid, nodes, weights, d.delta_W_c).reshape(grid.shape)
     on = supported.ravel()[nodes].all(axis=1)
     away = np.einsum("nm,nm->n", (np.nan_to_num(theta) - best).ravel()[nodes], weights)[on]
     metrics = compare(grid, np.where(supported, theta, np.nan), d.log["u_delta"], d.log["n_e"], d.delta_W_c)
-    inside = np.nan if error is None else np.mean(np.abs(theta - best)[supported] <= 1.645 * error[supported])
+    inside, of_regions = np.nan, np.nan
+    if covariance is not None:
+        chosen = np.flatnonzero(supported)
+        weights = np.vstack([np.eye(supported.size)[chosen], *_regions(supported)])
+        there = combined(weights, np.nan_to_num(theta - best).ravel(), covariance)
+        within = np.abs(there.values) <= 1.645 * there.standard_error
+        inside, of_regions = within[: chosen.size].mean(), within[chosen.size :].mean()
     return Judged(
         100 * metrics.mean_relative_error,
         100 * metrics.floor_mean_relative_error,
         float(100 * np.abs(away).mean() / d.log["W_maf"][on].mean()),
         float(100 * inside),
+        float(100 * of_regions),
     )
+
+
+def _regions(supported: Array) -> list[Array]:
+    """Return the weights of the nodes in the means over four regions, each of shape (p,)."""
+    rows, columns = np.nonzero(supported)
+    parts = [(rows > np.median(rows)) == fast for fast in (False, True)]
+    parts = [part & ((columns > np.median(columns)) == full) for part in parts for full in (False, True)]
+    found = []
+    for part in parts:
+        weights = np.zeros(supported.shape)
+        weights[rows[part], columns[part]] = 1.0 / max(part.sum(), 1)
+        found.append(weights.ravel())
+    return found
 
 
 def _structures(setting: Setting, draws: int) -> str:
@@ -140,7 +175,7 @@ def _structures(setting: Setting, draws: int) -> str:
             table = bench(config.engine, simulation, POINTS, seed)
             d = drive(config, "etc_part1", seed)
             estimate = on_calibrated(setting, table, d)
-            tool.append(judged(setting.grid, estimate.theta, estimate.standard_error, estimate.supported, d))
+            tool.append(judged(setting.grid, estimate.theta, estimate.covariance, estimate.supported, d))
             theta = speed_density(setting, table, d)
             rival.append(judged(setting.grid, theta, None, estimate.supported, d))
             print(case, seed, tool[-1], rival[-1], file=sys.stderr)
@@ -152,10 +187,35 @@ def _structures(setting: Setting, draws: int) -> str:
                 _mean(each.of_air for each in rival),
                 f"{np.exp(np.log(ratio).mean()):.2f}",
                 _mean(each.coverage for each in tool),
+                _mean(each.of_regions for each in tool),
             ]
         )
-    header = ["what differs", "error of the map over the air flow, %", "bench table, %", "ratio", "coverage, %"]
+    header = ["what differs", "error of the map over the air flow, %", "bench table, %", "ratio", *COLUMNS[-2:]]
     return markdown(header, rows)
+
+
+def _healthy(setting: Setting, draws: int) -> str:
+    structure = setting.config.simulation.structure  # type: ignore[union-attr]
+    forms = dict.fromkeys((item.name for item in fields(structure)), 1.0)
+    simulation = replace(setting.config.simulation, structure=replace(structure, **forms))
+    config = replace(setting.config, simulation=simulation)
+    path = Diesel(config.engine)
+    start = Point(path, config.estimate.of_engine(path.usual_tolerance))
+    found = []
+    for seed in range(FIRST_SEED, FIRST_SEED + draws):
+        right = ErrorSurface("zero")
+        days = [
+            drive(config, cycle, seed + 1000 * (1 + day), right).log for day, cycle in enumerate(("etc_part1", "nedc"))
+        ]
+        known = taught(start, setting.grid, setting.gain, days, lambda _: None).unknowns
+        deviation = dict(zip(known.constants, known.mean.tolist(), strict=False))
+        d = drive(config, "etc_part1", seed)
+        estimate = from_point(setting, Point(path, start.settings, deviation, known), d)
+        found.append(judged(setting.grid, estimate.theta, estimate.covariance, estimate.supported, d))
+        print("healthy", seed, found[-1], file=sys.stderr)
+    return markdown(
+        ["known from", "drive", *COLUMNS], [["ETC and NEDC of other days", CYCLES["etc_part1"], *_columns(found)]]
+    )
 
 
 def on_calibrated(setting: Setting, table: BenchTable, d: Drive) -> MapEstimate:
@@ -166,8 +226,12 @@ def on_calibrated(setting: Setting, table: BenchTable, d: Drive) -> MapEstimate:
         path, unknowns_of(settings.tolerance, path.components), [bench_table(path, table.channels)]
     ).unknowns
     deviation = dict(zip(known.constants, known.mean.tolist(), strict=False))
-    point = Point(path, settings, deviation, known)
-    part = inform(point.air_path, setting.grid, setting.gain, d.log, settings, point.unknowns)
+    return from_point(setting, Point(path, settings, deviation, known), d)
+
+
+def from_point(setting: Setting, point: Point, d: Drive) -> MapEstimate:
+    """Return the map of a drive on an engine that is known."""
+    part = inform(point.air_path, setting.grid, setting.gain, d.log, point.settings, point.unknowns)
     return of_parts(setting.grid, [part], point)
 
 
@@ -193,4 +257,4 @@ def speed_density(setting: Setting, table: BenchTable, d: Drive) -> Array:
 
 if __name__ == "__main__":
     chosen = sys.argv[1] if len(sys.argv) > 1 else "constants"
-    main(chosen, int(sys.argv[2]) if len(sys.argv) > 2 else {"constants": 10, "structure": 2}[chosen])
+    main(chosen, int(sys.argv[2]) if len(sys.argv) > 2 else {"constants": 10, "structure": 2, "healthy": 10}[chosen])
