@@ -41,6 +41,8 @@ SWEEPS = 2
 """Over the groups of corrections."""
 LEAST_FREE = 0.5
 """Share of the rows that counts as left over, even if the unknowns have used up more."""
+LEAST_DEGREES = 0.5
+"""Of freedom, below which nothing contradicts the map: with one balance there are none."""
 LEAST_SEEN = 4.0
 """[s] Of stay, below which a direction of the map tells nothing of whether errors come back."""
 NO_LEVEL = 1e-9
@@ -199,7 +201,7 @@ class _Solved:
         at_nodes = np.einsum("aaij,j->ai", products, left) @ axes
         seen = np.einsum("ab,ai,bi->", inverse, at_nodes, at_nodes)
         usual = np.einsum("ab,abij,ik,jk->", inverse * S, products[..., :p], axes, axes) - axes.shape[1]
-        return max(1.0, float(seen / usual)) if usual > 0.0 else 1.0
+        return max(1.0, float(seen / usual)) if usual > LEAST_DEGREES else 1.0
 
     def without_map(self, S: Array) -> tuple[tuple[Array, Array, Array], Array, Array]:
         """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated.

@@ -38,7 +38,7 @@ def test_the_refined_model_is_stored_beside_the_map_that_stood(refined, chain):
 
 
 def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config, chain, tmp_path):
-    """A hole in the intake makes the map of the configured engine wrong by 9 %; refined, it is right again."""
+    """A hole in the intake makes the map of the configured engine wrong by 4 %; refined, it is right again."""
     leaky, own, out = tmp_path / "leaky.parquet", tmp_path / "own.h5", tmp_path / "refined.h5"
     fault = config.parent / "effects" / "undeclared_leak.toml"
     call = ("simulate", "--config", config, "--cycle", "ftp75_cold", "--rate", 20, "--effects", fault, "--out", leaky)
@@ -51,7 +51,7 @@ def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config
     assert [effect["id"] for effect in done.json["effects"]] == ["leak.intake"]
     with h5py.File(out) as file, h5py.File(own) as before:
         refined, unrefined = (group["metrics/leaky/mean_relative_error"][()] for group in (file, before))
-        assert unrefined > 0.07
+        assert unrefined > 0.03
         assert refined < 0.3 * unrefined
         assert file["logs/leaky/share_certified"][()] > 0.99
         assert "observer" not in file["refinement"]  # a leak is a known input, gain and proof stay
