@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 from common import CYCLES, Drive, configuration, drive, markdown, publish, state_gain
@@ -84,7 +84,27 @@ def main(seeds: int) -> None:
             curve["ns"] = 1e9 * (time.perf_counter() - begin) / len(d.log)
             found.setdefault((cycle, "g) curve over the flow"), []).append(curve)
             print(f"{cycle}, seed {seed} of {seeds}", file=sys.stderr)
-    publish("accuracy", f"Methods on the same logs, seeds 1 to {seeds}", "\n\n".join(_table(found, c) for c in CYCLES))
+    text = "\n\n".join([*(_table(found, cycle) for cycle in CYCLES), _without_noise(config, grid, gain)])
+    publish("accuracy", f"Methods on the same logs, seeds 1 to {seeds}", text)
+
+
+def _without_noise(config: Config, grid: Grid, gain: StateGain) -> str:
+    """Return the section of the paper's situation: exact constants, and sensors without noise."""
+    sensors = config.simulation.sensors  # type: ignore[union-attr]
+    silent = replace(
+        sensors, **{item.name: 0.0 for item in fields(sensors) if item.type is float or item.type == "float"}
+    )
+    quiet = replace(config, simulation=replace(config.simulation, sensors=silent))
+    rows = []
+    for cycle, title in CYCLES.items():
+        d = drive(quiet, cycle, 1)
+        chosen = ("default", "a) as published, Gamma = 200")
+        errors = [score(grid, methods(config, grid, gain)[name](d), d)["mean_relative_error"] for name in chosen]
+        rows.append(
+            [title, f"{100 * PUBLISHED.errors[cycle]:.2f}", *(f"{100 * error:.2f}" for error in reversed(errors))]
+        )
+    header = ["mean relative error, %", "paper", "as published", "default"]
+    return "## Without sensor noise\n\n" + markdown(header, rows)
 
 
 def _table(found: dict[tuple[str, str], list[dict[str, float]]], cycle: str) -> str:
