@@ -5,13 +5,13 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from shutil import which
+from string import Template
 from xml.sax.saxutils import quoteattr
 
 from lpvobs.errors import UsageError
-from lpvobs.io.control_unit.sources import Unit
+from lpvobs.io.control_unit.sources import Unit, own_text
 
 NAME = "lpvobs"
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -22,7 +22,7 @@ SAME_DAY = (1980, 1, 1, 0, 0, 0)
 def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
     """Write an FMU of the C sources; raises UsageError without a C compiler."""
     own = {name: text for name, text in made.items() if name != "lpvobs_bench.c"}
-    own["lpvobs_fmu.c"] = (files("lpvobs.io.control_unit") / "lpvobs_fmu.c").read_text(encoding="utf-8")
+    own["lpvobs_fmu.c"] = own_text("lpvobs_fmu.c")
     version = re.findall(r'lpvobs_version.* = "(.*)"', own["lpvobs_tables.c"])[0]
     inside: dict[str, bytes] = {"modelDescription.xml": _description(unit, version, own).encode()}
     inside |= {f"sources/{name}": text.encode() for name, text in own.items()}
@@ -51,54 +51,32 @@ def _library(sources: Mapping[str, str]) -> bytes:
 
 
 def _description(unit: Unit, version: str, sources: Mapping[str, str]) -> str:
-    states, path = unit.air_path.state_names, unit.air_path
-    taken = [("in_" + name, f"{item.unit}: {item.meaning}") for name, item in unit.channels.items()]
-    given = [(f"x_{name}", "state estimate, SI") for name in states]
+    path, grid = unit.air_path, unit.grid
+    speed, fuel = path.axes[1].unit, path.axes[0].unit
+    given = [(f"x_{name}", "state estimate, SI") for name in path.state_names]
     given += [("map_value", "kg/s: the map at the operating point"), ("innovation", "kg/s"), ("state_time", "s")]
     given += [
-        (f"theta_{j}_{i}", f"kg/s: node at {speed:g} {path.axes[1].unit}, {fuel:g} {path.axes[0].unit}")
-        for j, speed in enumerate(unit.grid.speed)
-        for i, fuel in enumerate(unit.grid.fuel)
+        (f"theta_{j}_{i}", f"kg/s: node at {n:g} {speed}, {u:g} {fuel}")
+        for j, n in enumerate(grid.speed)
+        for i, u in enumerate(grid.fuel)
     ]
-    lines = [_variable(i, name, told, "input", "discrete", '<Real start="0"/>') for i, (name, told) in enumerate(taken)]
-    lines += [
-        _variable(i, name, told, "output", "discrete", "<Real/>") for i, (name, told) in enumerate(given, len(taken))
+    variables = [
+        ("in_" + name, f"{c.unit}: {c.meaning}", "input", 'Real start="0"') for name, c in unit.channels.items()
     ]
-    lines.append(
-        _variable(len(lines), "flags", "LPVOBS_BAD_CHANNEL and the following", "output", "discrete", "<Integer/>")
-    )
-    outputs = [f'      <Unknown index="{i + 1}"/>' for i in range(len(taken), len(lines))]
-    listed = [f'      <File name="{name}"/>' for name in sorted(sources) if name.endswith(".c")]
-    return "\n".join(
-        [
-            '<?xml version="1.0" encoding="UTF-8"?>',
-            f'<fmiModelDescription fmiVersion="2.0" modelName="{NAME}" guid={quoteattr(version)}',
-            '    description="Adaptive observer of a mass air flow sensor" generationTool="lpvobs">',
-            f'  <CoSimulation modelIdentifier="{NAME}" canHandleVariableCommunicationStepSize="true"',
-            '      canGetAndSetFMUstate="true" canSerializeFMUstate="true">',
-            "    <SourceFiles>",
-            *listed,
-            "    </SourceFiles>",
-            "  </CoSimulation>",
-            f'  <DefaultExperiment startTime="0" stepSize="{1.0 / unit.rate!r}"/>',
-            "  <ModelVariables>",
-            *lines,
-            "  </ModelVariables>",
-            "  <ModelStructure>",
-            "    <Outputs>",
-            *outputs,
-            "    </Outputs>",
-            "    <InitialUnknowns>",
-            *outputs,
-            "    </InitialUnknowns>",
-            "  </ModelStructure>",
-            "</fmiModelDescription>\n",
-        ]
+    first = len(variables)
+    variables += [(name, told, "output", "Real") for name, told in given]
+    variables.append(("flags", "LPVOBS_BAD_CHANNEL and the following", "output", "Integer"))
+    return Template(own_text("modelDescription.xml")).substitute(
+        guid=quoteattr(version),
+        sources="\n".join(f'      <File name="{name}"/>' for name in sorted(sources) if name.endswith(".c")),
+        step=1.0 / unit.rate,
+        variables="\n".join(_variable(i, *each) for i, each in enumerate(variables)),
+        outputs="\n".join(f'      <Unknown index="{i + 1}"/>' for i in range(first, len(variables))),
     )
 
 
-def _variable(reference: int, name: str, told: str, causality: str, variability: str, kind: str) -> str:
+def _variable(reference: int, name: str, told: str, causality: str, kind: str) -> str:
     return (
         f'    <ScalarVariable name="{name}" valueReference="{reference}" description={quoteattr(told)} '
-        f'causality="{causality}" variability="{variability}">{kind}</ScalarVariable>'
+        f'causality="{causality}" variability="discrete"><{kind}/></ScalarVariable>'
     )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from math import ceil
+from string import Template
 
 import numpy as np
 
@@ -23,8 +24,6 @@ MEMORY = 100.0
 """[s] Beyond this the gain of a node falls no further: a sensor that ages is followed within minutes of driving there."""
 PACE = 8.0
 """A falling gain is this over the time that its nodes have been driven: of 1 to 32 the best map on the cycles that were tried."""
-LATEST = 1e9
-"""[s] Latest time that a step takes: 30 years, which a double counts in steps of a tenth of a microsecond."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +59,17 @@ class Unit:
 
 def sources(unit: Unit) -> dict[str, str]:
     """Return the text of every file by name."""
-    own = files("lpvobs.io.control_unit")
-    fixed = {name: (own / name).read_text(encoding="utf-8") for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
+    fixed = {name: own_text(name) for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
     model = files(unit.kind.air_path.__module__.rpartition(".")[0]) / "model.c"
     made = fixed | {"lpvobs_model.c": model.read_text(encoding="utf-8")}
     header, tables = _header(unit), _tables(unit)
     digest = hashlib.sha256("\0".join((header, tables, *made.values())).encode()).hexdigest()
     return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", _version(unit, digest))}
+
+
+def own_text(name: str) -> str:
+    """Return the text of a file of this folder."""
+    return (files("lpvobs.io.control_unit") / name).read_text(encoding="utf-8")
 
 
 def _version(unit: Unit, digest: str) -> str:
@@ -142,31 +145,20 @@ def _header(unit: Unit) -> str:
         f"    LPVOBS_IN_{name} = {i}, /* {item.unit}, {item.low:g} to {item.high:g}: {item.meaning} */"
         for i, (name, item) in enumerate(unit.channels.items())
     ]
-    length = len(_version(unit, "")) + 1
     members = [f"    real_t {name}{_shape(np.asarray(value))};" for name, value in _numbers(unit).items()]
-    return _lines(
-        f"/* What {unit.origin} says of observer and engine; SI units.",
-        f" * State: {unit.bytes_of_state(8)} bytes in double, {unit.bytes_of_state(4)} in single precision.",
-        f" * States: {', '.join(unit.air_path.state_names)}. Parameters: {', '.join(unit.air_path.parameter_names)}. */",
-        "#ifndef LPVOBS_CONFIG_H",
-        "#define LPVOBS_CONFIG_H",
-        *(f"#define LPVOBS_{name} {_literal(value)}" for name, value in _constants(unit).items()),
-        f"#define LPVOBS_HALF_WIDTH {unit.half_width!r} /* s */",
-        f"#define LPVOBS_GAP {unit.gap!r} /* s */",
-        f"#define LPVOBS_LATEST {LATEST!r} /* s */",
-        "enum {",
-        *channels,
-        "    LPVOBS_IN_END",
-        "};",
-        "typedef struct {",
-        *members,
-        "} lpvobs_constants;",
-        "extern const lpvobs_constants lpvobs_engine;",
-        *(f"extern const {kind} lpvobs_{name}{_shape(values)};" for name, (kind, values) in _arrays(unit).items()),
-        "extern const char *const lpvobs_channel_names[LPVOBS_CHANNELS];",
-        f"extern const char lpvobs_version[{length}];",
-        "extern const uint32_t lpvobs_table_bytes;",
-        "#endif",
+    tables = [f"extern const {kind} lpvobs_{name}{_shape(values)};" for name, (kind, values) in _arrays(unit).items()]
+    constants = [f"#define LPVOBS_{name} {_literal(value)}" for name, value in _constants(unit).items()]
+    lists = {"channels": channels, "members": members, "tables": tables, "constants": constants}
+    return Template(own_text("lpvobs_config.h")).substitute(
+        {name: "\n".join(lines) for name, lines in lists.items()},
+        origin=unit.origin,
+        double=unit.bytes_of_state(8),
+        float=unit.bytes_of_state(4),
+        states=", ".join(unit.air_path.state_names),
+        parameters=", ".join(unit.air_path.parameter_names),
+        half_width=unit.half_width,
+        gap=unit.gap,
+        length=len(_version(unit, "")) + 1,
     )
 
 
@@ -177,20 +169,18 @@ def _tables(unit: Unit) -> str:
     arrays = _arrays(unit)
     names = ", ".join(map(json.dumps, unit.channels))
     sizes = " + ".join(f"sizeof(lpvobs_{name})" for name in ("engine", *arrays))
-    return _lines(
+    lines = [
         '#include "lpvobs.h"',
         "#define R(x) ((real_t)(x))",
         f'const char lpvobs_version[{len(_version(unit, "")) + 1}] = "@VERSION@";',
         "const lpvobs_constants lpvobs_engine = {",
         *numbers,
         "};",
-        *(
-            f"const {kind} lpvobs_{name}{_shape(values)} = {_initialiser(values)};"
-            for name, (kind, values) in arrays.items()
-        ),
+        *(f"const {kind} lpvobs_{n}{_shape(values)} = {_initialiser(values)};" for n, (kind, values) in arrays.items()),
         f"const char *const lpvobs_channel_names[LPVOBS_CHANNELS] = {{{names}}};",
-        f"const uint32_t lpvobs_table_bytes = (uint32_t)({sizes});",
-    )
+        f"const uint32_t lpvobs_table_bytes = (uint32_t)({sizes});\n",
+    ]
+    return "\n".join(lines)
 
 
 def _initialiser(values: Array) -> str:
@@ -201,7 +191,3 @@ def _initialiser(values: Array) -> str:
     if values.dtype.kind == "i":
         return "{" + ", ".join(f"{value}U" for value in values.tolist()) + "}"
     return "{" + ", ".join(f"R({value!r})" for value in values.tolist()) + "}"
-
-
-def _lines(*lines: str) -> str:
-    return "\n".join(lines) + "\n"
