@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.api.copies import refuse_copies
 from lpvobs.api.estimate import gain_for
-from lpvobs.api.files import File, Progress, as_path, as_paths, silent, writing
+from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table
 from lpvobs.calibration.fit import Calibration, calibrated
 from lpvobs.calibration.logs import taught

@@ -9,12 +9,11 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api.copies import refuse_copies
 from lpvobs.api.doubts import doubts_of
-from lpvobs.api.files import File, Progress, as_path, silent, some_logs, writing
+from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, some_logs, writing
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty, remove_parts
 from lpvobs.api.jobs import processors
-from lpvobs.api.learning import engine_writer, learned_path
+from lpvobs.api.known_engine import engine_writer, learned_path
 from lpvobs.api.pooled import contents, usable
 from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath

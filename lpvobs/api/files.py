@@ -1,14 +1,15 @@
 """Names of files, and claims on them while they are written; the configuration of a folder."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeAlias
 
 from lpvobs.errors import UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.safety.atomic import claimed, is_same
+from lpvobs.io.safety.unchanged import file_digest
 
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
@@ -57,6 +58,28 @@ def find_config(folder: Path) -> Path | None:
         except OSError:
             continue
     return None
+
+
+def refuse_copies(paths: Sequence[Path]) -> None:
+    """Raise for two logs of the same bytes, which would count twice; only files of the same size are looked into."""
+    by_size: dict[int, list[Path]] = {}
+    for path in paths:
+        with suppress(OSError):
+            by_size.setdefault(path.stat().st_size, []).append(path)
+    for same in by_size.values():
+        seen: dict[str, Path] = {}
+        for path in same if len(same) > 1 else ():
+            if not path.is_file():
+                continue
+            try:
+                digest = file_digest(path)
+            except OSError:  # whoever reads it tells why it cannot be
+                continue
+            if digest in seen:
+                raise UsageError(
+                    f"{path}: same bytes as {seen[digest]}; the same drive would count twice, leave one out"
+                )
+            seen[digest] = path
 
 
 @contextmanager

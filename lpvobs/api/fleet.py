@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.api.copies import refuse_copies
 from lpvobs.api.doubts import Doubts, doubts_of
+from lpvobs.api.files import refuse_copies
 from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Suspects

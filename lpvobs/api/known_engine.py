@@ -1,6 +1,7 @@
 """The engine of a stored result: its configuration, and what a calibration or healthy logs have taught of it."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import Unknowns
+from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.reading import read_log
@@ -60,3 +62,30 @@ def known_engine(stored: StoredResult, engine: Path | None = None) -> KnownEngin
             return KnownEngine(config, air_path, None, read_engine_before(file, air_path))
         known, healthy = read_learned(file)
         return KnownEngine(config, air_path.knowing(known), healthy)
+
+
+def learned_path(config: Config, paths: Sequence[Path]) -> AirPath:
+    """Return the air path, with what it learns from those of the logs that can be used; whoever uses them next says why not.
+
+    Logs are read only for an engine that learns.
+    """
+    air_path = config.engine_path()
+    logs = usable_logs(config, paths) if air_path.learns else []
+    return air_path.learned_from(logs) if logs else air_path
+
+
+def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
+    """Return the logs that can be read."""
+    logs = []
+    for path in paths:
+        with suppress(DataError):
+            logs.append(read_log(path, config.engine_path().channels, config.policies))
+    return logs
+
+
+def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
+    """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
+    errors = config.kind.errors
+    if air_path.knowledge() is None or errors is None:
+        return None
+    return KnownEngine(config, air_path, errors(config.engine, usable_logs(config, paths))).write

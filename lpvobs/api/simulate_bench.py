@@ -2,7 +2,7 @@
 
 from lpvobs.api.files import File, Progress, silent, writing
 from lpvobs.api.simulate import plant_of
-from lpvobs.io.logs.tables import write_table
+from lpvobs.io.logs.bench import write_table
 from lpvobs.simulation.stationary import BenchTable
 
 

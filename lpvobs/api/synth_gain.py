@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from lpvobs.api.files import File, as_path, as_paths, writing
-from lpvobs.api.learning import learned_path
+from lpvobs.api.known_engine import learned_path
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError

@@ -6,7 +6,7 @@ import h5py
 import pytest
 
 from lpvobs.api import extrapolate
-from lpvobs.api.copies import refuse_copies
+from lpvobs.api.files import refuse_copies
 from lpvobs.api.jobs import Workers
 from lpvobs.errors import DataError
 from lpvobs.io.results import hdf
@@ -60,7 +60,7 @@ def test_a_log_that_may_not_be_read_does_not_hinder_the_others(monkeypatch, samp
     def denied(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("lpvobs.api.copies.file_digest", denied)
+    monkeypatch.setattr("lpvobs.api.files.file_digest", denied)
     refuse_copies([samples.log, samples.log])  # who reads it says what is wrong with it
 
 

@@ -1,4 +1,4 @@
-"""Tables of stationary bench points: read, converted to SI, and refused where a fit to them would be wrong."""
+"""Tables of stationary bench points: read, converted to SI, refused where a fit to them would be wrong; and written."""
 
 import csv
 import re
@@ -14,7 +14,8 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
-from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of
+from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Array
 
@@ -188,3 +189,18 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
             f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws, at {np.sum(~near)} of "
             f"{near.size} points outside {AGREES[0]:g} to {AGREES[1]:.2g} times; see to its unit, and to the constants in [engine]"
         )
+
+
+def write_table(path: Path, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
+    """Write columns of equal length, shape (N,), with their units; a name that ends in `.csv` makes a CSV file.
+
+    Numbers in CSV are the shortest that read back the same.
+    """
+    if path.suffix.lower() != ".csv":
+        write_log(path, columns, units)
+        return
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerow(units[name] for name in columns)
+        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))

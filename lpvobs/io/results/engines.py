@@ -13,7 +13,7 @@ from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
 from lpvobs.io.results.mapping import Contents, fields, read, read_rows, rows, values, write
-from lpvobs.io.results.provenance import Provenance, read_provenance
+from lpvobs.io.results.provenance import Provenance, expect_constants, read_provenance
 from lpvobs.io.safety.unchanged import file_digest
 from lpvobs.records import Array, Item
 
@@ -96,7 +96,7 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         write_fields(file, fields(StoredEngine, stored))
         found = _Calibrated(unknowns.names, unknowns.mean, unknowns.covariance, stored.prior_error)
-        write(file, "unknowns", found, {"other_unknown": unknowns.names})
+        write(file, "unknowns", found)
         write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
         write_group(file, "rows", rows(stored.rows, "row"))
         stored.provenance.write(file)
@@ -104,8 +104,7 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
 
 def write_unknowns(file: h5py.File, name: str, unknowns: Unknowns) -> None:
     """Write the unknowns of an engine into a group of their own."""
-    found = _UnknownsAsStored(unknowns.names, unknowns.mean, unknowns.covariance)
-    write(file, name, found, {"other_unknown": unknowns.names})
+    write(file, name, _UnknownsAsStored(unknowns.names, unknowns.mean, unknowns.covariance))
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
@@ -139,7 +138,11 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     """Return a stored engine; raises DataError for anything else, and for one that was calibrated from other constants."""
     with reading(path, KIND, REMEDY) as file:
         kept = values(file, StoredEngine)
-        _expect_engine(path, kept["air_path"], kept["constants"], air_path)
+        if kept["air_path"] != air_path.name:
+            raise DataError(
+                f"{path}: is a {kept['air_path']} engine, the configuration has '{air_path.name}'; {REMEDY} from this one"
+            )
+        expect_constants(path, "calibrated from", kept["constants"], air_path.engine_constants(), REMEDY)
         return StoredEngine(
             **kept,
             unknowns=read_unknowns(file["unknowns"], air_path),
@@ -153,15 +156,3 @@ def calibrated_engine(path: Path, air_path: AirPath) -> CalibratedEngine:
     """Return a stored engine with the digest of its file; raises as `read_engine` does."""
     stored = read_engine(path, air_path)
     return CalibratedEngine(path.name, file_digest(path), stored)
-
-
-def _expect_engine(path: Path, kind: str, constants: Mapping[str, float], air_path: AirPath) -> None:
-    """Raise DataError unless an engine was calibrated from the configured constants."""
-    if kind != air_path.name:
-        raise DataError(f"{path}: is a {kind} engine, the configuration has '{air_path.name}'; {REMEDY} from this one")
-    for name, value in air_path.engine_constants().items():
-        if constants.get(name) != value:
-            raise DataError(
-                f"{path}: calibrated from another engine: {name} is {constants.get(name)} there and {value:g} in the "
-                f"configuration; {REMEDY} from this configuration"
-            )

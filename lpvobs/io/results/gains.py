@@ -13,7 +13,7 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import creating, reading
 from lpvobs.io.results.mapping import fields, read, write
-from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.region import Region
@@ -76,7 +76,7 @@ def read_gain(path: Path) -> StoredGain:
 
 def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     """Write `/gain`."""
-    region, labels = stored.gain.region, {"other_state": stored.states, "output": (*stored.outputs, "sensor")}
+    region, labels = stored.gain.region, {"state": stored.states, "output": (*stored.outputs, "sensor")}
     bounds = _Bounds(region.names, np.stack([region.lower, region.upper], axis=1), region.nonnegative_sums)
     write(parent, "gain", stored, labels, fields(_Bounds, bounds))
 
@@ -96,12 +96,7 @@ def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
         raise DataError(
             f"{path}: gain for air path '{stored.air_path}', the configuration has '{config.air_path}'; {REMEDY} again"
         )
-    for name, value in config.engine_path().engine_constants().items():
-        if stored.engine.get(name) != value:
-            raise DataError(
-                f"{path}: gain for another engine: {name} is {stored.engine.get(name)} there and {value:g} in the configuration; "
-                f"{REMEDY} from this configuration"
-            )
+    expect_constants(path, "gain for", stored.engine, config.engine_path().engine_constants(), REMEDY)
     for name, (low, high) in stored.temperatures.items():
         if low < high and (low, high) != config.gain.temperatures.get(name):
             raise DataError(

@@ -124,8 +124,7 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
             _expect_kind(file, path, kind, remedy)
             yield file
         except (
-            KeyError,
-            IndexError,
+            LookupError,
             AttributeError,
             OSError,
             ValueError,

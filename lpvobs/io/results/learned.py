@@ -31,8 +31,7 @@ def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, bal
     covariance = Field(known.covariance, "1", "covariance of all relative deviations", ("deviation", "other_deviation"))
     both = {axis: Field(every, "1", meaning) for axis in ("deviation", "other_deviation")}
     write_group(group, "numbers", plain | both | {"covariance": covariance})
-    labels = {"balance": tuple(balances), "other_balance": tuple(balances)}
-    write(group, "healthy_errors", healthy, labels)
+    write(group, "healthy_errors", healthy, {"balance": tuple(balances)})
 
 
 def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:

@@ -40,11 +40,6 @@ AXES = {
     "log": Item("1", "log"),
     "mean": Item("1", "mean regressor, mean residual, standard error of the mean residual"),
     "node": Item("1", "node in the order of Eq. (23): speed by speed"),
-    "other_balance": Item("1", "balance"),
-    "other_constant": Item("1", "constant"),
-    "other_node": Item("1", "node in the order of Eq. (23): speed by speed"),
-    "other_state": Item("1", "state"),
-    "other_unknown": Item("1", "constant, or node of a correction"),
     "output": Item("1", "output"),
     "parameter": Item("1", "scheduling parameter"),
     "point": Item("1", "some of the points"),
@@ -56,7 +51,8 @@ AXES = {
     "term": Item("1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
     "transience": Item("1", "class of transience"),
 }
-"""Axes that are no field of their record, and what stands on them; numbered from zero where no labels are given."""
+"""Axes that are no field of their record, and what stands on them; numbered from zero where no labels are given. What stands on
+`state` stands on `other_state`, too."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +244,11 @@ def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels, row
         shown = text(stored) if element is str else np.asarray(stored, dtype)
         found[layout.name(key)] = Field(shown, item.unit, item.meaning, item.axes, flags(meanings))
     sizes = {axis: size for each in found.values() for axis, size in zip(each.axes, each.values.shape, strict=False)}
-    axes = {axis: _axis(axis, size, known) for axis, size in sizes.items() if axis in AXES and axis not in found}
+    axes: Contents = {}
+    for axis, size in sizes.items():
+        same = axis.removeprefix("other_")
+        if axis not in found and (same in found or same in AXES):
+            axes[axis] = found[same] if same in found else _axis(same, size, known)
     return {**axes, **found}
 
 

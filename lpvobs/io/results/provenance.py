@@ -12,8 +12,21 @@ from pathlib import Path
 import h5py
 
 from lpvobs import __version__
+from lpvobs.errors import DataError
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
+
+
+def expect_constants(
+    path: Path, what: str, found: Mapping[str, float], configured: Mapping[str, float], remedy: str
+) -> None:
+    """Raise DataError unless a stored gain or engine was made for the configured constants; `what` says so of the file."""
+    for name, value in configured.items():
+        if found.get(name) != value:
+            raise DataError(
+                f"{path}: {what} another engine: {name} is {found.get(name)} there and {value:g} in the configuration; "
+                f"{remedy} from this configuration"
+            )
 
 
 def versions() -> dict[str, str]:

@@ -87,7 +87,7 @@ def read_refinement(file: h5py.File) -> StoredRefinement | None:
 def write_sensor_state(parent: h5py.Group, found: SensorState, gain: StoredGain) -> None:
     """Write gain and proof of the observer with the sensor's state."""
     states, outputs = (*gain.states, "sensor"), (*gain.outputs, "sensor")
-    write(parent, "observer", found, {"state": states, "other_state": states, "output": outputs})
+    write(parent, "observer", found, {"state": states, "output": outputs})
 
 
 def write_comparison(parent: h5py.Group, comparisons: Mapping[str, tuple[Comparison, bool]]) -> None:

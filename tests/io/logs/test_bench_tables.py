@@ -7,8 +7,7 @@ import pytest
 
 from lpvobs.calibration.bench import DEVIATION, REFERENCE
 from lpvobs.errors import DataError
-from lpvobs.io.logs.bench import read_bench
-from lpvobs.io.logs.tables import write_table
+from lpvobs.io.logs.bench import read_bench, write_table
 
 
 @pytest.fixture(scope="module")
