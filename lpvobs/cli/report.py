@@ -9,7 +9,7 @@ from lpvobs.cli.options import JsonOption, RegionOption, argument, option
 
 @guarded
 def report(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate.")],
+    result: Annotated[Path, argument("RESULT.h5", "A result of estimate, or an engine of calibrate.")],
     further: Annotated[
         list[Path] | None,
         argument("[LOG|RESULT]...", "Logs that the results were made from (time series), and further results."),
@@ -30,10 +30,21 @@ def report(
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
     from lpvobs.api.regions import region_of
+    from lpvobs.api.report_engine import is_engine, report_engine
     from lpvobs.api.write_report import make_report
+    from lpvobs.report.engines import calibration_tables
     from lpvobs.report.gates import enforce
     from lpvobs.report.tables import coefficient_tables, gain_line, grams, report_rows
 
+    if is_engine(result):
+        engine = report_engine(result, html=html)
+        if html is not None:
+            say(f"{html}: written")
+        if as_json:
+            print_json("calibrate", engine)
+        else:
+            print("\n\n".join(table(*part) for part in calibration_tables(engine)))
+        return
     wanted = None if region is None else region_of(region)
     done = make_report(result, further or (), html=html, gates=gate or (), junit=junit, region=wanted)
     for written in (html, junit):

@@ -1,0 +1,117 @@
+"""The page of a calibrated engine: every component with its correction, what the data say of it, and what they leave."""
+
+from importlib.resources import files
+
+import jinja2
+import numpy as np
+from matplotlib.figure import Figure
+
+from lpvobs import __version__
+from lpvobs.engines.unknowns import Component
+from lpvobs.io.results.engines import StoredEngine
+from lpvobs.records import Array
+from lpvobs.report.engines import CalibrateOutput, calibration_tables
+from lpvobs.report.figures import ESTIMATE, GRAMS, READING
+from lpvobs.report.page import TEMPLATE, legible
+from lpvobs.report.residual import Section, picture
+from lpvobs.report.surface_figures import SURE
+from lpvobs.report.svg import INK, render
+from lpvobs.report.tables import Table
+
+BODY = "engine.html.j2"
+HEIGHT = 3.0
+"""[inch] of a figure."""
+CUTS = 3
+"""Lines through a surface, along its first axis."""
+
+
+def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
+    """Return the page as text; the same engine gives the same text."""
+    folder = files("lpvobs.report") / "templates"
+    whole = (folder / TEMPLATE).read_text(encoding="utf-8")
+    text = whole[: whole.index("<body>")] + (folder / BODY).read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    components = [item for item in stored.unknowns.components if item.axes]
+    page = environment.from_string(text).render(
+        version=__version__,
+        name=name,
+        inputs=", ".join(found.inputs) or "the configuration alone",
+        tables=calibration_tables(found),
+        residuals=Section("", tuple(
+            picture(residuals(f"r{number}", stored, row.kind), f"{row.kind}: what is left at every point")
+            for number, row in enumerate(found.rows)
+        )),
+        components=Section("", tuple(
+            picture(correction(f"c{number}", stored, item), f"{item.name}: {item.meaning}; {_told(stored, item)}")
+            for number, item in enumerate(components)
+        )),
+        constants=_constants(found),
+    )  # fmt: skip
+    return legible(page)
+
+
+def residuals(name: str, stored: StoredEngine, kind: str) -> str:
+    """Return what the configured engine and all other points leave of a flow, over that flow."""
+    own = [row for row in stored.rows if row.kind == kind]
+    flow = GRAMS * np.array([row.reference for row in own])
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for label, colour in (("before", READING), ("held_out", ESTIMATE)):
+            left = GRAMS * np.array([getattr(row, label) for row in own])
+            axes.plot(flow, left, "o", markersize=3, color=colour, label=label.replace("_", " "))
+        axes.axhline(0.0, color=INK, linewidth=0.5)
+        axes.set_xlabel(f"{kind}, reference [g/s]")
+        axes.set_ylabel("residual [g/s]")
+        axes.legend()
+
+    return render(name, f"residual of {kind} over its flow", HEIGHT, draw)
+
+
+def correction(name: str, stored: StoredEngine, component: Component) -> str:
+    """Return a correction along its first axis, at some nodes of the second and the middle of others."""
+    mean, error, before = (_along(component, values[stored.unknowns.places()[component.name]]) for values in (
+        stored.unknowns.mean, stored.error, stored.prior_error,
+    ))  # fmt: skip
+    (label, nodes), *others = component.axes.items()
+
+    def draw(figure: Figure) -> None:
+        columns = np.unique(np.linspace(0, mean.shape[1] - 1, CUTS).round().astype(int))
+        for axes, column in zip(figure.subplots(1, columns.size, sharey=True, squeeze=False)[0], columns, strict=True):
+            line, width, wide = mean[:, column], SURE * error[:, column], SURE * before[:, column]
+            axes.fill_between(nodes.values, line - width, line + width, color=ESTIMATE, alpha=0.25, linewidth=0.0)
+            axes.plot(nodes.values, line, color=ESTIMATE)
+            for side in (-wide, wide):
+                axes.plot(nodes.values, side, ":", color=INK)
+            axes.set_xlabel(f"{label} [{nodes.unit}]")
+            if others:
+                axes.set_title(f"{others[0][0]} = {others[0][1].values[column]:g} {others[0][1].unit}")
+
+    return render(name, f"correction {component.name}", HEIGHT, draw)
+
+
+def _along(component: Component, values: Array) -> Array:
+    """Return values at the nodes of the first two axes, those of a third at its middle, shape (n, m)."""
+    shape = [axis.values.size for axis in component.axes.values()]
+    whole = values.reshape(*shape, *[1] * (3 - len(shape)))
+    return np.asarray(whole[:, :, whole.shape[2] // 2])
+
+
+def _told(stored: StoredEngine, component: Component) -> str:
+    """Return how much of a correction the data determined."""
+    own = stored.unknowns.places()[component.name]
+    share = float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))
+    return f"the data determined {100 * share:.0f} % of its nodes, the prior the others"
+
+
+def _constants(found: CalibrateOutput) -> Table:
+    rows = [
+        [
+            name,
+            f"{100 * item.deviation:.2f} %",
+            f"{100 * item.standard_error:.2f} %",
+            "data" if item.determined else "prior",
+        ]
+        for name, item in found.constants.items()
+    ]
+    return ["constant", "deviation", "standard error", "determined by"], rows
