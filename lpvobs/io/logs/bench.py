@@ -22,7 +22,7 @@ from lpvobs.records import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-FUEL = "W_f"
+FUEL, LAMBDA = "W_f", "lambda"
 HEAD = re.compile(r"#\s*(\w+)\s*=\s*([-+.\deE]+)\s*(\S*)")
 LEAST_POINTS, MOST_POINTS = 20, 1000
 """Fewer points than corrections have axes and nodes to tell apart; more are no bench table but a log."""
@@ -30,6 +30,9 @@ LEAST_RANGE = 1.5
 """Largest over smallest value that the points have at least of flow and map axes: below, they are one operating point."""
 AGREES = (0.4 / 0.8, 1.3 / 0.8)
 """Of the flow that the configured engine has: volumetric efficiencies are 0.4 to 1.3, and 0.8 is a usual one."""
+AIR_FOR_FUEL, LAMBDA_ERROR = 14.57, 0.05
+"""Air over diesel at lambda 1, as the simulated engines have it, and how far fuel, lambda and it may be off together: assumed, for a
+wide-band probe and the composition of the fuel are each good to some hundredths."""
 RICHEST = 9.0
 """Air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)."""
 MOST_WRONG = 0.1
@@ -64,7 +67,7 @@ def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
     """Return the units of the columns that a table needs, and of those that it may have."""
     needed = {name: item.unit for name, item in air_path.channels.items() if name != air_path.sensor}
     parts = {part.column: "kg/s" for part in air_path.measured_parts}
-    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s"} | parts
+    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts
 
 
 def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
@@ -168,6 +171,14 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: AirPath) -> 
     """Raise for a reference that no balance of the engine is near, or with which the fuel cannot burn."""
     rows = rows_of(air_path, unknowns_of({}, air_path.components), [bench_table(air_path, table)])
     refuse_far(path, REFERENCE, rows)
+    if FUEL in table and LAMBDA in table:
+        burnt = table[LAMBDA] * AIR_FOR_FUEL * table[FUEL]
+        off = float(np.median(table[REFERENCE] / burnt)) - 1.0
+        if not abs(off) <= LAMBDA_ERROR + 2.0 * float(np.median(table[DEVIATION] / table[REFERENCE])):
+            raise DataError(
+                f"{path}: {REFERENCE} is {100 * off:+.1f} % off the air that {FUEL} and {LAMBDA} tell of (ratio {AIR_FOR_FUEL:g}), "
+                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; see to meter, fuel and probe"
+            )
     if FUEL in table:
         burns = table[REFERENCE] >= RICHEST * table[FUEL]
         if np.mean(~burns) > MOST_WRONG:

@@ -89,6 +89,11 @@ def too_little_air_for_the_fuel(columns, units):
     columns["W_f"] *= 10.0
 
 
+def a_meter_that_is_off_fuel_and_lambda(columns, units):
+    columns["lambda"] = columns["W_reference"] / (1.09 * 14.57 * columns["W_f"])
+    units["lambda"] = "1"
+
+
 def a_hole(columns, units):
     columns["T_em"][6] = np.nan
 
@@ -114,6 +119,7 @@ def one_speed(columns, units):
         (kilopascal_called_pascal, "p_im goes from .* see to its unit"),
         (flow_in_kilograms_an_hour, "W_reference is 3.* times the flow .* see to its unit"),
         (too_little_air_for_the_fuel, "the fuel would not burn"),
+        (a_meter_that_is_off_fuel_and_lambda, r"W_reference is \+9.0 % off the air that W_f and lambda tell of"),
         (a_hole, "T_em is no number at point 7"),
         (negative_error, "sd_W_reference is -0.0001 kg/s at a point; expected more than 0"),
         (few, "19 points, expected 20 to 1000"),
@@ -126,3 +132,11 @@ def test_what_would_spoil_a_fit_is_refused(changed, air_path, change, said):
         read_bench([path], air_path)
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_meter_that_agrees_with_fuel_and_lambda_is_taken(changed, air_path):
+    def near(columns, units):
+        a_meter_that_is_off_fuel_and_lambda(columns, units)
+        columns["lambda"] *= 1.06
+
+    assert read_bench([changed(near)], air_path).columns[REFERENCE].size == 40
