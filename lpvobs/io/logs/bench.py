@@ -31,8 +31,8 @@ LEAST_RANGE = 1.5
 AGREES = (0.4 / 0.8, 1.3 / 0.8)
 """Of the flow that the configured engine has: volumetric efficiencies are 0.4 to 1.3, and 0.8 is a usual one."""
 AIR_FOR_FUEL, LAMBDA_ERROR = 14.57, 0.05
-"""Air over diesel at lambda 1, as the simulated engines have it, and how far fuel, lambda and it may be off together: assumed, for a
-wide-band probe and the composition of the fuel are each good to some hundredths."""
+"""Air over diesel at lambda 1, as the simulated engines have it, and how far fuel, lambda and it may be off together: assumed, for
+a wide-band probe and the composition of the fuel are each good to some hundredths."""
 RICHEST = 9.0
 """Air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)."""
 MOST_WRONG = 0.1
