@@ -25,8 +25,8 @@ from lpvobs.records import Array
 
 LENGTH = 0.25
 """[s] Of a window: long against sampling, short against what a transient does to the unknowns' slopes."""
-ROWS = 120
-"""Windows that are worked on together; few, so that they touch few nodes of map and curves."""
+ROWS = 480
+"""Windows that are worked on together, two minutes: with fewer, the calls for each take longer than the work."""
 GROUP = 12
 """Windows, 3 s, over which rows are summed up to see how slow errors are: those of a model last, noise does not."""
 LEAST_STAY = 0.02
