@@ -94,15 +94,6 @@ def compare(
     UsageError
         If a gate cannot be understood.
     """
-    found = changes_between(first, second, values, region)
-    expect_gates(found, gates)
-    return found
-
-
-def changes_between(
-    first: File, second: File, values: str = "map", region: Mapping[str, tuple[float, float]] | None = None
-) -> CompareOutput:
-    """Return what `compare` does, gates aside."""
     if values not in SOURCES:
         raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")
     before, after = (read_surface(as_path(each), values) for each in (first, second))
@@ -116,7 +107,7 @@ def changes_between(
     alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
     mean = alike if region is None else change.mean(region)
     rows = _significant(change, after, nodes, on)
-    return CompareOutput(
+    found = CompareOutput(
         first=str(first),
         second=str(second),
         values=values,
@@ -127,6 +118,8 @@ def changes_between(
         largest_change=abs(rows[0].change) if rows else 0.0,
         significant=rows,
     )
+    expect_gates(found, gates)
+    return found
 
 
 def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
@@ -175,3 +168,18 @@ def _significant(change: Surface, after: Surface, nodes: Joint, on: NDArray[np.i
 
 def _pair(interval: Array) -> tuple[float, float]:
     return float(interval[0]), float(interval[1])
+
+
+def region_of(text: str) -> dict[str, tuple[float, float]]:
+    """Return from and to by the name of an axis, of `n_e=1500:2500,u_delta=8:24`; raises UsageError for anything else."""
+    found = {}
+    for part in text.split(","):
+        name, _, ends = part.partition("=")
+        low, _, high = ends.partition(":")
+        try:
+            found[name.strip()] = (float(low), float(high))
+        except ValueError:
+            raise UsageError(
+                f"--region {text}: expected AXIS=FROM:TO, for example n_e=1500:2500,u_delta=8:24"
+            ) from None
+    return found

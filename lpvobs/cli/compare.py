@@ -23,11 +23,11 @@ def compare(
 
     Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
     """
-    from lpvobs.api.compare import changes_between, expect_gates
-    from lpvobs.api.regions import region_of
+    from lpvobs.api.compare import compare as compare_maps
+    from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
-    found = changes_between(first, second, values, None if region is None else region_of(region))
+    found = compare_maps(first, second, values=values, region=None if region is None else region_of(region))
     if as_json:
         print_json("compare", found)
     else:

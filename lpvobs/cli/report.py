@@ -29,7 +29,7 @@ def report(
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
-    from lpvobs.api.regions import region_of
+    from lpvobs.api.compare import region_of
     from lpvobs.api.report_engine import is_engine, report_engine
     from lpvobs.api.write_report import make_report
     from lpvobs.report.engines import calibration_tables

@@ -37,8 +37,7 @@ def verify(
         print_json("verify", proof)
     expect_proven(gain, certificate)
     if not as_json:
-        more = "; also for map gains that fall with information" if certificate.falling_gain else ""
-        print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region{more}")
+        print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region")
         print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")
         print(f"made for {stored.made_for()}")
         if stored.gain.bound is not None:

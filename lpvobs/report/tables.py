@@ -124,9 +124,8 @@ def gain_line(gain: StoredGain) -> str:
     certificate = gain.gain.certificate
     if not certificate.proven:
         return f"{gain.origin}: not proven"
-    more = ", also for map gains that fall with information" if certificate.falling_gain else ""
     drawn = f"; its region was drawn from the logs ({', '.join(gain.log_bounds)})" if gain.log_bounds else ""
-    return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{more}{drawn}"
+    return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{drawn}"
 
 
 def state_bound_table(gain: StoredGain) -> Table:
