@@ -3,9 +3,9 @@
 Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
 whose last column is zero; then the map by weighted least squares behind that state, from every balance of the engine. It is not the
 map equation of Eq. (26): `information` says how it departs. Theorem 1 is proven for one balance and constant Gamma; it is not
-claimed for several balances. The certificate is about the state, and the state is nearly its newest measurement: of a gain of 20 000 1/s and samples 10 ms apart, 99.5 %
-(1 - 1 / (1 + h L)). What the state owes to the engine's model instead is wrong with the model: with 2000 1/s a turbine of another
-shape moved the map by 0.3 % of the air flow, through the pressure before it.
+claimed for several balances. The certificate is about the state, and the state is nearly its newest measurement: of a gain of
+20 000 1/s and samples 10 ms apart, 99.5 % (1 - 1 / (1 + h L)). What the state owes to the engine's model instead is wrong with the
+model: with 2000 1/s a turbine of another shape moved the map by 0.3 % of the air flow, through the pressure before it.
 
 Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """
