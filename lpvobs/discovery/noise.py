@@ -225,7 +225,7 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
         spread = np.sqrt(power / np.maximum(np.bincount(fast, minlength=len(spread)), 1)[:, None])
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
     roots = np.linalg.inv(np.linalg.cholesky(noise))
-    return np.asarray(roots[everywhere] / spread[classes][:, None, :])
+    return np.asarray(roots[everywhere] / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:

@@ -10,6 +10,7 @@ import scipy
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
@@ -94,6 +95,7 @@ def refine(
     progress: Callable[[float], None] = lambda _: None,
     known: Sequence[KnownEffect] = (),
     hold_out: Sequence[Log] = (),
+    healthy: HealthyDrive | None = None,
 ) -> Refinement:
     """Return the model with the effects that the logs prove.
 
@@ -111,8 +113,16 @@ def refine(
         Effects that the model has already. They are estimated again.
     hold_out : sequence of Log
         Logs that no fit and no decision sees; the error before and after is computed on them, too.
+    healthy : HealthyDrive, optional
+        What the engine leaves when it is healthy: the search is for what has changed.
     """
-    lay = partial(lay_out, model, grid, prior)
+    if healthy is not None:
+        model = replace(model, levels=(*model.levels, *healthy.levels()))
+
+    def lay(these: Sequence[Log]) -> Problem:
+        laid = lay_out(model, grid, prior, these)
+        return laid if healthy is None else healthy.taken_off(laid)
+
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))

@@ -112,6 +112,7 @@ class Problem:
     flow: float
     wider: Callable[[], "Problem"]
     offset: Array
+    lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
     held: "tuple[Term, ...]" = ()
 
     @property
@@ -146,9 +147,9 @@ class Problem:
         return tuple(effect for effect in self.catalogue if effect.id in self.model.carriers)
 
     @property
-    def data(self) -> int:
-        """The number of residuals that fits and choices see."""
-        return int((self.shown & self.used).sum())
+    def data(self) -> float:
+        """The number of independent residuals that fits and choices see."""
+        return float(((self.shown & self.used) / self.lasting).sum())
 
     @property
     def coarse_blocks(self) -> float:
@@ -247,6 +248,7 @@ def lay_out(
         judged=judged,
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
         wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
+        lasting=np.ones(shown.shape),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
 

@@ -65,6 +65,21 @@ AT_ONCE = 0.25
 """[1] Share of the fast error that is new in every block. Set by trial on the same recording."""
 SLOW = 100.0
 """[s] Time constant with which the slow error of a learned model decays. Set by trial on the same recording."""
+BELLS = 150
+"""[1] Bells that the function stands on which says what a healthy engine leaves. Set by time: a second."""
+BELL_WIDTHS = (0.5, 1.0)
+"""[1] Widths of a bell that are tried, in standard deviations of every channel. Set by choice; held-out minutes choose."""
+BELL_PRICES = (10.0, 100.0, 1000.0, 10000.0)
+"""[1] Prices of a large function that are tried, in instants. Set by choice; held-out minutes choose."""
+STANDS = 0.005
+"""[1] Standard deviation over the mean up to which a channel stands still on a healthy drive. Set by choice: ambient pressure and
+temperature of one drive say nothing of another day."""
+RIDGE = 1e-6
+"""[1] Added to the bells' own kernel. Set by rounding."""
+FAR = 4.0
+"""[1] Standard deviations beyond which an input of the function, and an error in its judgement, is cut. Set by choice."""
+LASTS = (10.0, 20.0, 40.0)
+"""[s] Lengths of the stretches that show how errors of a healthy engine last. Set by choice: a log of minutes holds many."""
 MOST_STRETCHED = 3.0
 """[1] Largest factor on the scale of an outlier. Set by choice: a second fault must not pass for an outlier; held by run 9."""
 

@@ -71,7 +71,7 @@ def healthy_errors(residual: Array, shown: NDArray[np.bool_], transience: Array,
     together[np.ix_(whole, whole)] = z[whole] @ z[whole].T / z.shape[1]
     rows = list(zip(residual, shown, strict=True))
     rms = np.array([np.sqrt(np.mean(r[on] ** 2)) if on.any() else LEAST_SCALE for r, on in rows])
-    return HealthyErrors(bounds, scale, together, np.array([_slow(r[on], chunk[on]) for r, on in rows]), rms)
+    return HealthyErrors(bounds, scale, together, np.array([slow(r[on], chunk[on]) for r, on in rows]), rms)
 
 
 def _scale(r: Array) -> float:
@@ -85,7 +85,7 @@ def _scale(r: Array) -> float:
     return s
 
 
-def _slow(r: Array, chunk: Array) -> float:
+def slow(r: Array, chunk: Array) -> float:
     """Return the standard deviation of the medians of minutes, less what the errors within them explain."""
     medians, own = [], []
     for each in np.unique(chunk):
