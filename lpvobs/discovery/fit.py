@@ -60,7 +60,7 @@ def linearised(
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
-    straight[0] += curvature_bias(problem, scenes, each)
+    straight[0] += curvature_bias(problem, scenes, beta, each)
     residual = noise.whiten(straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)

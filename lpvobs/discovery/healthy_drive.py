@@ -21,7 +21,7 @@ from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_node
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.healthy import CHUNK, FOLDS, parts_of, slow
-from lpvobs.engines.residual_model import Level
+from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.records import Array
 
 
@@ -82,9 +82,19 @@ class HealthyDrive:
             wider=lambda: self.taken_off(problem.wider()),
         )
 
-    def levels(self) -> tuple[Level, ...]:
-        """Return what may differ from one day to the next."""
-        return tuple(Level(name, "kg/s", float(x)) for name, x in zip(self.balances, self.day, strict=True) if x > 0.0)
+    def unchanged(self, model: ResidualModel) -> ResidualModel:
+        """Return the engine as it was on the healthy drives: nothing of it is unknown but the levels of the day."""
+        constants = model.with_unknowns(np.zeros(len(model.names)))
+        levels = [Level(name, "kg/s", float(x)) for name, x in zip(self.balances, self.day, strict=True)]
+        return replace(
+            model,
+            names=(),
+            adding=0,
+            covariance=np.zeros((0, 0)),
+            with_unknowns=lambda _: constants,
+            by_unknowns=None,
+            levels=(*model.levels, *levels),
+        )
 
 
 def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
@@ -106,13 +116,14 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
         amplitude = np.sqrt(np.mean((weights @ features[0].T) ** 2, axis=1))
         found.append((error, replace(bare, weights=weights, amplitude=amplitude), held_out))
     _, best, held_out = min(found, key=lambda item: item[0])
+    scale = _scales(held_out, problem.transience)
     usual = np.median(scale, axis=1)
     chunk = problem.time // CHUNK + 1e4 * problem.of_log
     return replace(
         best,
         scale=usual,
         lasting=np.array([_lasting(problem, z) for z in held_out / scale]),
-        day=np.array([s * slow(z, chunk) for z, s in zip(held_out / usual[:, None], usual, strict=True)]),
+        day=usual * [max(slow(z, chunk), thresholds.LEAST_LEVEL) for z in held_out / usual[:, None]],
     )
 
 

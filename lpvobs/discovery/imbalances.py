@@ -96,7 +96,7 @@ def residual_of(problem: Problem, scenes: Sequence[Scene], beta: Array, theta: A
     return left
 
 
-def curvature_bias(problem: Problem, scenes: Sequence[Scene], each: Array) -> Array:
+def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each: Array) -> Array:
     """Return the balances of the mean of both views less the mean of their balances `each`, shape (B, K).
 
     Noise of the signals biases a balance that is curved in them, and the mean of the views has half the noise of either. (Near its
@@ -118,7 +118,8 @@ def curvature_bias(problem: Problem, scenes: Sequence[Scene], each: Array) -> Ar
         rate={name: middle(x) for name, x in s.rate.items()},
         lacks=middle(s.lacks),
     )
-    return np.asarray(problem.model.imbalances(s.constants, mean, None) - middle(each))
+    shift = problem.offset - level_shift(problem, beta)
+    return np.asarray(problem.model.imbalances(s.constants, mean, None) + shift - middle(each))
 
 
 def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:

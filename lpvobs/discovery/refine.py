@@ -116,8 +116,9 @@ def refine(
     healthy : HealthyDrive, optional
         What the engine leaves when it is healthy: the search is for what has changed.
     """
+    widths = dict(zip(model.names, model.spread.tolist(), strict=True))
     if healthy is not None:
-        model = replace(model, levels=(*model.levels, *healthy.levels()))
+        model, prior = healthy.unchanged(model), replace(prior, sensitivity=prior.sensitivity[:, :0])
 
     def lay(these: Sequence[Log]) -> Problem:
         laid = lay_out(model, grid, prior, these)
@@ -169,8 +170,8 @@ def refine(
         trace=result,
         theta=after.theta.reshape(grid.shape),
         covariance=inverse[:p, :p],
-        beta=dict(zip(model.names, after.beta.tolist(), strict=False)),
-        beta_deviation=dict(zip(model.names, deviation.tolist(), strict=False)),
+        beta=dict.fromkeys(widths, 0.0) | dict(zip(model.names, after.beta.tolist(), strict=False)),
+        beta_deviation=widths | dict(zip(model.names, deviation.tolist(), strict=False)),
         known_effects=kept + found,
         before=before,
         after=after,

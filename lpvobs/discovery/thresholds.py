@@ -71,6 +71,8 @@ BELL_WIDTHS = (0.5, 1.0)
 """[1] Widths of a bell that are tried, in standard deviations of every channel. Set by choice; held-out minutes choose."""
 BELL_PRICES = (10.0, 100.0, 1000.0, 10000.0)
 """[1] Prices of a large function that are tried, in instants. Set by choice; held-out minutes choose."""
+LEAST_LEVEL = 0.05
+"""[1] Least difference between days of what a healthy engine leaves, in its usual errors. Set by choice."""
 STANDS = 0.005
 """[1] Standard deviation over the mean up to which a channel stands still on a healthy drive. Set by choice: ambient pressure and
 temperature of one drive say nothing of another day."""
