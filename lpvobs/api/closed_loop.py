@@ -8,10 +8,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
+from lpvobs.api.nominal import known_from
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import expect_cascade
-from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
+from lpvobs.api.search_start import Start, free_start, nominal_start
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import StoredOutcome, plain
@@ -161,7 +163,8 @@ def close(
         free = free_map(engine.config.grid(), len(model.names), prior_map)
         start = free_start(model, free, refined, logs, engine.calibrated)
     known = () if refined is None else refined.effects
-    found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out)
+    healthy = healthy_drive(path) if frozen else None
+    found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained":
         _refuse_slow(logs)
     return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)

@@ -12,6 +12,7 @@ from msgspec import Meta
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, some_logs, writing
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty, remove_parts
+from lpvobs.api.healthy import learn_healthy
 from lpvobs.api.jobs import processors
 from lpvobs.api.known_engine import engine_writer, learned_path
 from lpvobs.api.pooled import contents, usable
@@ -204,6 +205,8 @@ def estimate_logs(
 
     write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     remove_parts(out)
+    if method == "observer":
+        learn_healthy(out, paths, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
     return done
 

@@ -12,6 +12,7 @@ function would have said counts as noise.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,26 +23,26 @@ from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.healthy import CHUNK, FOLDS, parts_of, slow
 from lpvobs.engines.residual_model import Level, ResidualModel
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 
 @dataclass(frozen=True, eq=False)
 class HealthyDrive:
     """What B balances leave over c channels and r rates, with m bells."""
 
-    logs: tuple[str, ...]  # healthy drives that it was learned from
-    balances: tuple[str, ...]
-    channels: tuple[str, ...]  # whose values the bells stand over
-    rates: tuple[str, ...]  # channels whose rates have a line
-    middle: Array  # (c + r,) of values and rates, in their units
-    spread: Array  # (c + r,) their standard deviations
-    centres: Array  # (m, c) of the bells, in spreads from the middle
-    width: float  # of a bell, in spreads
-    weights: Array  # (B, m + r) [kg/s]
-    amplitude: Array  # (B,) [kg/s] rms of the function along the healthy drives
-    scale: Array  # (B,) [kg/s] usual size of the error beyond it
-    lasting: Array  # (B,) variance of a sum of these errors over that of as many independent ones
-    day: Array  # (B,) [kg/s] standard deviation of what lasts for minutes, or from one drive to the next
+    logs: Annotated[tuple[str, ...], Item("1", "healthy drive that this was learned from", name="log")]
+    balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
+    channels: Annotated[tuple[str, ...], Item("1", "channel whose values the bells stand over", name="channel")]
+    rates: Annotated[tuple[str, ...], Item("1", "channel whose rate has a line", name="rate")]
+    middle: Annotated[Array, Item("SI", "mean of channels and rates", ("input",))]
+    spread: Annotated[Array, Item("SI", "their standard deviation", ("input",))]
+    centres: Annotated[Array, Item("1", "middle of a bell, in standard deviations from the mean", ("bell", "channel"))]
+    width: Annotated[float, Item("1", "of a bell, in standard deviations")]
+    weights: Annotated[Array, Item("kg/s", "what a balance leaves, by bells and lines", ("balance", "feature"))]
+    amplitude: Annotated[Array, Item("kg/s", "rms of that along the healthy drives", ("balance",))]
+    scale: Annotated[Array, Item("kg/s", "usual size of the error beyond, held out", ("balance",))]
+    lasting: Annotated[Array, Item("1", "variance of a sum of errors over that of independent ones", ("balance",))]
+    day: Annotated[Array, Item("kg/s", "standard deviation of what lasts for minutes, or a day", ("balance",))]
 
     @cached_property
     def _root(self) -> Array:

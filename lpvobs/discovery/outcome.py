@@ -225,6 +225,9 @@ class Outcome:
     error: ErrorOutput
     residual: ResidualOutput
     candidates: tuple[Leading, ...] | UnsetType = UNSET
+    healthy_drives: Annotated[
+        tuple[str, ...], Meta(description="that told what the engine leaves when it is healthy")
+    ] = ()
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
     logs: tuple[OutcomeOnLog, ...]
@@ -254,6 +257,7 @@ class Trace:
     logs: tuple[LogPart, ...]  # one for each log, then one for each log held out
     held_out: Comparison | None  # of all logs held out together
     left: Leftover | None  # what is known of what is left; None where that is white noise
+    healthy_drives: tuple[str, ...] = ()  # that told what the engine leaves when it is healthy
 
     def output(self, refined: bool) -> Outcome:
         """Return what is printed; `after` and what follows from it only where refined."""
@@ -265,6 +269,7 @@ class Trace:
             error=error_output(self.comparison, refined, HOW),
             residual=ResidualOutput(self.white, tuple(self.correlated_with), **left),
             candidates=self.leading if self.verdict == "unexplained" else UNSET,
+            healthy_drives=self.healthy_drives,
             known_effects=self.known_effects or UNSET,
             error_on_held_out_logs=error_output(self.held_out, refined, HOW_WHOLE) if self.held_out else UNSET,
             logs=tuple(part.output(refined) for part in self.logs),

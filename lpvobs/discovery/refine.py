@@ -20,7 +20,7 @@ from lpvobs.discovery.outcome import Leading, Ranked, Trace
 from lpvobs.discovery.per_log import shown_by
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Accepted, Selection, select
-from lpvobs.discovery.thresholds import LIKENESS, MOST_CANDIDATES
+from lpvobs.discovery.thresholds import MOST_CANDIDATES
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -60,31 +60,6 @@ class Refinement:
     def terms(self) -> tuple[Term, ...]:
         """The effects as they act on these logs."""
         return self.after.terms
-
-
-def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
-    """Return a stored map as what is known before other logs.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where not estimated.
-    covariance : ndarray, shape (p, p)
-        [kg^2/s^2], noise and constants together, as stored.
-    sensitivity : ndarray, shape (q, p_2, p_1)
-        [kg/s], NaN where not estimated.
-    constants : ndarray, shape (q, q)
-        Covariance of the relative errors of the constants beside this map.
-    prior_map : float
-        [kg/s], standard deviation of a node that is not estimated.
-    """
-    known = np.isfinite(theta).ravel()
-    S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
-    noise = covariance - S @ constants @ S.T
-    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(np.where(known, LIKENESS**2, prior_map**2))
-    values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
-    precision = (vectors / np.maximum(values, LIKENESS**2)) @ vectors.T
-    return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
 
 
 def refine(
@@ -145,6 +120,7 @@ def refine(
         p_value=selection.p_value,
         findings=findings,
         leading=_leading(selection),
+        healthy_drives=() if healthy is None else healthy.logs,
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
         comparison=selection.losses.comparison(),
         white=own[1].white,

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
@@ -199,6 +198,33 @@ def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
     return MapPrior(np.zeros(p), np.eye(p) / prior_map**2, np.zeros((p, q)), True)
 
 
+def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
+    """Return a stored map as what is known before other logs.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (p_2, p_1)
+        [kg/s], NaN where not estimated.
+    covariance : ndarray, shape (p, p)
+        [kg^2/s^2], noise and constants together, as stored.
+    sensitivity : ndarray, shape (q, p_2, p_1)
+        [kg/s], NaN where not estimated.
+    constants : ndarray, shape (q, q)
+        Covariance of the relative errors of the constants beside this map.
+    prior_map : float
+        [kg/s], standard deviation of a node that is not estimated.
+    """
+    known = np.isfinite(theta).ravel()
+    S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
+    noise = covariance - S @ constants @ S.T
+    noise = np.where(np.outer(known, known), noise, 0.0) + np.diag(
+        np.where(known, thresholds.LIKENESS**2, prior_map**2)
+    )
+    values, vectors = np.linalg.eigh(0.5 * (noise + noise.T))
+    precision = (vectors / np.maximum(values, thresholds.LIKENESS**2)) @ vectors.T
+    return MapPrior(np.nan_to_num(theta).ravel(), precision, S, False)
+
+
 def lay_out(
     model: ResidualModel,
     grid: Grid,
@@ -224,7 +250,7 @@ def lay_out(
         model=model,
         grid=grid,
         levels=levels,
-        covariance=scipy.linalg.block_diag(model.covariance, np.diag([level.deviation**2 for _, level in levels])),
+        covariance=_with_levels(model.covariance, [level.deviation for _, level in levels]),
         prior=prior,
         signals=places.signals,
         blocks=places.blocks,
@@ -251,6 +277,13 @@ def lay_out(
         lasting=np.ones(shown.shape),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
+
+
+def _with_levels(covariance: Array, deviations: Sequence[float]) -> Array:
+    q = len(covariance)
+    whole = np.diag(np.concatenate([np.zeros(q), np.square(deviations)]))
+    whole[:q, :q] = covariance
+    return whole
 
 
 def _usable(values: Array) -> bool:

@@ -65,6 +65,10 @@ AT_ONCE = 0.25
 """[1] Share of the fast error that is new in every block. Set by trial on the same recording."""
 SLOW = 100.0
 """[s] Time constant with which the slow error of a learned model decays. Set by trial on the same recording."""
+HEALTHY_SECONDS = 1500.0
+"""[s] Driving from which on no further log is read to learn what a healthy engine leaves. Set by time: MOST_INSTANTS of them."""
+MOST_ROWS = 1_000_000
+"""[1] Rows of a log beyond which nothing is learned from it. Set by memory: 100 MB."""
 BELLS = 150
 """[1] Bells that the function stands on which says what a healthy engine leaves. Set by time: a second."""
 BELL_WIDTHS = (0.5, 1.0)

@@ -7,8 +7,8 @@ import pytest
 from reference import throttled_drive as truth
 from repository import LIU_ICE
 
-from lpvobs.discovery.refine import nominal_map, refine
-from lpvobs.discovery.residual import free_map, lay_out
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import free_map, lay_out, nominal_map
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.throttled.balances import BALANCES, Imbalances
 from lpvobs.engines.throttled.effects import throttled_model
