@@ -83,6 +83,13 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     return losses, counted & problem.used
 
 
+def noise_power(linear: Linear, on: NDArray[np.bool_]) -> float:
+    """Return what noise alone adds to the squares of the residual at some places; two views show it."""
+    if linear.problem.blocks is not None:
+        return float(linear.problem.shown[:, on].sum())
+    return float((linear.residual[1][:, on] ** 2).sum())
+
+
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
     nodes, weights = linear.nodes

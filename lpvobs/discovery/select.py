@@ -21,7 +21,7 @@ from lpvobs.discovery.evidence import (
     score,
 )
 from lpvobs.discovery.fit import fit, refit
-from lpvobs.discovery.held_out import Losses, compare, cross_validated
+from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again, without
 from lpvobs.discovery.linear import Linear
@@ -168,8 +168,11 @@ def _structure_remains(linear: Linear) -> bool:
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:
-    """Return whether the new effect improves the prediction of blocks that it was not fitted to."""
-    return cross_validated(refit(after, before.terms), after).comparison().ratio < 1.0
+    """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to."""
+    losses = cross_validated(refit(after, before.terms), after)
+    gained = float((losses.before - losses.after).sum())
+    above = float(losses.before.sum()) - noise_power(after, losses.counted)
+    return gained > thresholds.MATTERS * max(above, 0.0)
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
