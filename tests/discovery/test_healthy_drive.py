@@ -1,0 +1,102 @@
+"""What a healthy drive leaves cancels on another one, and what has changed since is found."""
+
+from dataclasses import fields, replace
+
+import h5py
+import numpy as np
+import pytest
+
+from lpvobs.discovery.healthy_drive import _lasting, _regression, learned_from
+from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import MapPrior, lay_out
+from lpvobs.io.results.mapping import read, write
+
+
+def left(problem):
+    scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
+    nodes = operating_nodes(problem, scenes)
+    return residual_of(problem, scenes, np.zeros(problem.spread.size), problem.prior.mean, nodes)[0]
+
+
+@pytest.fixture(scope="module")
+def prior(config):
+    """A map that stands: of the engine that was simulated, without an error of the sensor beyond the drive's own."""
+    p = config.grid().size
+    return MapPrior(np.zeros(p), np.eye(p) / 0.002**2, np.zeros((p, len(config.estimate.tolerance))), False)
+
+
+@pytest.fixture(scope="module")
+def other(clean):
+    """Return a function from a log to that of an engine that is not its model, with other noise of the sensor."""
+
+    def change(seed, factor=1.0):
+        wave = 1.0 + 0.04 * np.sin(clean["n_e"] / 150.0) + 0.03 * np.tanh((clean["p_em"] - 1.4e5) / 2e4)
+        noise = 1.0 + 0.01 * np.random.default_rng(seed).standard_normal(len(clean))
+        return replace(
+            clean, name=f"drive{seed}", channels={**clean.channels, "W_maf": clean["W_maf"] * wave * noise * factor}
+        )
+
+    return change
+
+
+@pytest.fixture(scope="module")
+def healthy(plant, config, prior, other):
+    return learned_from(lay_out(plant, config.grid(), prior, [other(1)]), ["drive1"])
+
+
+def test_what_does_not_change_cancels(healthy, plant, config, prior, other):
+    problem = lay_out(plant, config.grid(), prior, [other(2)])
+    before, after = (np.sqrt((left(each) ** 2).mean(1)) for each in (problem, healthy.taken_off(problem)))
+    assert np.all(after[:2] < 0.5 * before[:2])
+    assert np.all(healthy.taken_off(problem).lasting >= 1.0)
+
+
+def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, other, clean):
+    same = refine(plant, config.grid(), prior, [other(2)], healthy=healthy).trace
+    assert (same.verdict, same.healthy_drives) == ("none", ("drive1",))
+    step = np.where(clean.time > 150.0, 1.06, 1.0)
+    found = refine(plant, config.grid(), prior, [other(2, step)], healthy=healthy)
+    (finding,) = found.trace.findings
+    assert finding.id == "maf.gain"
+    assert finding.parameters["factor"].value == pytest.approx(1.06, abs=0.01)
+    assert finding.onset == pytest.approx(150.0, abs=2.0)
+    assert set(found.beta) == set(plant.names)  # the engine is as it was, and still has all its constants
+
+
+def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        write(file, "healthy", healthy)
+        again = read(file["healthy"], type(healthy))
+    for item in fields(healthy):
+        assert np.array_equal(getattr(again, item.name), getattr(healthy, item.name)), item.name
+
+
+def test_without_a_function_none_is_learned():
+    rng = np.random.default_rng(3)
+    features, noise = rng.standard_normal((2, 600, 20)), rng.standard_normal((2, 600))
+    weights, held_out = _regression(features, noise, np.ones(600), np.arange(600) // 100)
+    assert np.abs(weights).max() < 0.02
+    slope, held_out = _regression(features, noise + 5.0 * features[:, :, 0], np.ones(600), np.arange(600) // 100)
+    assert slope[0] == pytest.approx(5.0, rel=0.1)
+    assert np.std(held_out) < 1.0
+
+
+def test_errors_that_last_count_as_fewer(laid_out, clean):
+    problem = laid_out(clean)
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(problem.K)
+    assert _lasting(problem, white) < 1.6
+    assert _lasting(problem, np.repeat(white, 20)[: problem.K]) > 8.0
+
+
+def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
+    """The curvature of a balance does not depend on what is taken off it."""
+    problem = laid_out(clean)
+    shifted = replace(problem, offset=problem.offset + 0.01)
+    beta = np.zeros(problem.spread.size)
+    bias = [
+        curvature_bias(each, scenes := scenes_with(each, (), beta), beta, imbalances_at(each, scenes, beta))
+        for each in (problem, shifted)
+    ]
+    np.testing.assert_allclose(bias[0], bias[1], atol=1e-12)  # kg/s, rounding
