@@ -30,10 +30,10 @@ from lpvobs.records import Array, Item
 class HealthyDrive:
     """What B balances leave over c channels and r rates, with m bells."""
 
-    logs: Annotated[tuple[str, ...], Item("1", "healthy drive that this was learned from", name="log")]
+    logs: tuple[str, ...]  # the healthy drives that it was learned from
     balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
     channels: Annotated[tuple[str, ...], Item("1", "channel whose values the bells stand over", name="channel")]
-    rates: Annotated[tuple[str, ...], Item("1", "channel whose rate has a line", name="rate")]
+    rates: tuple[str, ...]  # channels whose rates have a line
     middle: Annotated[Array, Item("SI", "mean of channels and rates", ("input",))]
     spread: Annotated[Array, Item("SI", "their standard deviation", ("input",))]
     centres: Annotated[Array, Item("1", "middle of a bell, in standard deviations from the mean", ("bell", "channel"))]
