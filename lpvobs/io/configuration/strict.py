@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import reduce
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -55,12 +56,34 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
     try:
         converted = msgspec.convert(document, record)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{path}: {error}; mend that key") from None
+        raise UsageError(f"{path}: {_in_words(error, document, record)}; mend that key") from None
     except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
         raise UsageError(f"{path}: a value is out of all proportion ({error}); mend it") from None
     for where, complaint in _out_of_bounds(converted, ""):
         raise UsageError(f"{path}: {where} = {complaint}")
     return converted
+
+
+def _in_words(error: msgspec.ValidationError, document: Mapping[str, Any], record: type) -> str:
+    """Return what a value should be behind its place in the file; msgspec writes `[...]` for an entry of a table by name."""
+    said, _, place = str(error).replace("`", "").partition(" - at $")
+    place = place.removeprefix(".")
+    table, by_name, _ = place.partition("[...]")
+    parts = table.split(".")
+    for name in reduce(lambda inner, part: inner.get(part, {}), parts, document) if by_name else ():
+        try:
+            msgspec.convert(_with_only(document, parts, name), record)
+        except msgspec.ValidationError as again:
+            if str(again) == str(error):
+                place = place.replace("[...]", f".{name}", 1)
+    return f"{place}: {said[:1].lower()}{said[1:]}".removeprefix(": ")
+
+
+def _with_only(document: Mapping[str, Any], parts: list[str], name: str) -> dict[str, Any]:
+    """Return a document with one entry alone in one of its tables."""
+    if not parts:
+        return {name: document[name]}
+    return {**document, parts[0]: _with_only(document[parts[0]], parts[1:], name)}
 
 
 def _out_of_bounds(record: Any, where: str) -> Iterator[tuple[str, str]]:

@@ -153,14 +153,15 @@ def test_a_missing_key_is_named_unless_it_has_a_default(changed, old, place):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("smoothing = 0.05", 'smoothing = "50 ms"', "$.estimate.smoothing"),
-        ("R_a = 287.0", "R_a = true", "$.engine.gas.R_a"),
-        ("Q = [32.0, -8.0, 2.15]", "Q = [32.0, -8.0]", "$.engine.compressor.Q"),
-        ("n_cyl = 4", "n_cyl = 4.5", "$.engine.geometry.n_cyl"),
-        ("x_0 = [9.8e4, 9.8e4, 0.0]", 'x_0 = "ambient"', "$.published.x_0"),
-        ("rho_5 = [0.0, 3.15]", "rho_5 = 3.15", "$.gain.bounds"),
-        ("R_c = 0.01", 'R_c = "1 %"', "$.estimate.tolerance"),
-        ("n_cyl = 4", "n_cyl = [4]", "$.engine.geometry.n_cyl"),
+        ("smoothing = 0.05", 'smoothing = "50 ms"', "toml: estimate.smoothing"),
+        ("R_a = 287.0", "R_a = true", "toml: engine.gas.R_a: expected float, got bool; mend that key"),
+        ("Q = [32.0, -8.0, 2.15]", "Q = [32.0, -8.0]", "toml: engine.compressor.Q"),
+        ("n_cyl = 4", "n_cyl = 4.5", "toml: engine.geometry.n_cyl"),
+        ("x_0 = [9.8e4, 9.8e4, 0.0]", 'x_0 = "ambient"', "toml: published.x_0"),
+        ("rho_5 = [0.0, 3.15]", "rho_5 = 3.15", "toml: gain.bounds.rho_5: expected"),
+        ("R_c = 0.01", 'R_c = "1 %"', "toml: estimate.tolerance.R_c: expected float, got str; mend"),
+        ("n_cyl = 4", "n_cyl = [4]", "toml: engine.geometry.n_cyl"),
+        ("stop = 4000, step = 250", "stop = 4000, step = 333", "toml: map.n_e: step 333 does not divide"),
     ],
 )
 def test_a_wrong_type_is_refused_with_its_place(changed, old, new, place):
