@@ -8,7 +8,7 @@ from lpvobs.api.known_engine import known_engine
 from lpvobs.api.nominal import known_from
 from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from
 from lpvobs.discovery.residual import lay_out
-from lpvobs.discovery.thresholds import HEALTHY_SECONDS, MOST_ROWS
+from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import read_log
@@ -24,7 +24,7 @@ def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> 
     """Write `/healthy` into a new result: what its own logs leave, without those that stand out.
 
     A result stays as it is where nothing can be learned: by an engine that knows its healthy errors already, from logs of less
-    than a minute, or beside a map whose method does not tell of the engine.
+    than `HEALTHY_LEAST`, or beside a map whose method does not tell of the engine.
     """
     stored = read_result(out)
     engine = known_engine(stored)
@@ -41,7 +41,7 @@ def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> 
                 break
             with suppress(DataError):
                 logs.append(read_log(path, engine.air_path.channels, engine.config.policies))
-        if model.blocks or not logs:
+        if model.blocks or sum(log.time[-1] - log.time[0] for log in logs) < HEALTHY_LEAST:
             return
         there = model.restarted(known.constants, known.covariance)
         found = learned_from(lay_out(there, engine.config.grid(), known.prior, logs), [log.name for log in logs])
