@@ -180,6 +180,6 @@ def region_of(text: str) -> dict[str, tuple[float, float]]:
             found[name.strip()] = (float(low), float(high))
         except ValueError:
             raise UsageError(
-                f"--region {text}: expected AXIS=FROM:TO, for example n_e=1500:2500,u_delta=8:24"
+                f"--region {text}: expected AXIS=FROM:TO, with a comma before a second axis of the map"
             ) from None
     return found

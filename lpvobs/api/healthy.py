@@ -34,7 +34,8 @@ def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> 
         model = engine.residual_model()
         known = known_from(stored, model, engine.config.estimate.prior_map)
         logs: list[Log] = []
-        for path in paths:
+        digest = {log.name: log.sha256 for log in stored.logs}
+        for path in sorted(paths, key=lambda path: digest.get(path.stem, "")):  # the same bytes in any order
             if path.stem in outliers or metadata_of(path).num_rows > MOST_ROWS:
                 continue
             if sum(log.time[-1] - log.time[0] for log in logs) > HEALTHY_SECONDS:

@@ -28,7 +28,7 @@ def calibrate(
         typer.Option(
             "--map",
             metavar="KIND=FILE",
-            help="A table of one component: compressor, turbine, eta_vol or egr; a CSV with a second line of units, or "
+            help="A table of one component, of a kind that the engine has; a CSV with a second line of units, or "
             "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
         ),
     ] = None,

@@ -44,7 +44,7 @@ def export(
 ) -> None:
     """Write the map for calibration tools, and list what it changes against an old DCM; or the observer for a control unit.
 
-    Examples: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c;
+    Example: lpvobs export nedc.h5 --format dcm --out maf.dcm --only-estimated --old ecu.dcm --name delta_W_c;
     lpvobs export gain.h5 nedc.h5 --format c99 --out unit
     """
     from lpvobs.api.export import export as export_map

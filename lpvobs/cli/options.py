@@ -46,7 +46,7 @@ GainOption = Annotated[
 ]
 LogsArgument = Annotated[list[Path], argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
 RegionOption = Annotated[
-    str | None, option("AXIS=FROM:TO,...", "Mean over this part of the map, such as n_e=1500:2500,u_delta=8:24.")
+    str | None, option("AXIS=FROM:TO,...", "Mean over this part of the map; a second axis follows after a comma.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
 MADE_WITH = "An engine made by calibrate to start from; by default, the one that the result was made with."

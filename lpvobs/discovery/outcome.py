@@ -225,9 +225,7 @@ class Outcome:
     error: ErrorOutput
     residual: ResidualOutput
     candidates: tuple[Leading, ...] | UnsetType = UNSET
-    healthy_drives: Annotated[
-        tuple[str, ...], Meta(description="that told what the engine leaves when it is healthy")
-    ] = ()
+    healthy_drives: Annotated[tuple[str, ...], Meta(description="that told what the engine leaves when it is healthy")]
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
     logs: tuple[OutcomeOnLog, ...]

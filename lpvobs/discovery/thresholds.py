@@ -66,8 +66,8 @@ AT_ONCE = 0.25
 SLOW = 100.0
 """[s] Time constant with which the slow error of a learned model decays. Set by trial on the same recording."""
 HEALTHY_LEAST = 300.0
-"""[s] Driving below which nothing is learned of what a healthy engine leaves: too few minutes are held out. Set by trial: with 80 s a
-sensor that read 20 % too much was not found."""
+"""[s] Driving below which nothing is learned of what a healthy engine leaves: too few minutes are held out. Set by trial:
+with 80 s a sensor that read 20 % too much was not found."""
 HEALTHY_SECONDS = 1500.0
 """[s] Driving from which on no further log is read to learn what a healthy engine leaves. Set by time: MOST_INSTANTS of them."""
 MOST_ROWS = 1_000_000

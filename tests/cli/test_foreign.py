@@ -119,7 +119,20 @@ def travelled(lpvobs, config, chain, table, tmp_path_factory):
         ("ingest", folder / "drive.mf4", "--profile", folder / "mine.toml", "--out", log),
         ("estimate", "--config", config, "--gain", chain.gain, log, "--out", result),
         ("extrapolate", result),
-        ("export", result, "--format", "dcm", "--out", folder / "maf.dcm", "--digits", "9", "--name", "MAF_dW"),
+        (
+            "export",
+            result,
+            "--format",
+            "dcm",
+            "--out",
+            folder / "maf.dcm",
+            "--digits",
+            "9",
+            "--name",
+            "MAF_dW",
+            "--widest",
+            "1e9",
+        ),
     ):
         done = lpvobs(*step)
         assert done.code == 0, f"{step}: {done.err}"
@@ -141,15 +154,29 @@ def test_mdf_to_dcm_loses_nothing_but_the_stated_rounding(chain, travelled):
 
 def test_export_lists_what_changes(lpvobs, chain, tmp_path):
     old, new = tmp_path / "old.dcm", tmp_path / "new.dcm"
-    assert lpvobs("export", chain.result, "--format", "dcm", "--out", old, "--digits", 3).code == 0
-    done = lpvobs("export", chain.result, "--format", "dcm", "--out", new, "--only-estimated", "--old", old, "--json")
+    assert lpvobs("export", chain.result, "--format", "dcm", "--out", old, "--digits", 3, "--widest", 1e9).code == 0
+    done = lpvobs(
+        "export",
+        chain.result,
+        "--format",
+        "dcm",
+        "--out",
+        new,
+        "--only-estimated",
+        "--old",
+        old,
+        *("--widest", 1e9),
+        "--json",
+    )
     assert done.code == 0, done.err
     assert done.json["schema"] == "lpvobs/export/1"
     with h5py.File(chain.result) as file:
         estimated = int(file["map/support"][()].sum())
     assert done.json["nodes"]["estimated"] == estimated
     assert 0 < len(done.json["changes"]) <= estimated
-    shown = lpvobs("export", chain.result, "--format", "dcm", "--out", new, "--only-estimated", "--old", old)
+    shown = lpvobs(
+        "export", chain.result, "--format", "dcm", "--out", new, "--only-estimated", "--old", old, "--widest", 1e9
+    )
     assert f"{len(done.json['changes'])} of 255 nodes differ" in shown.err
     assert len(shown.out.strip().splitlines()) == 1 + len(done.json["changes"])
 

@@ -231,7 +231,10 @@ def _spoil_object(file: h5py.File, name: str, rng: random.Random) -> None:
     elif kind == 5 and isinstance(item, h5py.Dataset) and item.dtype.kind in "fi":
         values = np.array(item[()])
         del file[name]
-        file[name] = rng.choice((values.astype("f4"), values.astype("i2"), values.T, values.ravel(), values[..., None]))
+        with np.errstate(invalid="ignore", over="ignore"):  # what does not fit is damage, too
+            file[name] = rng.choice(
+                (values.astype("f4"), values.astype("i2"), values.T, values.ravel(), values[..., None])
+            )
 
 
 _ASSIGNMENT = re.compile(r"(?m)^(\s*[\w.]+\s*=\s*)(.+?)(\s*(?:#.*)?)$")

@@ -19,13 +19,13 @@ def result(samples, tmp_path):
 
 
 def test_what_was_found_is_not_written_into_the_result_that_came_in_between(samples, result, monkeypatch):
-    real, newer = extrapolate.fit, b"of another program"
+    real, newer = extrapolate.krige, b"of another program"
 
-    def fit(*arguments):
+    def krige(*arguments):
         result.write_bytes(newer)
         return real(*arguments)
 
-    monkeypatch.setattr(extrapolate, "fit", fit)
+    monkeypatch.setattr(extrapolate, "krige", krige)
     with pytest.raises(DataError, match="was replaced while"):
         extrapolate.extrapolate(result)
     assert result.read_bytes() == newer
