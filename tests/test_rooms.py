@@ -61,7 +61,8 @@ def imported(tree, *, late=True):
 
 def room_of(module):
     parts = module.split(".")
-    return parts[1] if len(parts) > 1 else "__init__"
+    own = parts[1] if len(parts) > 1 else "__init__"
+    return "cli" if own == "__main__" else own
 
 
 def inside(module):

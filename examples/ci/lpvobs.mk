@@ -3,7 +3,8 @@
 #   make -f lpvobs.mk lpvobs-validate                       on its own, or
 #   include lpvobs.mk                                       from your Makefile
 #
-# A log that cannot be used is named and fails the run as well; the others are still reported. The configuration is lpvobs.toml of
+# A log that cannot be used is named and fails the run as well; the others are still reported. make itself ends with 2 whatever has
+# failed; the exit code of each verb stands in exit_codes beside the report: `report 1` is a failed gate, `estimate 3` a bad log. The configuration is lpvobs.toml of
 # the working folder unless LPVOBS_CONFIG names another. Everything below can be set on the command line or before the include.
 
 LPVOBS        ?= lpvobs
@@ -26,14 +27,17 @@ lpvobs-in-out = $(call lpvobs-quoted,$(LPVOBS_OUT)/$(1))
 .PHONY: lpvobs-validate
 lpvobs-validate:
 	@mkdir -p $(call lpvobs-quoted,$(LPVOBS_OUT))
-	@rm -f $(foreach file,map.h5 report.html gates.xml,$(call lpvobs-in-out,$(file)))
-	@failed=0; logs=$(call lpvobs-quoted,$(LPVOBS_LOGS)); \
+	@rm -f $(foreach file,map.h5 report.html gates.xml exit_codes,$(call lpvobs-in-out,$(file)))
+	@code=0; logs=$(call lpvobs-quoted,$(LPVOBS_LOGS)); \
 	if [ -e "$$logs" ]; then set -- "$$logs"; else eval "set -- $$logs"; fi; \
 	$(LPVOBS) estimate "$$@" --out $(call lpvobs-in-out,map.h5) \
 	  $(if $(LPVOBS_CONFIG),--config $(call lpvobs-quoted,$(LPVOBS_CONFIG))) \
-	  $(if $(LPVOBS_GAIN),--gain $(call lpvobs-quoted,$(LPVOBS_GAIN))) || failed=1; \
+	  $(if $(LPVOBS_GAIN),--gain $(call lpvobs-quoted,$(LPVOBS_GAIN))) || code=$$?; \
+	echo "estimate $$code" > $(call lpvobs-in-out,exit_codes); \
 	if [ -f $(call lpvobs-in-out,map.h5) ]; then \
-	  $(LPVOBS) report $(call lpvobs-in-out,map.h5) --html $(call lpvobs-in-out,report.html) \
-	    $(foreach gate,$(LPVOBS_GATES),--gate '$(gate)') --junit $(call lpvobs-in-out,gates.xml) || failed=1; \
+	  judged=0; $(LPVOBS) report $(call lpvobs-in-out,map.h5) --html $(call lpvobs-in-out,report.html) \
+	    $(foreach gate,$(LPVOBS_GATES),--gate '$(gate)') --junit $(call lpvobs-in-out,gates.xml) || judged=$$?; \
+	  echo "report $$judged" >> $(call lpvobs-in-out,exit_codes); \
+	  [ $$judged -eq 0 ] || code=$$judged; \
 	fi; \
-	exit $$failed
+	exit $$code

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lpvobs.api.files import File, as_path, writing
-from lpvobs.errors import DataError, UsageError
+from lpvobs.errors import UsageError
 from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
-from lpvobs.io.calibration.files import Change, OldMap, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
+from lpvobs.io.calibration.files import Change, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
 from lpvobs.io.calibration.surfaces import LEFT_OUT, Surface, keep_old, mean_flow, onto, read_surface
 from lpvobs.io.safety.unchanged import file_digest
 
@@ -56,7 +56,7 @@ def export(
     name : str
         Label of the map.
     kind : str
-        `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, else the former.
+        `KENNFELD` or `GRUPPENKENNFELD`; by default the old map's, which may be FESTKENNFELD, else the former.
     digits : int
         Significant digits in DCM and CSV.
     widest : float
@@ -75,13 +75,13 @@ def export(
     DataError
         If the result or the old file cannot be used, or a DCM would have empty nodes.
     """
-    kind, before = kind.upper(), None if old is None else as_path(old)
+    file_format, kind, before = file_format.lower(), kind.upper(), None if old is None else as_path(old)
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
     with writing(out, [result, before]) as target:
         path = as_path(result)
         most = widest * mean_flow(path)
         surface = read_surface(path, values)
-        known = None if before is None else _old_map(before, name, kind, surface)
+        known = None if before is None else understood(before, read_dcm_map(before, name), surface)
         if known is not None:
             surface = onto(surface, known.x, known.y)
         surface = keep_old(surface.without_wide(most), None if known is None else known.values, only_estimated)
@@ -119,13 +119,6 @@ def _refuse_contradictions(
         raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
     if file_format == "dcm" and only_estimated and old is None:
         raise UsageError("--only-estimated: a DCM has a value everywhere; say with --old OLD.dcm which ones stay")
-
-
-def _old_map(path: Path, name: str, kind: str, surface: Surface) -> OldMap:
-    item = read_dcm_map(path, name)
-    if item.kind not in KINDS and not kind:
-        raise DataError(f"{path}: map '{item.name}' is a {item.kind}, expected {' or '.join(KINDS)}; say which: --kind")
-    return understood(path, item, surface)
 
 
 def _comments(result: Path, surface: Surface, old: Path | None) -> list[str]:

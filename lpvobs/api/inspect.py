@@ -185,6 +185,9 @@ def _channel(
 ) -> ChannelOutput:
     """Return what is in a channel; `in_log` has the units of those that the engine needs."""
     finite = values[np.isfinite(values)]
+    finite = np.where(
+        np.abs(finite) < np.finfo(float).eps * np.max(np.abs(finite), initial=0.0), 0.0, finite
+    )  # at rest
     low, middle, high = (
         (float(finite.min()), float(np.median(finite)), float(finite.max())) if finite.size else (np.nan,) * 3
     )

@@ -98,8 +98,12 @@ def make_report(
             content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in results])
         if page is not None:
             from lpvobs.report.content import gather
-            from lpvobs.report.page import write_page
 
+            try:
+                from lpvobs.report.page import write_page
+            except ValueError as error:  # matplotlib reads the variable as it is loaded
+                said = str(error).partition(";")[0]
+                raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
             write_page(page, gather(loaded))
         verdicts = judge(conditions, content.logs)
         if suite is not None:

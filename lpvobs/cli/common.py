@@ -38,7 +38,7 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(verb)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
-            _expect_room()
+            _expect_surroundings()
             return verb(*args, **kwargs)
         except typer.Exit:
             raise
@@ -62,8 +62,15 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def _expect_room() -> None:
-    """Raise DataError where the shell grants so few addresses that compiled libraries would abort, or look for some for ever."""
+def _expect_surroundings() -> None:
+    """Raise where the environment would end a library as it is loaded.
+
+    DataError for so few addresses that compiled libraries abort, or look for some for ever; UsageError for a date that NumPy
+    cannot read.
+    """
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not epoch.isdecimal():
+        raise UsageError(f"SOURCE_DATE_EPOCH={epoch}: expected whole seconds since 1970; mend or unset the variable")
     granted, _ = resource.getrlimit(resource.RLIMIT_AS)
     if granted != resource.RLIM_INFINITY and granted < LEAST_ADDRESSES:
         raise DataError(

@@ -30,7 +30,9 @@ def export(
         Path | None, option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed.")
     ] = None,
     name: Annotated[str, option("LABEL", "Label of the map, also in the old file.")] = "delta_W_c",
-    kind: Annotated[str, option("KIND", "KENNFELD (default) or GRUPPENKENNFELD.")] = "",
+    kind: Annotated[
+        str, option("KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.")
+    ] = "",
     digits: Annotated[int, option("N", "Significant digits in dcm and csv.")] = 7,
     map_gain: Annotated[
         str,
@@ -52,6 +54,7 @@ def export(
     from lpvobs.api.export_unit import ExportOutput, export_unit
     from lpvobs.report.tables import change_rows, grams, origin_counts
 
+    file_format = file_format.lower()
     if file_format in UNITS:
         unit = export_unit(result, out, file_format, result=start, map_gain=map_gain, rate=rate)
         if as_json:

@@ -25,8 +25,12 @@ def inspect(
 ) -> None:
     """Show channels, units, rate, gaps, ranges, the defects of logs, and what each policy did about them.
 
-    Example: lpvobs inspect nedc.parquet
+    Of a result it shows what `report` does. Example: lpvobs inspect nedc.parquet
     """
+    if logs[0].suffix == ".h5":
+        from lpvobs.cli.report import report
+
+        return report(logs[0], logs[1:], as_json=as_json)
     from lpvobs.api.inspect import InspectOutput, inspect_logs
 
     found, refused = inspect_logs(logs, config or folder_config())
@@ -34,7 +38,7 @@ def inspect(
         print_json("inspect", InspectOutput(logs=found, refused=refused))
     else:
         print("\n\n".join(_text(item) for item in found))
-    leave(refused)
+    return leave(refused)
 
 
 def _text(found: "InspectedLog") -> str:

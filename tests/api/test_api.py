@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import typing
+from pathlib import Path
 
 import pytest
 from hdf5 import contents
@@ -98,6 +100,16 @@ def test_an_output_that_is_an_input_is_refused(example):
         lpvobs.extrapolate(example[0] / "absent.h5")
 
 
+def test_type_checkers_and_notebooks_find_the_types():
+    assert (Path(lpvobs.__file__).parent / "py.typed").is_file()
+    for name in lpvobs.__all__:
+        assert "return" in typing.get_type_hints(getattr(lpvobs, name)), name
+
+
+def test_python_runs_the_package():
+    assert python("-m", "lpvobs", "--version").stdout.strip() == lpvobs.__version__
+
+
 def test_nothing_stays_claimed(example):
     assert not list(example[0].glob(".*"))
 
@@ -113,6 +125,6 @@ def test_every_name_that_is_offered_exists():
     """Twice: a function of the name of a room would give way to the room as soon as that is loaded."""
     for name in [*lpvobs.__all__, *lpvobs.__all__]:
         assert callable(getattr(lpvobs, name)), name
-    assert set(lpvobs.__all__) <= set(dir(lpvobs))
+    assert dir(lpvobs) == sorted(["__version__", *lpvobs.__all__])
     with pytest.raises(AttributeError, match="no attribute 'estimation'"):
         _ = lpvobs.estimation

@@ -81,10 +81,12 @@ def test_a_gate_that_a_log_fails_and_a_log_that_is_none_fail_the_run(project):
     assert [name for name, outcome in found.items() if outcome == "failure"] == [
         "monday: samples>=4001", "tuesday: samples>=4001",
     ]  # fmt: skip
+    assert (project / "build" / "lpvobs" / "exit_codes").read_text() == "estimate 3\nreport 1\n"
     (project / "logs" / "tuesday.parquet").unlink()
     (project / "logs" / "monday.parquet").unlink()
     assert validate(project, "samples>=1").returncode != 0
     assert not (project / "build" / "lpvobs" / "gates.xml").exists()  # nothing of the run before is left
+    assert (project / "build" / "lpvobs" / "exit_codes").read_text() == "estimate 3\n"
 
 
 def test_the_workflow_calls_the_fragment_with_gates_that_exist():
@@ -104,4 +106,9 @@ def test_the_workflow_keeps_what_the_fragment_writes():
     (folder,) = re.findall(r"LPVOBS_OUT +\?= (\S+)", FRAGMENT.read_text(encoding="utf-8"))
     kept = steps[-1]
     assert (kept["if"], kept["with"]["path"]) == ("always()", folder)
-    assert CALLED.search(f"run: {steps[-2]['run']}")
+    call, told, published, _ = steps[-4:]
+    assert CALLED.search(f"run: {call['run']}")
+    assert told["run"].split()[1] == f"{folder}/exit_codes"
+    assert "junit" in published["uses"]
+    assert published["with"]["report_paths"] == f"{folder}/gates.xml"
+    assert {step["if"] for step in (told, published)} == {"always()"}

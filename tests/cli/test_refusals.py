@@ -100,6 +100,35 @@ def test_gaps_and_missing_samples_are_counted(lpvobs, config, chain, table, tmp_
     assert (seen["dropped_rows"], seen["gaps"], seen["channels"]["p_im"]["dropped"]) == (10, 1, 10)
 
 
+def test_units_and_formats_that_are_not_a_logs_say_what_to_do(lpvobs, config, chain, table, rewritten, tmp_path):
+    log, out = tmp_path / "other.parquet", tmp_path / "r.h5"
+    call = ("estimate", "--config", config, "--gain", chain.gain, log, "--out", out)
+    rewritten(table, log, W_maf="mg/cycle")
+    refused(lpvobs(*call), 3, "channel 'W_maf': unit 'mg/cycle' cannot be converted to 'kg/s'; give it")
+    for recording in (b"time,n_e\n0,800\n", b"MDF     4.10    "):
+        log.write_bytes(recording)
+        refused(lpvobs(*call), 3, "`lpvobs profile` and then `lpvobs ingest`")
+    log.write_bytes(b"PAR1 cut short")
+    refused(lpvobs(*call), 3, "record or export it again")
+
+
+def test_inspect_of_a_result_shows_it(lpvobs, chain):
+    assert lpvobs("inspect", chain.result) == lpvobs("report", chain.result)
+
+
+def test_a_valve_at_rest_is_shown_as_zero(lpvobs, table, tmp_path):
+    """A simulated actuator goes on closing by a share a step and never arrives."""
+    log = tmp_path / "resting.parquet"
+    values = table["u_egr"].to_numpy().copy()
+    values[: values.size * 2 // 3] = 2.47e-322
+    place = table.column_names.index("u_egr")
+    pq.write_table(table.set_column(place, table.schema.field("u_egr"), pa.array(values)), log)
+    (seen,) = lpvobs("inspect", log, "--json").json["logs"]
+    found = seen["channels"]["u_egr"]
+    assert (found["min"], found["median"]) == (0.0, 0.0)
+    assert found["max"] == values.max() > 1.0
+
+
 def test_one_bad_log_among_good_ones_is_listed_by_inspect(lpvobs, chain, tmp_path):
     done = lpvobs("inspect", chain.log, tmp_path / "absent.parquet", "--json")
     assert done.code == 3

@@ -1,8 +1,11 @@
 """The report from the command line: table, JSON, gates, and one page that needs nothing else."""
 
+import os
 import re
+import subprocess
 
 import pytest
+from verbs import AFRESH
 
 
 def test_json_has_the_papers_figure_beside_its_own(lpvobs, chain):
@@ -69,3 +72,16 @@ def test_a_log_that_made_none_of_the_results(lpvobs, chain, tmp_path):
     assert done.code == 3
     assert len(done.err.strip().splitlines()) == 1
     assert str(other) in done.err
+
+
+@pytest.mark.parametrize(("name", "value"), [("MPLBACKEND", "nonsense"), ("SOURCE_DATE_EPOCH", "abc")])
+def test_an_environment_that_a_library_cannot_read_is_one_line(chain, tmp_path, name, value):
+    """The libraries are loaded afresh: it is then that they read it."""
+    call = [*AFRESH, "report", str(chain.result), "--html", str(tmp_path / "report.html")]
+    environment = {**os.environ, name: value}
+    done = subprocess.run(call, env=environment, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.strip().splitlines()
+    assert name in line
+    assert value in line
+    assert not list(tmp_path.iterdir())

@@ -20,6 +20,7 @@ from lpvobs.records import Array
 
 KINDS = ("KENNFELD", "GRUPPENKENNFELD")
 READ_KINDS = (*KINDS, "FESTKENNFELD")
+KEPT = ("DISPLAYNAME", "FUNKTION")
 ENCODING = "latin-1"
 """Encoding of most DCM files. Read and written so, units and texts keep their bytes whatever those mean."""
 
@@ -45,6 +46,7 @@ class DcmMap:
     long_name: str = ""
     x_name: str = ""  # label of the shared axis of a GRUPPENKENNFELD, else empty
     y_name: str = ""  # the same
+    kept: tuple[str, ...] = ()  # further lines as they are, see KEPT
 
 
 def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
@@ -60,6 +62,7 @@ def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
     body = [
         f"{item.kind} {item.name} {item.x.size} {item.y.size}",
         f'   LANGNAME "{item.long_name}"',
+        *(f"   {line}" for line in item.kept),
         f'   EINHEIT_X "{item.unit_x}"',
         f'   EINHEIT_Y "{item.unit_y}"',
         f'   EINHEIT_W "{item.unit}"',
@@ -137,6 +140,7 @@ class _MapText:
     x: list[float] = field(default_factory=list)
     y: list[float] = field(default_factory=list)
     rows: list[list[float]] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
 
 
 def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, list[str]]]) -> DcmMap:
@@ -163,7 +167,7 @@ def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, 
             raise ValueError("values that are not finite, or axes that do not increase")
     except (ValueError, IndexError) as error:
         raise DataError(f"{path}: map '{head[1]}' (line {place}) is damaged: {error}; export it again") from None
-    return DcmMap(head[1], head[0], x, y, values, **body.texts)
+    return DcmMap(head[1], head[0], x, y, values, kept=tuple(body.kept), **body.texts)
 
 
 TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
@@ -175,6 +179,8 @@ def _take(body: _MapText, words: list[str]) -> None:
     if keyword in TEXTS:
         quoted = _QUOTED.search(" ".join(rest))
         body.texts[TEXTS[keyword]] = quoted.group(1) if quoted else ""
+    elif keyword in KEPT:
+        body.kept.append(" ".join(words))
     elif keyword in ("*SSTX", "*SSTY"):
         body.texts[f"{keyword[-1].lower()}_name"] = rest[0]
     elif keyword == "ST/X":

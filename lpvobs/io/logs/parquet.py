@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,7 +82,11 @@ def refuse_huge(path: Path, rows: int, columns: int) -> None:
 def unreadable(path: Path, error: Exception) -> DataError:
     """Return the refusal of a file that pyarrow cannot read, with its reason."""
     reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
+    remedy = "record or export it again"
+    with suppress(OSError), path.open("rb") as stream:
+        if stream.read(4) not in (b"PAR1", b""):
+            remedy = "`lpvobs profile` and then `lpvobs ingest` make a log of a CSV, MAT or MDF recording"
+    return DataError(f"{path}: not a readable Parquet log ({reason}); {remedy}")
 
 
 def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":
@@ -190,7 +195,7 @@ def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
     try:
         return np.asarray(convert(values, _unit(field), wanted), dtype=float)
     except ValueError as error:
-        raise DataError(f"{path}: channel '{name}' has the {error}; give it a unit of the same kind") from None
+        raise DataError(f"{path}: channel '{name}': {error}; give it a unit of the same kind") from None
 
 
 def further_channels(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str]:

@@ -114,7 +114,7 @@ def one_speed(columns, units):
     ("change", "said"),
     [
         (lacking, "channel 'p_em' is missing; expected once, in Pa"),
-        (unit_of_a_temperature, "channel 'p_im' has the unit 'K' cannot be converted to 'Pa'"),
+        (unit_of_a_temperature, "channel 'p_im': unit 'K' cannot be converted to 'Pa'"),
         (no_units, "unit '1500' cannot be converted to 'rpm'"),
         (kilopascal_called_pascal, "p_im goes from .* see to its unit"),
         (flow_in_kilograms_an_hour, "W_reference is 3.* times the flow .* see to its unit"),
