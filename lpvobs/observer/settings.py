@@ -23,7 +23,7 @@ class EstimateSettings:
     constants: str = "joint"
     # Share of the air flow that a map may have on average; a larger one is refused. The paper's quadratic is 28 to 55 %
     # of the flow along simulated drives; g/s taken for kg/h are 72 %, an unplugged sensor is off by all of it.
-    largest_error: float = 0.5
+    largest_error: float = 0.6
 
     def __post_init__(self) -> None:
         for name in ("smoothing", "least_information", "prior_map", "largest_error"):
