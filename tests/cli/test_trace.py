@@ -134,9 +134,6 @@ def test_a_slow_log_in_order_is_no_reason_for_suspicion(lpvobs, config, chain, t
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="beside the engine that the map found, what sampling at 10 Hz leaves is refused: exit code 3"
-)
 def test_a_slow_sensor_is_named_on_a_slow_log(lpvobs, chain, slow, tmp_path):
     log = every_other(slow, tmp_path / "slow.parquet")
     done = lpvobs("refine", chain.result, log, "--out", tmp_path / "refined.h5", "--json")

@@ -100,7 +100,8 @@ def test_the_whole_chain_on_its_own_cycle(lpvobs, tmp_path):
         ("synth-gain", "--config", HEAVY, "--out", proven),
         ("synth-gain", "--config", HEAVY, log, "--out", gain),
         ("verify", gain),
-        ("estimate", "--config", HEAVY, "--gain", proven, log, "--out", result),
+        # At 20 samples a second the joint estimate is off by a fifth, see docs/results.md.
+        ("estimate", "--config", HEAVY, "--gain", proven, log, "--constants", "consider", "--out", result),
         ("extrapolate", result),
     ):
         done = lpvobs(*step)
