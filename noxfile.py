@@ -19,7 +19,7 @@ nox.options.envdir = "build/matrix"
 OLDEST = "3.11"
 PYTHONS = (OLDEST, "3.13", "3.14")
 EVERYTHING = ("tests", "lpvobs")
-SMALL = ("tests/engines", "tests/maps", "tests/selftest", "tests/io")
+SMALL = ("tests/engines", "tests/maps", "tests/selftest", "tests/io", "-m", "not slow")
 """What the row without the compiler runs: the others would take an hour."""
 NAMES = ("numpy", "scipy", "pandas", "pyarrow", "numba", "h5py", "cvxpy", "clarabel")
 RESULTS = Path("benchmarks/results/matrix.md")
