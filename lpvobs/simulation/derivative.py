@@ -58,6 +58,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
     else:
         W_t, Pi_t = relation.turbine_flow(plant, p_em, x[U_VGT], T_em, given.p_amb)
         P_t = relation.turbine_power(plant, W_t, Pi_t, omega_t, T_em)
+    P_t *= relation.risen(plant.condition.turbine_curve, x[U_VGT])
     if s.egr > 0.0:
         W_egr = other_egr(plant, p_im, p_em, u_egr, T_im, T_em, given.n_e, u_delta)
     else:

@@ -10,15 +10,17 @@ import numpy as np
 
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
+from lpvobs.simulation.courses import Timed, blended, check_span, span_at_work
 from lpvobs.simulation.effects import (
     CATALOGUE,
     CatalogueEffect,
-    check_span,
+    course_keys,
+    course_of,
     effect_of,
     number,
     optional_number,
+    pairs_of,
     refuse_others,
-    span_at_work,
 )
 from lpvobs.simulation.road import AUXILIARY
 
@@ -31,7 +33,7 @@ FLANK = 0.25  # of an episode, in which a smooth one rises, and in which it fall
 
 
 @dataclass(frozen=True)
-class ChannelEffect:
+class ChannelEffect(Timed):
     """The reading depends on a logged auxiliary channel c."""
 
     channel: str  # a name of `road.AUXILIARY`
@@ -41,8 +43,6 @@ class ChannelEffect:
     amplitude: float
     reference: float | None = None  # in the channel's unit; its mean over the drive unless given
     threshold: float | None = None  # in the channel's unit; the middle of its range unless given
-    onset: float | None = None  # [s] as for `CatalogueEffect`
-    end: float | None = None
 
     def __post_init__(self) -> None:
         if self.channel not in AUXILIARY:
@@ -62,11 +62,12 @@ class ChannelEffect:
         """The contract's identifier."""
         return PREFIX + self.channel
 
-    def settled(self, course: Array) -> "ChannelEffect":
-        """Return the effect with reference or threshold taken from the channel's course over the drive, shape (N,).
+    def settled(self, truth: Mapping[str, Array], duration: float) -> "ChannelEffect":
+        """Return the effect with reference or threshold taken from the channel's values over the drive, shape (N,).
 
         Raises UsageError where the channel stands still, so that nothing can follow it, or moves the reading too far.
         """
+        course = truth[self.channel]
         if float(np.ptp(course)) == 0.0:
             raise UsageError(
                 f"{self.id}: {self.channel} does not change on this drive, nothing can follow it; "
@@ -88,8 +89,9 @@ class ChannelEffect:
             most = self.amplitude * float(np.abs(course - (self.reference or 0.0)).max())
             _check_strength(self.id, self.form, most)
 
-    def on(self, W: Array, time: Array, course: Array) -> Array:
-        """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true course at the same times."""
+    def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
+        """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true values at the same times."""
+        course = point[self.channel]
         distance = course - (self.reference or 0.0)
         if self.form == "additive":
             changed = W + self.amplitude * distance
@@ -99,7 +101,7 @@ class ChannelEffect:
             changed = W + self.amplitude * (np.gradient(course, time) if time.size > 1 else 0.0)
         else:
             changed = W + self.amplitude * (course > (self.threshold or 0.0))
-        return np.where(span_at_work(self.onset, self.end, time), changed, W)
+        return blended(W, changed, self.share(time))
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ class UnloggedEffect:
         """What effects files call it."""
         return "unlogged"
 
-    def settled(self, duration: float) -> "UnloggedEffect":
+    def settled(self, truth: Mapping[str, Array], duration: float) -> "UnloggedEffect":
         """Return the effect with the episodes of a drive [s]; raises UsageError where fewer than two begin within it."""
         drawn = self.episodes.episodes(duration) if isinstance(self.episodes, Telegraph) else self.episodes
         inside = tuple(episode for episode in drawn if episode[0] < duration)
@@ -161,7 +163,7 @@ class UnloggedEffect:
             )
         return replace(self, episodes=inside)
 
-    def on(self, W: Array, time: Array) -> Array:
+    def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
         """Return the reading W [kg/s] with the effect, shape (N,); settled."""
         strength = self.amplitude * sum(_episode(time, *span, self.shape) for span in self._spans())
         return np.asarray(W + strength if self.form == "additive" else W * (1.0 + strength))
@@ -225,13 +227,16 @@ def injected_of(table: Mapping[str, Any]) -> Injected:
 
 
 def _channel_effect_of(name: str, table: Mapping[str, Any]) -> ChannelEffect:
-    numbers = ("reference", "threshold", "onset", "end")
-    refuse_others(name, table, ("id", "form", "amplitude", *numbers))
+    refuse_others(name, table, ("id", "form", "amplitude", "reference", "threshold", *course_keys(table)))
     return ChannelEffect(
         name.removeprefix(PREFIX),
         _text(name, table, "form"),
         number(name, table, "amplitude"),
-        *(optional_number(name, table, key) for key in numbers),
+        optional_number(name, table, "reference"),
+        optional_number(name, table, "threshold"),
+        onset=optional_number(name, table, "onset"),
+        end=optional_number(name, table, "end"),
+        course=course_of(name, table),
     )
 
 
@@ -240,7 +245,9 @@ def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
     shape = _text("unlogged", table, "shape") if "shape" in table else "abrupt"
     if ("episodes" in table) == ("telegraph" in table):
         raise UsageError("unlogged: expected either episodes = [[start, stop], ...] or telegraph = { seed, on, off }")
-    drawn = _telegraph(table["telegraph"]) if "telegraph" in table else _episodes(table["episodes"])
+    drawn = (
+        _telegraph(table["telegraph"]) if "telegraph" in table else pairs_of("unlogged", "episodes", table["episodes"])
+    )
     return UnloggedEffect(_text("unlogged", table, "form"), number("unlogged", table, "amplitude"), drawn, shape)
 
 
@@ -250,16 +257,6 @@ def _telegraph(table: Any) -> Telegraph:
     refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
     on, off = (number("unlogged: telegraph", table, key) for key in ("on", "off"))
     return Telegraph(table["seed"], on, off)
-
-
-def _episodes(rows: Any) -> tuple[tuple[float, float], ...]:
-    pairs = rows if isinstance(rows, list) else [rows]
-    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise UsageError("unlogged: episodes is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
-    return tuple(
-        (number("unlogged", {"start": start}, "start"), number("unlogged", {"stop": stop}, "stop"))
-        for start, stop in pairs
-    )
 
 
 def _text(name: str, table: Mapping[str, Any], key: str) -> str:

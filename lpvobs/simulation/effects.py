@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lpvobs.errors import UsageError
-from lpvobs.records import Array
+from lpvobs.simulation.courses import GRADED, KEYS, EffectCourse, Timed, check_span
 
 
 @dataclass(frozen=True)
 class Kind:
-    """An entry of the catalogue: its one parameter, and what a user may mean by it."""
+    """An entry of the catalogue: its parameter, and what a user may mean by it."""
 
     place: str  # `plant`: the engine itself changes. `maf`: the air flow sensor. `sensor`: another one.
     parameter: str
@@ -26,6 +23,7 @@ class Kind:
     neutral: float  # the value that changes nothing
     low: float  # a value below is a slip of the pen or of the unit
     high: float  # as is one above
+    bump: tuple[float, ...] = ()  # usual centre and width of a curve, in the unit of the component's input
 
 
 CATALOGUE = {
@@ -51,6 +49,10 @@ CATALOGUE = {
     "p_em.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
     "omega_t.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
     "T_im.lag": Kind("sensor", "tau", "s", 0.0, 0.0, 60.0),
+    "eta_vol.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (2200.0, 400.0)),  # over n_e [rpm]
+    "compressor.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (250.0, 60.0)),  # over the blade's speed [m/s]
+    "egr.curve": Kind("plant", "amplitude", "-", 0.0, -0.9, 2.0, (30.0, 12.0)),  # over the valve's opening [%]
+    "turbine.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (50.0, 15.0)),  # over the vanes' position [%]
 }
 OTHER_ENGINE = ("p_ic.gain", "p_ic.offset", "alpha_th.offset")
 """Identifiers of the contract that need the throttled engine's sensors."""
@@ -60,7 +62,7 @@ OUTSIDE = ("channel:NAME", "unlogged")
 
 
 @dataclass(frozen=True)
-class CatalogueEffect:
+class CatalogueEffect(Timed):
     """One entry of the catalogue at work.
 
     Raises UsageError for an identifier, value or span of time that cannot be meant.
@@ -73,8 +75,7 @@ class CatalogueEffect:
 
     id: str  # identifier of the catalogue
     value: float  # of its parameter, in the catalogue's unit
-    onset: float | None = None  # [s] of the log: at work in onset <= time < end
-    end: float | None = None  # [s]; without them from the first to the last sample
+    bump: tuple[float, ...] = ()  # centre and width of a curve, in the unit of its input; the usual ones unless given
 
     def __post_init__(self) -> None:
         kind = kind_of(self.id)
@@ -84,6 +85,15 @@ class CatalogueEffect:
                 f"check its unit"
             )
         check_span(self.id, self.onset, self.end)
+        if self.bump and not (kind.bump and all(map(isfinite, self.bump)) and self.bump[1] > 0.0):
+            raise UsageError(
+                f"{self.id}: centre and width belong to a curve, and its width lies above zero; mend or drop them"
+            )
+        if self.id.endswith((".lag", ".delay")) and self.course is not None and self.course.name in GRADED:
+            raise UsageError(
+                f"{self.id}: cannot be there in part, as in course {self.course.name}; "
+                f"take one of {', '.join(name for name in KEYS if name not in GRADED)}"
+            )
 
     @property
     def kind(self) -> Kind:
@@ -94,10 +104,6 @@ class CatalogueEffect:
     def acts(self) -> bool:
         """Whether the value changes anything."""
         return self.value != self.kind.neutral
-
-    def at(self, time: Array) -> NDArray[np.bool_]:
-        """Return when the effect is at work, shape (N,)."""
-        return span_at_work(self.onset, self.end, time)
 
 
 def kind_of(identifier: str) -> Kind:
@@ -113,22 +119,6 @@ def kind_of(identifier: str) -> Kind:
     raise UsageError(f"{identifier}: no such effect; {hint}")
 
 
-def check_span(name: str, onset: float | None, end: float | None) -> None:
-    """Refuse a span of time that is empty, negative or not finite."""
-    for word, moment in (("onset", onset), ("end", end)):
-        if moment is not None and not (isfinite(moment) and moment >= 0.0):
-            raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log")
-    if end is not None and end <= (onset or 0.0):
-        raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; mend one of them")
-
-
-def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray[np.bool_]:
-    """Return whether each time [s] lies in onset <= time < end, shape (N,); an open side reaches to the log's."""
-    after = end if end is not None else np.inf
-    # a sample's time may miss the number that a person wrote by a rounding
-    return np.asarray((time >= (onset or 0.0) - 1e-9) & (time < after - 1e-9))
-
-
 def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
     """Return the effect that one `[[effect]]` table describes.
 
@@ -138,12 +128,52 @@ def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
     if not isinstance(identifier, str):
         raise UsageError("key 'id' is missing or no text; give one such as id = \"maf.lag\"")
     kind = kind_of(identifier)
-    refuse_others(identifier, table, ("id", kind.parameter, "onset", "end"))
+    curve = ("centre", "width") if kind.bump else ()
+    refuse_others(identifier, table, ("id", kind.parameter, *curve, *course_keys(table)))
+    bump = tuple(number(identifier, {key: usual, **table}, key) for key, usual in zip(curve, kind.bump, strict=True))
     return CatalogueEffect(
         identifier,
         number(identifier, table, kind.parameter),
         onset=optional_number(identifier, table, "onset"),
         end=optional_number(identifier, table, "end"),
+        course=course_of(identifier, table),
+        bump=bump,
+    )
+
+
+def course_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the keys that a table may have for its course."""
+    return ("course", "onset", "end", *KEYS.get(str(table.get("course")), ()))
+
+
+def course_of(name: str, table: Mapping[str, Any]) -> EffectCourse | None:
+    """Return the course of a table, None where it names none; raises UsageError where a key is missing or cannot be meant."""
+    if "course" not in table:
+        return None
+    course = table["course"]
+    if course not in KEYS:
+        raise UsageError(f"{name}: course = {course!r}, expected one of {', '.join(KEYS)}")
+    for key in KEYS[course]:
+        if key not in table and (course, key) != ("ramp", "end"):
+            raise UsageError(f"{name}: course {course} needs '{key}'; add it")
+    low, high = ("low", "high") if course == "hysteresis" else ("from", "to")
+    return EffectCourse(
+        course,
+        pairs_of(name, "intervals", table.get("intervals", [])),
+        optional_number(name, table, "time_constant") or 0.0,
+        str(table.get("input", "")),
+        optional_number(name, table, low) or 0.0,
+        1.0 if high not in table else number(name, table, high),
+    )
+
+
+def pairs_of(name: str, key: str, rows: Any) -> tuple[tuple[float, float], ...]:
+    """Return a list of pairs of seconds; raises UsageError for anything else."""
+    pairs = rows if isinstance(rows, list) else [rows]
+    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        raise UsageError(f"{name}: {key} is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
+    return tuple(
+        (number(name, {"start": start}, "start"), number(name, {"stop": stop}, "stop")) for start, stop in pairs
     )
 
 

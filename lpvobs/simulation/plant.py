@@ -35,6 +35,14 @@ class Body(flat_type(BODY)):  # type: ignore[misc]
     """The constants that only the plant has; `pipe` [W/K] is the exhaust pipes' heat transfer coefficient times their area."""
 
 
+class Rise(NamedTuple):
+    """A Gaussian on top of one, over a component's own input, in its unit."""
+
+    amplitude: float = 0.0  # none: the component is as it was
+    centre: float = 0.0
+    width: float = 1.0
+
+
 class Condition(NamedTuple):
     """What has happened to the engine since it was new; areas effective [m^2], factors of one change nothing."""
 
@@ -45,6 +53,10 @@ class Condition(NamedTuple):
     compressor_flow: float = 1.0
     turbine_efficiency: float = 1.0
     exhaust_restriction: float = 1.0  # of the back pressure's coefficient
+    eta_vol_curve: Rise = Rise()  # over engine speed
+    compressor_curve: Rise = Rise()  # over the blade's speed
+    egr_curve: Rise = Rise()  # over the valve's opening
+    turbine_curve: Rise = Rise()  # of the efficiency, over the vanes' position
 
 
 SOUND = Condition()
@@ -104,6 +116,14 @@ def resting_state(plant: Plant, p_amb: float, T_amb: float) -> Array:
 
 
 @njit(cache=True)
+def risen(rise: Rise, at: float) -> float:
+    """Return the factor of a rise [-] where its input is."""
+    if rise.amplitude == 0.0:
+        return 1.0
+    return 1.0 + rise.amplitude * exp(-0.5 * ((at - rise.centre) / rise.width) ** 2)
+
+
+@njit(cache=True)
 def valve_position(plant: Plant, u_egr1: float, u_egr2: float) -> float:
     """Return the opening of the EGR valve [%]: it overshoots, but only between its stops."""
     vertex = -0.5 * plant.engine.c_egr2 / plant.engine.c_egr1
@@ -129,7 +149,8 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
             Phi_c *= sqrt(max(0.0, 1.0 - (Psi_c / (c.psi_0 + c.psi_1 * U / 400.0)) ** 2))
         else:
             Phi_c *= sqrt(1.0 + c.k_neg * -Psi_c / 0.1)  # (+)
-    return plant.condition.compressor_flow * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))  # Eq. (2)
+    share = plant.condition.compressor_flow * risen(plant.condition.compressor_curve, U)
+    return share * (p_amb * pi * c.R_c**3 * Phi_c * omega_t / (c.R_a * T_amb))  # Eq. (2)
 
 
 @njit(cache=True)
@@ -164,7 +185,7 @@ def egr_flow(
     """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+); `factor` multiplies the area of the valve."""
     c = plant.engine
     area = factor * plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
-    area += plant.condition.egr_leak
+    area = area * risen(plant.condition.egr_curve, u_egr) + plant.condition.egr_leak
     if p_em >= p_im:
         return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (2)
     return -c.k_reverse * area * p_im * egr_flow_function(plant, p_em / p_im) / sqrt(T_im * c.R_a)
@@ -175,7 +196,8 @@ def cylinder_flow(plant: Plant, p_im: float, n_e: float, T_im: float) -> float:
     """Return W_ei [kg/s] of Eq. (2)."""
     c = plant.engine
     eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(n_e) + c.c_vol3
-    return plant.condition.eta_vol * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))  # Eq. (2)
+    share = plant.condition.eta_vol * risen(plant.condition.eta_vol_curve, n_e)
+    return share * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))  # Eq. (2)
 
 
 @njit(cache=True)

@@ -4,12 +4,13 @@ The control of the simulated engine keeps its own true signals; only what is log
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from math import exp, expm1, floor, sqrt
+from math import floor, sqrt
 
 import numpy as np
 import scipy
 
 from lpvobs.records import Array
+from lpvobs.simulation.courses import blended, lagged
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.parameters import ErrorSurface
@@ -26,9 +27,9 @@ def reading(channel: str, values: Array, time: Array, effects: Sequence[Catalogu
     """Return what a sensor other than that of the air flow shows, shape (N,), when its factors and offsets are wrong."""
     for effect in effects:
         if effect.id == f"{channel}.gain":
-            values = np.where(effect.at(time), effect.value * values, values)
+            values = blended(values, effect.value * values, effect.share(time))
         elif effect.id == f"{channel}.offset":
-            values = np.where(effect.at(time), values + effect.value, values)
+            values = blended(values, values + effect.value, effect.share(time))
     return values
 
 
@@ -45,7 +46,7 @@ def flow_through_sensor(
         if effect.id == "leak.inlet":
             density = air["p_amb"] / (R_a * air["T_amb"])
             share = effect.value * np.sqrt(2.0 * density * FILTER_RESISTANCE)
-            W_c = np.where(effect.at(time), W_c / (1.0 + share), W_c)
+            W_c = blended(W_c, W_c / (1.0 + share), effect.share(time))
     return W_c
 
 
@@ -58,7 +59,7 @@ def maf_characteristic(W: Array, time: Array, point: Mapping[str, Array], effect
     for identifier, characteristic in _CHARACTERISTICS.items():
         for effect in effects:
             if effect.id == identifier:
-                W = np.where(effect.at(time), characteristic(effect.value, W, time, point), W)
+                W = blended(W, characteristic(effect.value, W, time, point), effect.share(time))
     return W
 
 
@@ -104,10 +105,7 @@ def maf_reading(
     W = W + surface_error(surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
     W = maf_characteristic(W, time, point, effects)
     for disturbance in disturbances:
-        if isinstance(disturbance, ChannelEffect):
-            W = disturbance.on(W, time, point[disturbance.channel])
-        else:
-            W = disturbance.on(W, time)
+        W = disturbance.on(W, time, point)
     return W
 
 
@@ -119,22 +117,14 @@ def with_memory(W: Array, step: float, effects: Sequence[CatalogueEffect]) -> Ar
     time = np.linspace(0.0, (W.size - 1) * step, W.size)
     for effect in effects:
         if effect.id.endswith(".lag"):
-            inside = effect.at(time)
+            inside = np.flatnonzero(effect.at(time))
             W = W.copy()
-            W[inside] = lagged(W[inside], step, effect.value)
+            for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+                W[run] = lagged(W[run], step, effect.value)
     for effect in effects:
         if effect.id.endswith(".delay"):
             W = np.where(effect.at(time), delayed(W, step, effect.value), W)
     return W
-
-
-def lagged(W: Array, step: float, tau: float) -> Array:
-    """Return y of tau dy/dt = W - y, shape (M,), from rest: exact for a W that runs straight between its samples."""
-    left = exp(-step / tau)
-    mean = tau / step * -expm1(-step / tau)
-    if W.size == 0:
-        return W
-    return np.asarray(scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
 
 
 def delayed(W: Array, step: float, delay: float) -> Array:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvobs.records import Array
+from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.readings import WITH_MEMORY, lagged, maf_reading, reading, surface_error, with_memory
+from lpvobs.simulation.readings import WITH_MEMORY, maf_reading, reading, surface_error, with_memory
 from lpvobs.simulation.road import CHARGE_LAG
 from lpvobs.simulation.scene import DriveCourse
 from lpvobs.simulation.structure.amplitudes import Structure
@@ -30,11 +31,7 @@ class Instruments:
 
     def settled(self, truth: Mapping[str, Array], duration: float) -> "Instruments":
         """Return the same with everything filled in that the drive decides of the disturbances."""
-        found = (
-            item.settled(truth[item.channel]) if isinstance(item, ChannelEffect) else item.settled(duration)
-            for item in self.disturbances
-        )
-        return replace(self, disturbances=tuple(found))
+        return replace(self, disturbances=tuple(item.settled(truth, duration) for item in self.disturbances))
 
     def maf(self, point: Mapping[str, Array], time: Array) -> Array:
         """Return what the air flow sensor shows at a point [kg/s], before its lag, delay and noise, shape (N,)."""

@@ -78,6 +78,12 @@ def simulate(
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
     scene = scene_of(engine, parameters, cycle, auxiliary, seed)
+    moments = np.arange(0.0, scene.course.n_e.size) * scene.period
+    inputs = {"n_e": scene.course.n_e, "u_delta": scene.course.u_demand, **scene.channels}
+    effects = [
+        effect.along(moments, inputs) if isinstance(effect, CatalogueEffect | ChannelEffect) else effect
+        for effect in effects
+    ]
     for effect in effects:
         _check_that_it_shows(effect, scene)
     fine = _samples_per_reading(parameters, rate)

@@ -196,7 +196,7 @@ def test_what_would_leave_no_trace_on_a_drive_is_refused(config, cycle, effect, 
 
 def test_a_channel_that_stands_still_is_followed_by_nothing():
     with pytest.raises(UsageError, match="does not change on this drive"):
-        ChannelEffect("ac_switch", "switch", 5e-4).settled(np.zeros(100))
+        ChannelEffect("ac_switch", "switch", 5e-4).settled({"ac_switch": np.zeros(100)}, 10.0)
 
 
 def test_a_drift_that_ends_in_nonsense_is_refused(config, tmp_path):

@@ -12,7 +12,8 @@ SIZES = {
     "maf.contamination": 0.08, "maf.backflow": 0.3, "leak.intake": 2e-5, "leak.inlet": 5e-5, "egr.leak": 6e-6,
     "egr.area": 0.7, "eta_vol.factor": 0.94, "compressor.flow": 0.95, "turbine.efficiency": 0.9,
     "exhaust.restriction": 4.0, "u_delta.gain": 1.05, "p_im.gain": 1.02, "p_im.offset": 2e3, "p_em.gain": 1.02,
-    "omega_t.gain": 1.005, "T_im.lag": 4.0,
+    "omega_t.gain": 1.005, "T_im.lag": 4.0, "eta_vol.curve": 0.03, "compressor.curve": -0.04, "egr.curve": -0.25,
+    "turbine.curve": -0.06,
 }  # fmt: skip
 PLANT = [name for name, kind in CATALOGUE.items() if kind.place == "plant"]
 QUANTA = {

@@ -7,7 +7,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.records import Array
-from lpvobs.simulation.readings import lagged
+from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.structure.amplitudes import Structure
 from lpvobs.simulation.structure.pulses import ripple
 
