@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvobs.simulation.effects import CatalogueEffect
-from lpvobs.simulation.plant import SOUND, Rise, Condition, Plant
+from lpvobs.simulation.plant import SOUND, Condition, Plant, Rise
 
 FIELDS = {
     "leak.intake": "leak_intake",
