@@ -1,7 +1,7 @@
 """How long verbs take to start, and the first `estimate`: `python benchmarks/start.py [TREE [LOG]]`.
 
 TREE is another state of these sources; both are timed in one run, in turn. Processor time counts, and the least of several: on a
-shared machine everything else measures its other users. LOG saves the simulation of one.
+shared machine everything else measures its other users. Bytecode is kept, as pip and Python do it. LOG saves the simulation of one.
 """
 
 import os
@@ -32,7 +32,12 @@ STARTS = {
 
 def taken(tree: Path, folder: Path, cache: Path, *arguments: str) -> float:
     """Return the processor time of a command line, children included [s]."""
-    environment = os.environ | {"PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OPENBLAS_NUM_THREADS": "1"}
+    compiled = {
+        "NUMBA_CACHE_DIR": str(cache),
+        "PYTHONPYCACHEPREFIX": str(cache.parent / "bytecode"),
+        "PYTHONDONTWRITEBYTECODE": "",
+    }
+    environment = os.environ | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"} | compiled
     before = getrusage(RUSAGE_CHILDREN)
     call = [sys.executable, "-c", "from lpvobs.cli.start import run; run()", *arguments]
     subprocess.run(call, cwd=folder, env=environment, capture_output=True, check=False)

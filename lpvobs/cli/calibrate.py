@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from lpvobs.cli.common import chosen_config, guarded, load_compiler, loading, print_json, progress, say, table
+from lpvobs.cli.common import chosen_config, guarded, load_compiler, print_json, progress, say, table
 from lpvobs.cli.options import ConfigOption, JsonOption, option
 
 
@@ -49,11 +49,10 @@ def calibrate(
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
-    with loading():
-        load_compiler()
-        from lpvobs.api.calibrate import calibrate as find_engine
-        from lpvobs.api.plan_bench import plan_bench
-        from lpvobs.report.engines import calibration_tables, told
+    load_compiler()
+    from lpvobs.api.calibrate import calibrate as find_engine
+    from lpvobs.api.plan_bench import plan_bench
+    from lpvobs.report.engines import calibration_tables, told
 
     config = chosen_config(config)
     with progress("calibrating") as report:

@@ -2,7 +2,6 @@
 
 import errno
 import functools
-import gc
 import json
 import math
 import os
@@ -97,17 +96,6 @@ def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
     say("lpvobs: " + " ".join(message.split()))
     raise typer.Exit(code)
-
-
-@contextmanager
-def loading() -> Iterator[None]:
-    """Load libraries without looking for garbage in between: they make none, and what they make stays."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
 
 
 def load_compiler() -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, loading, print_json, progress, say, table
+from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
 from lpvobs.cli.options import CONSTANTS, METHODS, ConfigOption, GainOption, JsonOption, LogsArgument, option
 
 WITH_OR_WITHOUT = (
@@ -46,12 +46,11 @@ def estimate(
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
-    with loading():
-        load_compiler()
-        from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
-        from lpvobs.api.estimate import estimate as estimate_map
-        from lpvobs.report.outputs import LogOutput, log_fields
-        from lpvobs.report.tables import agreement_rows, log_rows
+    load_compiler()
+    from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
+    from lpvobs.api.estimate import estimate as estimate_map
+    from lpvobs.report.outputs import LogOutput, log_fields
+    from lpvobs.report.tables import agreement_rows, log_rows
 
     config = chosen_config(config)
     with progress("estimating") as report:

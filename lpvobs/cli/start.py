@@ -1,13 +1,19 @@
 """The console script: signals are caught before the libraries are loaded, which takes longer than a short verb."""
 
+import gc
 import sys
 
 from lpvobs.cli.signals import Stopped, catch_signals
+
+UNTIL_GARBAGE = 30_000
+"""New objects until garbage is looked for, instead of 700: loading libraries makes hundreds of thousands, all of which stay. A
+fifth of a short verb's time went into that search."""
 
 
 def run() -> None:
     """Run the command line; a signal ends it with one line also while it is still loading."""
     catch_signals()
+    gc.set_threshold(UNTIL_GARBAGE)
     try:
         from lpvobs.cli.main import run as run_verb
 
