@@ -20,8 +20,7 @@ from common import CYCLES, Drive, configuration, drive, markdown, publish, state
 from scipy.interpolate import RBFInterpolator
 
 from lpvobs.calibration.bench import bench_table
-from lpvobs.calibration.fit import calibrated
-from lpvobs.calibration.logs import taught
+from lpvobs.calibration.fit import calibrated, taught
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.unknowns import Unknowns, unknowns_of

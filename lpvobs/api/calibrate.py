@@ -9,8 +9,7 @@ import numpy as np
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table
-from lpvobs.calibration.fit import Calibration, calibrated
-from lpvobs.calibration.logs import taught
+from lpvobs.calibration.fit import Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import TABLE_FLOW, unknowns_of
 from lpvobs.errors import UsageError
@@ -21,7 +20,7 @@ from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.engines import EngineRow, StoredEngine, write_engine
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import Point
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log

@@ -35,7 +35,7 @@ from lpvobs.io.results.refinements import (
     write_structure,
 )
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"

@@ -8,7 +8,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
 from lpvobs.io.calibration.files import Change, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
 from lpvobs.io.calibration.surfaces import LEFT_OUT, Surface, keep_old, mean_flow, onto, read_surface
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest
 
 FORMATS = ("dcm", "csv", "netcdf")
 SOURCES = ("map", "extrapolation")

@@ -23,8 +23,7 @@ from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import read_result
-from lpvobs.io.safety.atomic import replacing
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.kinds import Count
 from lpvobs.maps.quadratic import ESTIMATED
 

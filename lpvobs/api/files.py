@@ -8,8 +8,7 @@ from typing import TypeAlias
 
 from lpvobs.errors import UsageError
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.safety.atomic import claimed, is_same
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import claimed, file_digest, is_same
 
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]

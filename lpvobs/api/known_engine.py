@@ -15,8 +15,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.engine_found import read_engine_before
-from lpvobs.io.results.engines import read_engine
+from lpvobs.io.results.engines import read_engine, read_engine_before
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.learned import read_learned, write_learned
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult

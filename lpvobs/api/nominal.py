@@ -8,7 +8,7 @@ import numpy as np
 from lpvobs.discovery.residual import MapPrior, nominal_map
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
-from lpvobs.io.results.engine_found import EngineOfMap
+from lpvobs.io.results.engines import EngineOfMap
 from lpvobs.io.results.results import StoredResult
 from lpvobs.records import Array
 

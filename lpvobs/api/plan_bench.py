@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 from lpvobs.api.files import File, Progress, as_path, silent
 from lpvobs.api.simulate import plant_of
-from lpvobs.calibration.bench import bench_table, rows_of
-from lpvobs.calibration.planning import best_points
+from lpvobs.calibration.bench import bench_table, best_points, rows_of
 from lpvobs.engines.channels import AMBIENT
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.engines import read_engine

@@ -27,8 +27,7 @@ from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
-from lpvobs.synthesis.region import Region
-from lpvobs.synthesis.settings import GainSettings
+from lpvobs.synthesis.region import GainSettings, Region
 
 
 @dataclass(frozen=True, kw_only=True)

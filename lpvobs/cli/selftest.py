@@ -17,8 +17,7 @@ def selftest(as_json: JsonOption = False) -> None:
     Example: lpvobs selftest
     """
     from lpvobs.errors import NotProven
-    from lpvobs.selftest.cases import run_cases
-    from lpvobs.selftest.rows import CaseOutput, SelftestOutput
+    from lpvobs.selftest.cases import CaseOutput, SelftestOutput, run_cases
 
     with progress("testing") as report:
         rows, versions = run_cases(report)

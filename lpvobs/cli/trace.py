@@ -47,7 +47,7 @@ def trace(
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:
     """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
-    from lpvobs.report.numbers import chance
+    from lpvobs.report.spoken import chance
 
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
     if not found.findings:
@@ -79,7 +79,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
 
 
 def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], list[list[str]]]:
-    from lpvobs.report.numbers import chance, second, with_interval
+    from lpvobs.report.spoken import chance, second, with_interval
 
     edges = [edge for edge in ("onset", "end") if any(getattr(effect, edge) is not None for effect in effects)]
     rows = []
@@ -92,7 +92,7 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
 
 
 def _candidates(leading: "tuple[Leading, ...]") -> tuple[list[str], list[list[str]]]:
-    from lpvobs.report.numbers import with_interval
+    from lpvobs.report.spoken import with_interval
     from lpvobs.report.tables import percent
 
     rows = [

@@ -13,8 +13,7 @@ from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.refinements import read_leftover, read_portrait, read_ranking, read_structure
 from lpvobs.io.results.results import KIND, REMEDY
-from lpvobs.report.numbers import chance, second, with_interval
-from lpvobs.report.spoken import in_words
+from lpvobs.report.spoken import chance, in_words, second, with_interval
 from lpvobs.report.tables import Table, grams, percent
 
 GROUPS = {"refinement": "refine", "trace": "trace"}

@@ -14,7 +14,7 @@ from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import References, read_log, read_references
 from lpvobs.io.results.hdf import is_hdf5
 from lpvobs.io.results.results import REMEDY, StoredResult, read_result
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
 

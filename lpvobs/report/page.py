@@ -12,7 +12,7 @@ from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.maps.planning import Plan, plan
+from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from lpvobs.maps.planning import Plan
+from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
 from lpvobs.report.content import SurfaceView
 from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, label_axes

@@ -14,7 +14,7 @@ from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.results.engine_found import EngineOfMap
+from lpvobs.io.results.engines import EngineOfMap
 from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lpvobs.calibration.bench import REFERENCE, Rows
-from lpvobs.calibration.planning import NEGLIGIBLE, best_points
+from lpvobs.calibration.bench import NEGLIGIBLE, REFERENCE, Rows, best_points
 from lpvobs.engines.unknowns import MeasuredPart
 
 POINTS, UNKNOWNS = 7, 5

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from lpvobs.maps.excitation import corners, excitation
+from lpvobs.maps.excitation import corners, excitation, plan
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.planning import plan
 
 GRID = Grid(fuel=np.arange(0.0, 21.0, 4.0), speed=np.arange(0.0, 1251.0, 250.0))
 RATE, SIGMA = 100.0, 1e-3

@@ -10,9 +10,7 @@ import pytest
 from reference import diesel_textbook as textbook
 
 from lpvobs.engines.diesel.known_drive import drive
-from lpvobs.selftest.cases import CASES, METHODS
-from lpvobs.selftest.known_map import bilinear, known_map
-from lpvobs.selftest.rows import Row, rows_of
+from lpvobs.selftest.cases import CASES, METHODS, Row, bilinear, known_map, rows_of
 
 SLOW = ("loop",)  # it simulates and searches drives
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.synthesis.settings import GainSettings
+from lpvobs.synthesis.region import GainSettings
 
 GOOD = GainSettings(outputs=("p_im",), bounds={"rho": (-1.0, 2.0)}, temperatures={"T_im": (250.0, 400.0)})
 

@@ -20,7 +20,7 @@ from lpvobs.discovery.outcome import StoredOutcome
 from lpvobs.ingest.record import IngestOutput, IngestRecord
 from lpvobs.report.engines import CalibrateOutput
 from lpvobs.report.outputs import ReportOutput
-from lpvobs.selftest.rows import SelftestOutput
+from lpvobs.selftest.cases import SelftestOutput
 
 Schema = dict[str, Any]
 RECORDS: Mapping[str, Any] = {

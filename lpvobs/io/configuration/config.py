@@ -25,7 +25,7 @@ from lpvobs.simulation.disturbances import Injected, injected_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.plants import PLANTS
 from lpvobs.simulation.road import Auxiliary
-from lpvobs.synthesis.settings import GainSettings
+from lpvobs.synthesis.region import GainSettings
 
 SCHEMA = 1
 MOST_NODES = 3000  # the information matrix of more does not fit a small machine

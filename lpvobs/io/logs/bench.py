@@ -15,8 +15,7 @@ from lpvobs.engines.channels import Channel
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
-from lpvobs.io.safety.atomic import replacing
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.records import Array
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from lpvobs.io.logs.parquet import (
 )
 from lpvobs.io.logs.plausibility import refuse_implausible, usable_rows
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts
-from lpvobs.io.safety.unchanged import file_digest, refuse_changed, state_of
+from lpvobs.io.safety.atomic import file_digest, refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.results.axes import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout
-from lpvobs.io.results.engine_found import EngineOfMap, read_engine_found, write_engine_found
+from lpvobs.io.results.engines import EngineOfMap, read_engine_found, write_engine_found
 from lpvobs.io.results.extrapolations import read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
 from lpvobs.io.results.log_summaries import LogSummary, read_agreement, read_log_summary, write_log
 from lpvobs.io.results.mapping import Layout, fields, read, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
-from lpvobs.io.safety.unchanged import state_of
+from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer.disagreement import Agreement

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, written by one process at a time.
+"""Files that appear whole or not at all, written by one process at a time; and whether a file is still the one that was looked at.
 
 A writer claims its target with a lock on a hidden file beside it, `.NAME.lock`. The system drops the lock when the process ends,
 however it ends, so no lock is ever stale: what a killed writer has left behind is swept away by the next one.
@@ -6,6 +6,7 @@ however it ends, so no lock is ever stale: what a killed writer has left behind 
 
 import errno
 import fcntl
+import hashlib
 import os
 import re
 import tempfile
@@ -145,3 +146,26 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def state_of(path: Path) -> tuple[int, ...]:
+    """Return what changes when somebody writes to a file."""
+    try:
+        found = path.stat()
+    except OSError:
+        return ()
+    return (found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+def refuse_changed(path: Path, before: tuple[int, ...]) -> None:
+    """Raise DataError if somebody has written to a file since its state was `before`."""
+    if state_of(path) != before:
+        raise DataError(
+            f"{path}: changed while it was read; expected a finished file; wait for the recorder and try again"
+        )
