@@ -1,46 +1,33 @@
 """`lpvobs calibrate`."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from lpvobs.cli.common import chosen_config, guarded, load_compiler, print_json, progress, say, table
-from lpvobs.cli.options import ConfigOption, JsonOption, option
+from lpvobs.cli.options import CONFIG, JSON, flag, needed, option
 
 
 @guarded
 def calibrate(
-    out: Annotated[Path, option("ENGINE.h5", "The engine to write.")],
-    bench: Annotated[
-        list[Path] | None,
-        option("TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"),
-    ] = None,
-    healthy: Annotated[
-        list[Path] | None, option("LOG", "A log whose air flow sensor was in order that day.", "--healthy")
-    ] = None,
-    reference: Annotated[
-        list[Path] | None,
-        option("LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"),
-    ] = None,
-    maps: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="KIND=FILE",
-            help="A table of one component, of a kind that the engine has; a CSV with a second line of units, or "
-            "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
-        ),
-    ] = None,
-    gain: Annotated[
-        Path | None,
-        option("GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."),
-    ] = None,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Say which further bench points would help most; needs no data yet.")
-    ] = False,
-    config: ConfigOption = None,
-    as_json: JsonOption = False,
+    out: Path = needed("ENGINE.h5", "The engine to write."),
+    bench: list[Path] | None = option(
+        "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
+    ),
+    healthy: list[Path] | None = option("LOG", "A log whose air flow sensor was in order that day.", "--healthy"),
+    reference: list[Path] | None = option(
+        "LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"
+    ),
+    maps: list[str] | None = option(
+        "KIND=FILE",
+        "A table of one component, of a kind that the engine has; a CSV with a second line of units, or FILE.dcm:LABEL. A "
+        "compressor's map names T_reference and p_reference.",
+        "--map",
+    ),
+    gain: Path | None = option(
+        "GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."
+    ),
+    plan: bool = flag("--plan", "Say which further bench points would help most; needs no data yet."),
+    config: Path | None = CONFIG,
+    as_json: bool = JSON,
 ) -> None:
     """Find an engine's constants and the corrections of its components, which estimate then starts from.
 

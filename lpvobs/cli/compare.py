@@ -1,23 +1,21 @@
 """`lpvobs compare`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import JsonOption, RegionOption, argument, option
+from lpvobs.cli.options import JSON, REGION, argument, option
 
 
 @guarded
 def compare(
-    first: Annotated[Path, argument("A.h5", "A result of estimate, the earlier one.")],
-    second: Annotated[Path, argument("B.h5", "Another result.")],
-    values: Annotated[str, option("GROUP", "map: nodes that both have estimated; extrapolation: every node.")] = "map",
-    region: RegionOption = None,
-    gate: Annotated[
-        list[str] | None,
-        option("EXPR", 'Such as "largest_change<=0.5 g/s"; also mean_change, p_value. Repeatable.'),
-    ] = None,
-    as_json: JsonOption = False,
+    first: Path = argument("A.h5", "A result of estimate, the earlier one."),
+    second: Path = argument("B.h5", "Another result."),
+    values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
+    region: str | None = REGION,
+    gate: list[str] | None = option(
+        "EXPR", 'Such as "largest_change<=0.5 g/s"; also mean_change, p_value. Repeatable.'
+    ),
+    as_json: bool = JSON,
 ) -> None:
     """Show how map B differs from map A, and where that is more than the errors of both.
 

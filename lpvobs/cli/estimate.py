@@ -1,10 +1,9 @@
 """`lpvobs estimate`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
-from lpvobs.cli.options import CONSTANTS, METHODS, ConfigOption, GainOption, JsonOption, LogsArgument, option
+from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
@@ -19,26 +18,22 @@ MOST_LINES = 5
 
 @guarded
 def estimate(
-    logs: LogsArgument,
-    out: Annotated[Path, option("RESULT.h5", "The result to write.")],
-    gain: GainOption = None,
-    engine: Annotated[
-        Path | None,
-        option("ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."),
-    ] = None,
-    method: Annotated[
-        str, option("NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS)
-    ] = "observer",
-    constants: Annotated[str | None, option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS)] = None,
-    jobs: Annotated[int | None, option("N", SIDE_BY_SIDE, min=1)] = None,
-    scheduler: Annotated[
-        str | None,
-        option(
-            "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
-        ),
-    ] = None,
-    config: ConfigOption = None,
-    as_json: JsonOption = False,
+    logs: list[Path] = LOGS,
+    out: Path = needed("RESULT.h5", "The result to write."),
+    gain: Path | None = GAIN,
+    engine: Path | None = option(
+        "ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."
+    ),
+    method: str = option(
+        "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
+    ),
+    constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
+    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    scheduler: str | None = option(
+        "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
+    ),
+    config: Path | None = CONFIG,
+    as_json: bool = JSON,
 ) -> None:
     """Estimate the error map of the sensor from logs.
 

@@ -1,12 +1,9 @@
 """`lpvobs export`."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import FORMATS, MAP_GAINS, JsonOption, argument, option
+from lpvobs.cli.options import FORMATS, JSON, MAP_GAINS, argument, flag, needed, option
 from lpvobs.errors import UsageError
 
 WHAT = "dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit."
@@ -14,35 +11,30 @@ WHAT = "dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit
 
 @guarded
 def export(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5.")],
-    file_format: Annotated[str, option("FORMAT", WHAT, "--format", offers=FORMATS)],
-    out: Annotated[Path, option("FILE", "The file to write; for c99 the folder.")],
-    start: Annotated[
-        Path | None, argument("[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.")
-    ] = None,
-    source: Annotated[
-        str, option("GROUP", "map or extrapolation; by default the latter if there is one.", "--values")
-    ] = "",
-    only_estimated: Annotated[
-        bool, typer.Option("--only-estimated", help="No extrapolated node: old values there, or nothing.")
-    ] = False,
-    old: Annotated[
-        Path | None, option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed.")
-    ] = None,
-    name: Annotated[str, option("LABEL", "Label of the map, also in the old file.")] = "delta_W_c",
-    kind: Annotated[
-        str, option("KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.")
-    ] = "",
-    digits: Annotated[int, option("N", "Significant digits in dcm and csv.")] = 7,
-    map_gain: Annotated[
-        str,
-        option("GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS),
-    ] = "",
-    rate: Annotated[float, option("HZ", "For c99 and fmu: samples a second, at most.")] = 100.0,
-    widest: Annotated[
-        float, option("SHARE", "Leave out nodes whose 90 % interval exceeds this share of the logs' mean air flow.")
-    ] = 0.1,
-    as_json: JsonOption = False,
+    result: Path = argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5."),
+    file_format: str = needed("FORMAT", WHAT, "--format", offers=FORMATS),
+    out: Path = needed("FILE", "The file to write; for c99 the folder."),
+    start: Path | None = argument(
+        "[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.", default=None
+    ),
+    source: str = option(
+        "GROUP", "map or extrapolation; by default the latter if there is one.", "--values", default=""
+    ),
+    only_estimated: bool = flag("--only-estimated", "No extrapolated node: old values there, or nothing."),
+    old: Path | None = option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed."),
+    name: str = option("LABEL", "Label of the map, also in the old file.", default="delta_W_c"),
+    kind: str = option(
+        "KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.", default=""
+    ),
+    digits: int = option("N", "Significant digits in dcm and csv.", default=7),
+    map_gain: str = option(
+        "GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS, default=""
+    ),
+    rate: float = option("HZ", "For c99 and fmu: samples a second, at most.", default=100.0),
+    widest: float = option(
+        "SHARE", "Leave out nodes whose 90 % interval exceeds this share of the logs' mean air flow.", default=0.1
+    ),
+    as_json: bool = JSON,
 ) -> None:
     """Write the map for calibration tools, and list what it changes against an old DCM; or the observer for a control unit.
 

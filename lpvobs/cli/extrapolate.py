@@ -1,24 +1,19 @@
 """`lpvobs extrapolate`."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import EXTRAPOLATIONS, JsonOption, argument, option
+from lpvobs.cli.options import EXTRAPOLATIONS, JSON, argument, flag, option
 
 HOW = "kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) alone, as in the paper."
 
 
 @guarded
 def extrapolate(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate; its /extrapolation is written.")],
-    method: Annotated[str, option("NAME", HOW, offers=EXTRAPOLATIONS)] = "kriging",
-    smooth: Annotated[
-        bool, typer.Option("--smooth", help="Smooth the estimated nodes as well; /extrapolation marks them.")
-    ] = False,
-    as_json: JsonOption = False,
+    result: Path = argument("RESULT.h5", "A result of estimate; its /extrapolation is written."),
+    method: str = option("NAME", HOW, offers=EXTRAPOLATIONS, default="kriging"),
+    smooth: bool = flag("--smooth", "Smooth the estimated nodes as well; /extrapolation marks them."),
+    as_json: bool = JSON,
 ) -> None:
     """Fill the nodes that no log visited, with an interval for each.
 

@@ -1,23 +1,19 @@
 """`lpvobs ingest`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import PROFILES, JsonOption, argument, option
+from lpvobs.cli.options import JSON, PROFILES, argument, needed
 
 
 @guarded
 def ingest(
-    sources: Annotated[
-        list[Path], argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock.")
-    ],
-    profile: Annotated[
-        str,
-        option("NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES),
-    ],
-    out: Annotated[Path, option("LOG.parquet", "The log to write.")],
-    as_json: JsonOption = False,
+    sources: list[Path] = argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
+    profile: str = needed(
+        "NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES
+    ),
+    out: Path = needed("LOG.parquet", "The log to write."),
+    as_json: bool = JSON,
 ) -> None:
     """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.
 

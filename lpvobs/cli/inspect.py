@@ -1,10 +1,10 @@
 """`lpvobs inspect`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from lpvobs.cli.common import folder_config, guarded, leave, print_json, table, visible
-from lpvobs.cli.options import JsonOption, LogsArgument, option
+from lpvobs.cli.options import JSON, LOGS, option
 
 if TYPE_CHECKING:
     from lpvobs.api.inspect import InspectedLog
@@ -12,16 +12,13 @@ if TYPE_CHECKING:
 
 @guarded
 def inspect(
-    logs: LogsArgument,
-    config: Annotated[
-        Path | None,
-        option(
-            "TOML",
-            "Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
-            "--config",
-        ),
-    ] = None,
-    as_json: JsonOption = False,
+    logs: list[Path] = LOGS,
+    config: Path | None = option(
+        "TOML",
+        "Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
+        "--config",
+    ),
+    as_json: bool = JSON,
 ) -> None:
     """Show channels, units, rate, gaps, ranges, the defects of logs, and what each policy did about them.
 
@@ -30,7 +27,7 @@ def inspect(
     if logs[0].suffix == ".h5":
         from lpvobs.cli.report import report
 
-        return report(logs[0], logs[1:], as_json=as_json)
+        return report(logs[0], logs[1:], None, None, None, None, as_json)
     from lpvobs.api.inspect import InspectOutput, inspect_logs
 
     found, refused = inspect_logs(logs, config or folder_config())

@@ -4,8 +4,8 @@ The offers are written out, because a shell does not wait until the libraries be
 """
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any
+from functools import partial
+from typing import Any
 
 import typer
 
@@ -27,33 +27,40 @@ def offer(names: tuple[str, ...]) -> Callable[[str], list[str]]:
     return fitting
 
 
-def option(metavar: str, told: str, *names: str, offers: tuple[str, ...] = (), **more: Any) -> Any:
+def option(metavar: str, told: str, *names: str, offers: tuple[str, ...] = (), default: Any = None, **more: Any) -> Any:
     """Return an option that completes what it offers; whoever reads a file says what is wrong with it."""
-    return typer.Option(
-        *names, readable=False, metavar=metavar, help=told, autocompletion=offer(offers) if offers else None, **more
-    )
+    completed = offer(offers) if offers else None
+    return typer.Option(default, *names, readable=False, metavar=metavar, help=told, autocompletion=completed, **more)
 
 
-def argument(metavar: str, told: str) -> Any:
-    """Return the same without a name before it."""
-    return typer.Argument(readable=False, metavar=metavar, help=told)
+needed = partial(option, default=...)
+"""Return an option that has to be given."""
 
 
-CONFIGURATION = "Engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it."
-ConfigOption = Annotated[Path | None, option("TOML", CONFIGURATION, "--config")]
-GainOption = Annotated[
-    Path | None, option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
-]
-LogsArgument = Annotated[list[Path], argument("LOG...", "Parquet logs, patterns, or folders of logs.")]
-RegionOption = Annotated[
-    str | None, option("AXIS=FROM:TO,...", "Mean over this part of the map; a second axis follows after a comma.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout instead of text.")]
-MADE_WITH = "An engine made by calibrate to start from; by default, the one that the result was made with."
-MapOption = Annotated[
-    bool | None,
-    typer.Option(
-        "--freeze-map/--free-map",
-        help="The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
-    ),
-]
+def argument(metavar: str, told: str, default: Any = ...) -> Any:
+    """Return what has no name before it."""
+    return typer.Argument(default, readable=False, metavar=metavar, help=told)
+
+
+def flag(name: str, told: str, default: bool | None = False) -> Any:
+    """Return an option without a value."""
+    return typer.Option(default, name, help=told)
+
+
+CONFIG = option(
+    "TOML",
+    "Engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
+    "--config",
+)
+GAIN = option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
+LOGS = argument("LOG...", "Parquet logs, patterns, or folders of logs.")
+REGION = option("AXIS=FROM:TO,...", "Mean over this part of the map; a second axis follows after a comma.")
+JSON = flag("--json", "Print one JSON object to stdout instead of text.")
+ENGINE = option(
+    "ENGINE.h5", "An engine made by calibrate to start from; by default, the one that the result was made with."
+)
+MAP = flag(
+    "--freeze-map/--free-map",
+    "The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
+    default=None,
+)

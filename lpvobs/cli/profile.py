@@ -1,17 +1,16 @@
 """`lpvobs profile`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say
-from lpvobs.cli.options import JsonOption, argument, option
+from lpvobs.cli.options import JSON, argument, option
 
 
 @guarded
 def profile(
-    source: Annotated[Path, argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording.")],
-    out: Annotated[Path | None, option("TOML", "The profile to write; else it is printed.")] = None,
-    as_json: JsonOption = False,
+    source: Path = argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording."),
+    out: Path | None = option("TOML", "The profile to write; else it is printed."),
+    as_json: bool = JSON,
 ) -> None:
     """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.
 

@@ -1,10 +1,10 @@
 """`lpvobs refine`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say
-from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, argument, option
+from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument, needed, option
 from lpvobs.cli.trace import show
 
 if TYPE_CHECKING:
@@ -13,20 +13,17 @@ if TYPE_CHECKING:
 
 @guarded
 def refine(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate.")],
-    logs: LogsArgument,
-    out: Annotated[Path, option("REFINED.h5", "The refined result to write.")],
-    hold_out: Annotated[
-        list[Path] | None,
-        option(
-            "LOG",
-            "A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
-            "--hold-out",
-        ),
-    ] = None,
-    freeze_map: MapOption = None,
-    engine: Annotated[Path | None, option("ENGINE.h5", MADE_WITH)] = None,
-    as_json: JsonOption = False,
+    result: Path = argument("RESULT.h5", "A result of estimate."),
+    logs: list[Path] = LOGS,
+    out: Path = needed("REFINED.h5", "The refined result to write."),
+    hold_out: list[Path] | None = option(
+        "LOG",
+        "A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
+        "--hold-out",
+    ),
+    freeze_map: bool | None = MAP,
+    engine: Path | None = ENGINE,
+    as_json: bool = JSON,
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
 

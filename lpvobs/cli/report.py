@@ -1,29 +1,24 @@
 """`lpvobs report`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, say, table, visible
-from lpvobs.cli.options import JsonOption, RegionOption, argument, option
+from lpvobs.cli.options import JSON, REGION, argument, option
 
 
 @guarded
 def report(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate, or an engine of calibrate.")],
-    further: Annotated[
-        list[Path] | None,
-        argument("[LOG|RESULT]...", "Logs that the results were made from (time series), and further results."),
-    ] = None,
-    html: Annotated[Path | None, option("FILE", "Write one self-contained page.")] = None,
-    gate: Annotated[
-        list[str] | None,
-        option("EXPR", "metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."),
-    ] = None,
-    junit: Annotated[
-        Path | None, option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems.")
-    ] = None,
-    region: RegionOption = None,
-    as_json: JsonOption = False,
+    result: Path = argument("RESULT.h5", "A result of estimate, or an engine of calibrate."),
+    further: list[Path] | None = argument(
+        "[LOG|RESULT]...", "Logs that the results were made from (time series), and further results.", default=None
+    ),
+    html: Path | None = option("FILE", "Write one self-contained page."),
+    gate: list[str] | None = option(
+        "EXPR", "metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."
+    ),
+    junit: Path | None = option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems."),
+    region: str | None = REGION,
+    as_json: bool = JSON,
 ) -> None:
     """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.
 

@@ -3,13 +3,13 @@
 import typer
 
 from lpvobs.cli.common import guarded, print_json, progress, say, table
-from lpvobs.cli.options import JsonOption
+from lpvobs.cli.options import JSON
 
 VERDICTS = {True: "pass", False: "FAIL"}
 
 
 @guarded
-def selftest(as_json: JsonOption = False) -> None:
+def selftest(as_json: bool = JSON) -> None:
     """Try the installed package on cases whose answers are known, for those who must qualify their tools.
 
     Exit code 1 if an answer is wrong. Needs no files and leaves none.

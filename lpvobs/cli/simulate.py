@@ -1,44 +1,33 @@
 """`lpvobs simulate`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say
-from lpvobs.cli.options import CYCLES, ConfigOption, JsonOption, option
+from lpvobs.cli.options import CONFIG, CYCLES, JSON, needed, option
 from lpvobs.errors import UsageError
 
 
 @guarded
 def simulate(
-    out: Annotated[Path, option("FILE", "The log or table to write.")],
-    cycle: Annotated[
-        str | None,
-        option(
-            "NAME|CSV",
-            "etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.",
-            offers=CYCLES,
-        ),
-    ] = None,
-    bench: Annotated[
-        int | None,
-        option("N", "No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet."),
-    ] = None,
-    effects: Annotated[
-        Path | None,
-        option(
-            "TOML",
-            "What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
-            "another error surface: configs/surfaces.",
-        ),
-    ] = None,
-    engine: Annotated[
-        Path | None,
-        option("ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."),
-    ] = None,
-    rate: Annotated[float | None, option("HZ", "Samples per second.", show_default="100")] = None,
-    seed: Annotated[int, option("N", "Of sensor noise, road, points; same seed, same bytes.")] = 1,
-    config: ConfigOption = None,
-    as_json: JsonOption = False,
+    out: Path = needed("FILE", "The log or table to write."),
+    cycle: str | None = option(
+        "NAME|CSV", "etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.", offers=CYCLES
+    ),
+    bench: int | None = option(
+        "N", "No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet."
+    ),
+    effects: Path | None = option(
+        "TOML",
+        "What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
+        "another error surface: configs/surfaces.",
+    ),
+    engine: Path | None = option(
+        "ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."
+    ),
+    rate: float | None = option("HZ", "Samples per second.", show_default="100"),
+    seed: int = option("N", "Of sensor noise, road, points; same seed, same bytes.", default=1),
+    config: Path | None = CONFIG,
+    as_json: bool = JSON,
 ) -> None:
     """Drive the nonlinear engine over a cycle and record a log with its true error.
 

@@ -1,24 +1,22 @@
 """`lpvobs synth-gain`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, table
-from lpvobs.cli.options import ConfigOption, JsonOption, argument, option
+from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 
 
 @guarded
 def synth_gain(
-    out: Annotated[Path, option("GAIN.h5", "The gain to write.")],
-    logs: Annotated[
-        list[Path] | None, argument("[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.")
-    ] = None,
-    published: Annotated[
-        str | None,
-        option("COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."),
-    ] = None,
-    config: ConfigOption = None,
-    as_json: JsonOption = False,
+    out: Path = needed("GAIN.h5", "The gain to write."),
+    logs: list[Path] | None = argument(
+        "[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.", default=None
+    ),
+    published: str | None = option(
+        "COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."
+    ),
+    config: Path | None = CONFIG,
+    as_json: bool = JSON,
 ) -> None:
     """Find the observer gain L from the linear matrix inequalities of Theorem 1 and prove it exactly.
 

@@ -2,10 +2,10 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
-from lpvobs.cli.options import MADE_WITH, JsonOption, LogsArgument, MapOption, argument, option
+from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument
 
 if TYPE_CHECKING:
     from lpvobs.discovery.outcome import Finding, Leading, Trace
@@ -16,11 +16,11 @@ MOST_SHOWN = 6
 
 @guarded
 def trace(
-    result: Annotated[Path, argument("RESULT.h5", "A result of estimate or refine; its /trace is written.")],
-    logs: LogsArgument,
-    freeze_map: MapOption = None,
-    engine: Annotated[Path | None, option("ENGINE.h5", MADE_WITH)] = None,
-    as_json: JsonOption = False,
+    result: Path = argument("RESULT.h5", "A result of estimate or refine; its /trace is written."),
+    logs: list[Path] = LOGS,
+    freeze_map: bool | None = MAP,
+    engine: Path | None = ENGINE,
+    as_json: bool = JSON,
 ) -> None:
     """Find the residual that the model leaves, and the effects it lacks, ranked.
 

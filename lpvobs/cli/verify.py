@@ -1,19 +1,16 @@
 """`lpvobs verify`."""
 
 from pathlib import Path
-from typing import Annotated
 
 from lpvobs.cli.common import guarded, print_json, table
-from lpvobs.cli.options import JsonOption, argument, option
+from lpvobs.cli.options import JSON, argument, option
 
 
 @guarded
 def verify(
-    gain: Annotated[Path, argument("GAIN.h5", "A gain made by synth-gain.")],
-    config: Annotated[
-        Path | None, option("TOML", "The configuration whose engine the gain has to be for.", "--config")
-    ] = None,
-    as_json: JsonOption = False,
+    gain: Path = argument("GAIN.h5", "A gain made by synth-gain."),
+    config: Path | None = option("TOML", "The configuration whose engine the gain has to be for.", "--config"),
+    as_json: bool = JSON,
 ) -> None:
     """Prove the certificate of a gain again, in exact arithmetic and without the solver.
 
