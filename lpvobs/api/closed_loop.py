@@ -23,14 +23,12 @@ from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.hdf import reading, write_group
+from lpvobs.io.results.mapping import read_if_there, rows, write
 from lpvobs.io.results.refinements import (
     StoredRefinement,
-    read_refinement,
     write_comparison,
-    write_leftover,
     write_portrait,
-    write_ranking,
     write_refinement,
     write_structure,
 )
@@ -100,9 +98,10 @@ class Closed:
     def _write_pictures(self, group: h5py.Group) -> None:
         found = self.refinement
         write_portrait(group, portrait(found, self.logs))
-        write_ranking(group, found.trace.ranking)
+        if found.trace.ranking:
+            write_group(group, "ranking", rows(found.trace.ranking, "candidate"))
         if found.trace.left is not None:
-            write_leftover(group, found.trace.left)
+            write(group, "leftover", found.trace.left)
 
     def write(self, file: h5py.File, effects: Sequence[KnownEffect]) -> None:
         """Write `/refinement` with the effects as the map is estimated beside them."""
@@ -147,7 +146,7 @@ def close(
     stored = read_result(path)
     engine = known_engine(stored, calibrated)
     with reading(path, KIND, REMEDY) as file:
-        refined = read_refinement(file)
+        refined = read_if_there(file.get("refinement"), StoredRefinement)
     (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
     logs, hold_out = contents(used), contents(unseen)
     _refuse_copies([*logs, *hold_out])

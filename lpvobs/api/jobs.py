@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 from lpvobs.errors import DataError, UsageError
@@ -74,20 +75,27 @@ def processors() -> int:
 def _in_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], pool: ProcessPoolExecutor, ahead: int
 ) -> Iterator[tuple[int, Result]]:
-    waiting = iter(enumerate(tasks))
-    under_way: dict[Future[Result], int] = {}
     try:
-        while True:
-            while len(under_way) < ahead and (following := next(waiting, None)) is not None:
-                under_way[_submitted(pool, function, following[1])] = following[0]
-            if not under_way:
-                break
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                yield under_way.pop(future), future.result()
+        yield from _side_by_side(partial(_submitted, pool, function), tasks, ahead)
     except BrokenProcessPool:
         raise DataError(
             "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
         ) from None
+
+
+def _side_by_side(
+    submitted: Callable[[Task], Future[Result]], tasks: Sequence[Task], ahead: int
+) -> Iterator[tuple[int, Result]]:
+    """Yield the number and the result of each task as it finishes, `ahead` of them under way at a time."""
+    waiting = iter(enumerate(tasks))
+    under_way: dict[Future[Result], int] = {}
+    while True:
+        while len(under_way) < ahead and (following := next(waiting, None)) is not None:
+            under_way[submitted(following[1])] = following[0]
+        if not under_way:
+            break
+        for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+            yield under_way.pop(future), future.result()
 
 
 def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], task: Task) -> Future[Result]:
@@ -126,7 +134,7 @@ def _on_cluster(
     function: Callable[[Task], Result], tasks: Sequence[Task], address: str
 ) -> Iterator[tuple[int, Result]]:
     try:
-        from distributed import Client, as_completed
+        from distributed import Client
         from distributed.scheduler import KilledWorker
     except ImportError:
         raise UsageError("--scheduler: Dask is not installed; install lpvobs[cluster]") from None
@@ -138,26 +146,10 @@ def _on_cluster(
         ) from None
     with client:
         ahead = AHEAD * max(sum(client.nthreads().values()), 1)
-        waiting = iter(enumerate(tasks))
-        numbers: dict[str, int] = {}
-
-        def hand_out() -> "Future[Result] | None":
-            following = next(waiting, None)
-            if following is None:
-                return None
-            future = client.submit(function, following[1], pure=False, retries=RETRIES)
-            numbers[future.key] = following[0]
-            return future  # type: ignore[no-any-return]
-
-        under_way = as_completed([future for _ in range(ahead) if (future := hand_out()) is not None], loop=client.loop)
-        for future in under_way:
-            try:
-                result = future.result()
-            except KilledWorker:
-                raise DataError(
-                    "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
-                ) from None
-            number = numbers.pop(future.key)
-            if (more := hand_out()) is not None:
-                under_way.add(more)
-            yield number, result
+        pool = client.get_executor(pure=False, retries=RETRIES)
+        try:
+            yield from _side_by_side(partial(pool.submit, function), tasks, ahead)
+        except KilledWorker:
+            raise DataError(
+                "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
+            ) from None

@@ -11,7 +11,8 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.refinements import read_leftover, read_portrait, read_ranking, read_structure
+from lpvobs.io.results.mapping import read_if_there, read_rows
+from lpvobs.io.results.refinements import read_structure
 from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.report.spoken import chance, in_words, second, with_interval
 from lpvobs.report.tables import Table, grams, percent
@@ -43,9 +44,9 @@ def read_discovered(path: Path) -> tuple[Discovered, ...]:
             Discovered(
                 verb=verb,
                 content=json.loads(str(file[name].attrs["json"])),
-                portrait=read_portrait(file[name]),
-                ranking=read_ranking(file[name]),
-                left=read_leftover(file[name]),
+                portrait=read_if_there(file[name].get("plots"), Portrait),
+                ranking=read_rows(file[name].get("ranking"), Ranked, "candidate"),
+                left=read_if_there(file[name].get("leftover"), Leftover),
                 structure=read_structure(file[name]),
             )
             for name, verb in GROUPS.items()

@@ -159,7 +159,7 @@ def calibrated_engine(path: Path, air_path: AirPath) -> CalibratedEngine:
     return CalibratedEngine(path.name, file_digest(path), stored)
 
 
-GROUP, BEFORE = "engine_found", "engine_before"
+ENGINE_FOUND, BEFORE = "engine_found", "engine_before"
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,14 +199,9 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """
     if found.unknowns.learned:
         write_unknowns(file, BEFORE, found.before())
-    group = write(file, GROUP, stored_engine(found))
+    group = write(file, ENGINE_FOUND, stored_engine(found))
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
     write_corrections(group, found.unknowns, found.mean, errors)
-
-
-def read_engine_found(file: h5py.File) -> EngineOfMap | None:
-    """Return what an open result says of its engine's constants, None where the method does not tell."""
-    return read(file[GROUP], EngineOfMap) if GROUP in file else None
 
 
 def read_engine_before(file: h5py.File, air_path: AirPath) -> Unknowns | None:

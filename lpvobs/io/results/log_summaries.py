@@ -8,7 +8,7 @@ from typing import Annotated
 import h5py
 
 from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import read, read_rows, rows, write
+from lpvobs.io.results.mapping import rows, write
 from lpvobs.maps.metrics import Metrics
 from lpvobs.observer.balance_agreement import BalanceAgreement
 from lpvobs.observer.disagreement import Agreement
@@ -72,21 +72,10 @@ def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_
         write(metrics, log.name, log.metrics)
 
 
-def read_log_summary(file: h5py.File, name: str) -> LogSummary:
-    """Return what a result keeps of a log."""
-    metrics = read(file["metrics"][name], Metrics) if name in file["metrics"] else None
-    return read(file["logs"][name], LogSummary, name=name, metrics=metrics)
-
-
 def write_agreement(file: h5py.File, scatter: float, logs: tuple[Agreement, ...]) -> None:
     """Write how far each log's own map is from the common one."""
     between = Field(scatter, "kg/s", "standard deviation of a node between logs, beyond noise")
     write_group(file, "agreement", rows(logs, "log") | {"scatter": between})
-
-
-def read_agreement(file: h5py.File) -> tuple[Agreement, ...]:
-    """Return it; nothing for a result of a single log."""
-    return read_rows(file["agreement"], Agreement, "log") if "agreement" in file else ()
 
 
 def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]) -> None:

@@ -144,6 +144,11 @@ def read(group: h5py.Group, what: type[Record] | Layout[Record], **given: Any) -
     return _layout(what).record(**values(group, what, given), **given)
 
 
+def read_if_there(group: h5py.Group | None, what: type[Record]) -> Record | None:
+    """Return the record that a group holds, None where there is no group: the `get` of its parent."""
+    return None if group is None else read(group, what)
+
+
 def values(group: h5py.Group, what: type[Any] | Layout[Any], given: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Return the fields of a record that a group holds, but those that are given.
 
@@ -155,9 +160,9 @@ def values(group: h5py.Group, what: type[Any] | Layout[Any], given: Mapping[str,
     return found | {key: _inner(group, layout, key) for key in layout.inner if key not in known}
 
 
-def read_rows(group: h5py.Group, record: type[Record], row: str) -> tuple[Record, ...]:
-    """Return the records along an axis; none where the group has no such axis."""
-    if row not in group:
+def read_rows(group: h5py.Group | None, record: type[Record], row: str) -> tuple[Record, ...]:
+    """Return the records along an axis; none where there is no group, or it has no such axis."""
+    if group is None or row not in group:
         return ()
     layout = _rowwise(layout_of(record), row)
     columns = [

@@ -12,14 +12,12 @@ import numpy as np
 
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect
-from lpvobs.discovery.leftover import Leftover
-from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Portrait
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.hdf import NO_YES, Field, flags, write_fields, write_group
-from lpvobs.io.results.mapping import Labels, numbered, read, read_rows, rows, write
+from lpvobs.io.results.mapping import Labels, numbered, read, rows, write
 from lpvobs.records import Item
 from lpvobs.synthesis.sensor_state import SensorState
 
@@ -79,11 +77,6 @@ def _say(group: h5py.Group, effect: KnownEffect) -> None:
     write_fields(group, {"acts": Field(acts, "1", "on the log", ("log",), flags(NO_YES))})
 
 
-def read_refinement(file: h5py.File) -> StoredRefinement | None:
-    """Return what `/refinement` of an open result holds, None where it has not been refined."""
-    return read(file["refinement"], StoredRefinement) if "refinement" in file else None
-
-
 def write_sensor_state(parent: h5py.Group, found: SensorState, gain: StoredGain) -> None:
     """Write gain and proof of the observer with the sensor's state."""
     states, outputs = (*gain.states, "sensor"), (*gain.outputs, "sensor")
@@ -114,29 +107,3 @@ def write_portrait(parent: h5py.Group, seen: Portrait) -> None:
     shares, lags = np.arange(1, size + 1) / max(size, 1), np.arange(-LAGS, LAGS + 1)
     labels = {"balance": seen.balances, "state": ("before", "after"), "share": shares, "lag": lags}
     write(parent, "plots", seen, labels)
-
-
-def read_portrait(parent: h5py.Group) -> Portrait | None:
-    """Return what `plots` holds, None where there is none."""
-    return read(parent["plots"], Portrait) if "plots" in parent else None
-
-
-def write_ranking(parent: h5py.Group, ranking: tuple[Ranked, ...]) -> None:
-    """Write the candidates of the first round, best first."""
-    if ranking:
-        write_group(parent, "ranking", rows(ranking, "candidate"))
-
-
-def read_ranking(parent: h5py.Group) -> tuple[Ranked, ...]:
-    """Return the candidates, best first; none where none were stored."""
-    return read_rows(parent["ranking"], Ranked, "candidate") if "ranking" in parent else ()
-
-
-def write_leftover(parent: h5py.Group, left: Leftover) -> None:
-    """Write what is known of an unexplained residual."""
-    write(parent, "leftover", left)
-
-
-def read_leftover(parent: h5py.Group) -> Leftover | None:
-    """Return what is known of an unexplained residual, None where nothing is left."""
-    return read(parent["leftover"], Leftover) if "leftover" in parent else None

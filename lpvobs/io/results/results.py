@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 from lpvobs.io.results.axes import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout
-from lpvobs.io.results.engines import EngineOfMap, read_engine_found, write_engine_found
+from lpvobs.io.results.engines import ENGINE_FOUND, EngineOfMap, write_engine_found
 from lpvobs.io.results.extrapolations import read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
-from lpvobs.io.results.log_summaries import LogSummary, read_agreement, read_log_summary, write_log
-from lpvobs.io.results.mapping import Layout, fields, read, values
+from lpvobs.io.results.log_summaries import LogSummary, write_log
+from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, values
 from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
+from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
@@ -128,13 +129,16 @@ def read_result(path: Path) -> StoredResult:
             grid=read(file["map"], grid_layout(axes)),
             **found,
             **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
-            logs=tuple(read_log_summary(file, name) for name in logs),
+            logs=tuple(
+                read(logs[name], LogSummary, name=name, metrics=read_if_there(file["metrics"].get(name), Metrics))
+                for name in logs
+            ),
             gain=read_gain_group(file),
             extrapolation=extrapolation,
             outer_coverage=outer_coverage,
             provenance=read_provenance(file),
-            agreement=read_agreement(file),
-            engine=read_engine_found(file),
+            agreement=read_rows(file.get("agreement"), Agreement, "log"),
+            engine=read_if_there(file.get(ENGINE_FOUND), EngineOfMap),
             state=state,
         )
 

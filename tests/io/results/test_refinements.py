@@ -12,16 +12,12 @@ from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.io.results.hdf import write_group
+from lpvobs.io.results.mapping import read_if_there, read_rows, rows, write
 from lpvobs.io.results.refinements import (
     StoredRefinement,
-    read_leftover,
-    read_portrait,
-    read_ranking,
-    read_refinement,
     read_structure,
-    write_leftover,
     write_portrait,
-    write_ranking,
     write_refinement,
 )
 
@@ -73,7 +69,7 @@ def test_a_refinement_comes_back(file):
     structure = {"before": whiteness(rng), "after": whiteness(rng)}
     comparisons = {"(all)": (Comparison(2e-3, 1e-3, 0.5, (0.4, 0.6)), False)}
     write_refinement(file, stored, comparisons, structure, BALANCES)
-    again = read_refinement(file)
+    again = read_if_there(file.get("refinement"), StoredRefinement)
     assert again.effects[0] == LAG
     assert again.effects[1].spans == HEAT.spans
     assert same(again.effects[1].curve, HEAT.curve)
@@ -88,10 +84,9 @@ def test_a_refinement_comes_back(file):
 
 
 def test_a_result_without_refinement_has_none(file):
-    assert read_refinement(file) is None
-    assert read_portrait(file) is None
-    assert read_leftover(file) is None
-    assert read_ranking(file) == ()
+    for name, record in (("refinement", StoredRefinement), ("plots", Portrait), ("leftover", Leftover)):
+        assert read_if_there(file.get(name), record) is None
+    assert read_rows(file.get("ranking"), Ranked, "candidate") == ()
 
 
 def test_plots_come_back(file):
@@ -116,7 +111,7 @@ def test_plots_come_back(file):
         effective=rng.random((2, 2)),
     )
     write_portrait(file, seen)
-    again = read_portrait(file)
+    again = read_if_there(file.get("plots"), Portrait)
     assert same(again.tracks[0], track)
     assert same(again.partials[0], partial)
     for name in ("balances", "block", "blocks", "signals"):
@@ -127,11 +122,11 @@ def test_plots_come_back(file):
 
 def test_ranking_and_leftover_come_back(file):
     ranking = (Ranked("maf.lag", 0.08, "s", 120.0, 1.2), Ranked("maf.delay", 0.07, "s", 110.0, 2.0))
-    write_ranking(file, ranking)
-    assert read_ranking(file) == ranking
+    write_group(file, "ranking", rows(ranking, "candidate"))
+    assert read_rows(file.get("ranking"), Ranked, "candidate") == ranking
     left = Leftover((Stretch("a", 10.0, 30.0, 0.7),), (4.0, 8.0), (1000.0, 1250.0), 3.2, 0.02, "one", {"heat": 0.4})
-    write_leftover(file, left)
-    assert read_leftover(file) == left
+    write(file, "leftover", left)
+    assert read_if_there(file.get("leftover"), Leftover) == left
 
 
 def test_everything_has_unit_and_meaning(file):
