@@ -124,6 +124,7 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
 	$(VENV)/bin/python benchmarks/where.py
+	$(VENV)/bin/python benchmarks/known_sensors.py
 
 wrong: export OPENBLAS_NUM_THREADS = 1
 wrong: $(VENV)/.ready

@@ -142,7 +142,7 @@ def _calibrated(
         stored = _with_tables(replace(stored, provenance=Provenance(digests, text)), air_path, measured)
     if known or metered:
         progress(FROM_BENCH)
-        logs = [read_log(path, air_path.channels, config.policies) for path in known]
+        logs = [read_log(path, air_path.channels, config.reading) for path in known]
         logs += [_metered(config, path) for path in metered]
         made = gain_for(config, [*known, *metered], gain, "observer")
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
@@ -170,7 +170,7 @@ def _metered(config: Config, path: Path) -> Log:
     channels = dict(config.engine_path().channels)
     sensor = config.engine_path().sensor
     channels[REFERENCE] = channels.pop(sensor)
-    log = read_log(path, channels, config.policies)
+    log = read_log(path, channels, config.reading)
     return replace(log, channels={**log.channels, sensor: log[REFERENCE]})
 
 

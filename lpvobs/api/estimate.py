@@ -222,7 +222,7 @@ def _one_after_another(
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
     grid = config.grid()
-    logs, refused = usable(paths, partial(read_log, channels=air_path.channels, policies=config.policies))
+    logs, refused = usable(paths, partial(read_log, channels=air_path.channels, policies=config.reading))
     progress(0.5)
     estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     refuse_empty(estimate)

@@ -124,7 +124,7 @@ def estimate_fleet(
         if engine is not None:
             point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
         task = PartTask(
-            Path(), point, grid, gain, config.policies, frozenset(), workplace == Workplace(), config.kind.suspects
+            Path(), point, grid, gain, config.reading, frozenset(), workplace == Workplace(), config.kind.suspects
         )
         task, outcomes = _linearised(workers, task, sorted(paths, key=lambda path: path.stem), progress)
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)

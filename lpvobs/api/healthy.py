@@ -41,7 +41,7 @@ def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> 
             if sum(log.time[-1] - log.time[0] for log in logs) > HEALTHY_SECONDS:
                 break
             with suppress(DataError):
-                logs.append(read_log(path, engine.air_path.channels, engine.config.policies))
+                logs.append(read_log(path, engine.air_path.channels, engine.config.reading))
         if model.blocks or sum(log.time[-1] - log.time[0] for log in logs) < HEALTHY_LEAST:
             return
         there = model.restarted(known.constants, known.covariance)

@@ -41,7 +41,7 @@ class KnownEngine:
         """Return a log that may lack channels that the loop can do without; raises DataError as `read_log` does."""
         there, optional = channel_units(path), self.air_path.dispensable
         needed = {name: item for name, item in self.air_path.channels.items() if name in there or name not in optional}
-        return read_log(path, needed, self.config.policies, auxiliary=True)
+        return read_log(path, needed, self.config.reading, auxiliary=True)
 
     def write(self, file: h5py.File) -> None:
         """Write what was learned into another result."""
@@ -78,7 +78,7 @@ def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
     logs = []
     for path in paths:
         with suppress(DataError):
-            logs.append(read_log(path, config.engine_path().channels, config.policies))
+            logs.append(read_log(path, config.engine_path().channels, config.reading))
     return logs
 
 

@@ -86,6 +86,7 @@ def simulate(
             progress or silent,
             effects=wanted.injected,
             auxiliary=wanted.auxiliary,
+            sensors=configuration.sensors,
         )
         write_log(target, log.channels, log.units)
     return log

@@ -162,7 +162,7 @@ def log_bounds(
     bounds, digests = {}, {}
     for path in paths:
         try:
-            log = LogFile(path, air_path.channels, config.policies)
+            log = LogFile(path, air_path.channels, config.reading)
             seen = RangeSeen(len(air_path.parameter_names), None)
             # as the estimate sees it: noise widens no range
             for stretch in stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):

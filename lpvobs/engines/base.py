@@ -11,6 +11,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.engines.sensors import Pulsation
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart, Unknowns
 from lpvobs.records import Array, Log
 
@@ -197,6 +198,7 @@ class EngineKind:
     # function of the map's inputs, and returns every channel, `time`, `ref_W_c` and `ref_delta_W_c`
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
     suspects: Suspects = NONE_SUSPECTED  # what its logs are tried for beyond impossible readings
+    pulsation: Pulsation | None = None  # of the sensor under test; None where nothing is known of it
     # for control units: the numbers by name that `model.c` in the engine's folder reads, from the air path
     in_c: Callable[[Any], Mapping[str, float | Array]] | None = None
 

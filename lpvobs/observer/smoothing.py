@@ -83,7 +83,17 @@ def stretches(
     Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait for the
     next piece.
     """
-    windows, held = _Widths(tuple(names), tuple(calm), half_width), None
+    windows = _Widths(tuple(names), tuple(calm), half_width)
+    for held, ready in held_back(pieces, windows.widest):
+        yield from held.smoothed(ready, windows)
+
+
+def held_back(pieces: Iterable[Piece], half_width: float, ahead: float = 0.0) -> Iterator[tuple["Held", int]]:
+    """Yield what has been read of a segment, and how many of its samples have all that their windows reach.
+
+    `ahead` [s] is how much later than its sample a window may lie.
+    """
+    held = None
     for piece in pieces:
         cuts = np.flatnonzero(piece.begins).tolist()
         for start, stop in zip(sorted({0, *cuts}), sorted({*cuts, piece.time.size} - {0}), strict=True):
@@ -91,15 +101,15 @@ def stretches(
             channels = {name: column[part] for name, column in piece.channels.items()}
             if held is None or start in cuts:
                 if held is not None:
-                    yield from held.smoothed(held.time.size, windows)
-                held = _Held(piece.time[part], channels, 0)
+                    yield held, held.time.size
+                held = Held(piece.time[part], channels, 0)
             else:
                 held = held.followed_by(piece.time[part], channels)
-            ready = held.ready(windows.widest)
-            yield from held.smoothed(ready, windows)
-            held = held.rest(ready, windows.widest)
+            ready = held.ready(half_width, ahead)
+            yield held, ready
+            held = held.rest(ready, half_width)
     if held is not None:
-        yield from held.smoothed(held.time.size, windows)
+        yield held, held.time.size
 
 
 @dataclass(frozen=True)
@@ -117,34 +127,39 @@ class _Widths:
 
 
 @dataclass(frozen=True)
-class _Held:
+class Held:
     """The end of a segment as far as it has been read: samples whose window is open, and those that their windows reach."""
 
     time: Array
     channels: dict[str, Array]
     done: int  # samples at the front that have been smoothed already
 
-    def followed_by(self, time: Array, channels: dict[str, Array]) -> "_Held":
+    def followed_by(self, time: Array, channels: dict[str, Array]) -> "Held":
+        """Return the same with further samples behind."""
         longer = {name: np.concatenate((column, channels[name])) for name, column in self.channels.items()}
-        return _Held(np.concatenate((self.time, time)), longer, self.done)
+        return Held(np.concatenate((self.time, time)), longer, self.done)
 
-    def ready(self, half_width: float) -> int:
-        """Return how many samples have a complete window while the segment may go on."""
+    def ready(self, half_width: float, ahead: float) -> int:
+        """Return how many samples have a complete window, and one so much ahead [s], while the segment may go on."""
         beyond = int(np.count_nonzero(self.time[-1] - self.time >= half_width))
-        return max(min(beyond, self.time.size - LEAST), self.done)
+        whole = max(min(beyond, self.time.size - LEAST), self.done)
+        return (
+            max(int(np.count_nonzero(self.time[:whole] + ahead <= self.time[whole - 1])), self.done) if ahead else whole
+        )
 
-    def rest(self, ready: int, half_width: float) -> "_Held":
+    def rest(self, ready: int, half_width: float) -> "Held":
         """Return what the windows from sample `ready` on need, and the sample before."""
         if ready == self.done:
             return self
         first = max(min(_first_within(self.time, ready, half_width), ready - LEAST), 0)
-        return _Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
+        return Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
 
     def smoothed(self, ready: int, windows: _Widths) -> Iterator[SmoothStretch]:
+        """Yield the samples that are ready in stretches."""
         for start in range(self.done, ready, BLOCK):
             stop = min(start + BLOCK, ready)
-            values, rates = self._through(windows.half_width, windows.names, start, stop)
-            calm = self._through(windows.widest, windows.calm, start, stop)[0] if windows.calm else values[:0]
+            values, rates = self.through(windows.half_width, windows.names, start, stop)
+            calm = self.through(windows.widest, windows.calm, start, stop)[0] if windows.calm else values[:0]
             part = slice(start, stop)
             yield SmoothStretch(
                 before=float(self.time[start - 1]) if start else float("nan"),
@@ -155,7 +170,7 @@ class _Held:
                 calm=dict(zip(windows.calm, calm, strict=True)),
             )
 
-    def _through(self, half_width: float, names: Sequence[str], start: int, stop: int) -> tuple[Array, Array]:
+    def through(self, half_width: float, names: Sequence[str], start: int, stop: int) -> tuple[Array, Array]:
         """Return channels and their rates through a window, each of shape (names, stop - start)."""
         low = max(min(_first_within(self.time, start, half_width), start - LEAST), 0)
         high = int(np.searchsorted(self.time, self.time[stop - 1] + 2.0 * half_width)) + LEAST

@@ -4,14 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
+from lpvobs.engines.sensors import Sensor
 from lpvobs.records import Array
 from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect
 from lpvobs.simulation.effects import CatalogueEffect
 from lpvobs.simulation.integrate import RECORDED, TRAIL, Samples, at_samples
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.readings import WITH_MEMORY, maf_reading, reading, surface_error, with_memory
+from lpvobs.simulation.readings import WITH_MEMORY, delayed, maf_reading, reading, surface_error, with_memory
 from lpvobs.simulation.road import CHARGE_LAG
 from lpvobs.simulation.scene import DriveCourse
 from lpvobs.simulation.structure.amplitudes import Structure
@@ -93,3 +95,17 @@ def _with_trail(
             at_work = np.any([found.at(times) for found in slow], axis=0)
             late[channel] = np.where(at_work, remembered, direct[channel])
     return late
+
+
+def behind(sensors: Mapping[str, Sensor], shown: Mapping[str, Array], step: float) -> dict[str, Array]:
+    """Return what stated sensors show of signals, shape (M,) every `step` seconds: behind lag, running mean and dead time."""
+    return {name: _behind(sensor, shown[name], step) for name, sensor in sensors.items() if name in shown}
+
+
+def _behind(sensor: Sensor, values: Array, step: float) -> Array:
+    slow = lagged(values, step, sensor.tau) if sensor.tau else values
+    width = round(sensor.filter / step)
+    if width > 1:
+        mean = np.concatenate(([0.5], np.ones(width - 1), [0.5])) / width
+        slow = scipy.signal.lfilter(mean, 1.0, slow - slow[0]) + slow[0]
+    return delayed(slow, step, sensor.delay) if sensor.delay else np.asarray(slow)

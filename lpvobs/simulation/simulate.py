@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
+from types import MappingProxyType
 
 import numpy as np
 
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.sensors import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.condition import stages_of
@@ -20,7 +22,7 @@ from lpvobs.simulation.plant import plant_of, resting_state
 from lpvobs.simulation.readings import WARM, WITH_MEMORY
 from lpvobs.simulation.road import AUXILIARY, Auxiliary, measure_road
 from lpvobs.simulation.scene import DriveCourse, scene_of
-from lpvobs.simulation.sensing import Instruments, sense
+from lpvobs.simulation.sensing import Instruments, behind, sense
 from lpvobs.simulation.sensors import measure
 from lpvobs.simulation.structure.recorder import record
 from lpvobs.simulation.structure.slow import shown_late
@@ -61,12 +63,14 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     effects: Sequence[Injected] = (),
     auxiliary: Auxiliary | None = None,
+    sensors: Mapping[str, Sensor] = MappingProxyType({}),
 ) -> SimulatedLog:
     """Drive the plant over a cycle, a name of `cycles` or the path of a table, and record it at a rate [Hz].
 
     The seed is that of the sensor noise and of the road; same seed, same log. A `surface` takes the place of the configured
-    error of the sensor. Effects are what has happened to engine and sensors; the control of the engine keeps its own true
-    signals. With `auxiliary` the drive is on the road, where the air is not constant, and these channels are logged as well.
+    error of the sensor. `sensors` is what is known of sensors in order, by channel; effects are what has happened to engine and
+    sensors. The control of the engine keeps its own true signals. With `auxiliary` the drive is on the road, where the air is not
+    constant, and these channels are logged as well.
     `progress` takes the fraction done.
 
     Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
@@ -86,9 +90,12 @@ def simulate(
     ]
     for effect in effects:
         _check_that_it_shows(effect, scene)
-    fine = _samples_per_reading(parameters, rate)
+    pulsing = [CatalogueEffect("maf.backflow", sensor.pulsation) for sensor in sensors.values() if sensor.pulsation]
+    effects = (*effects, *pulsing)
+    fine = _samples_per_reading(parameters, rate, sensors)
     truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
-    readings = _read(engine, parameters, shown, fine, 1.0 / (rate * fine), seed)
+    shown |= behind(sensors, shown, 1.0 / (rate * fine))
+    readings = _read(engine, parameters, sensors, shown, fine, 1.0 / (rate * fine), seed)
     truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
@@ -134,9 +141,9 @@ def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
         )
 
 
-def _samples_per_reading(parameters: SimulationParameters, rate: float) -> int:
+def _samples_per_reading(parameters: SimulationParameters, rate: float, sensors: Mapping[str, Sensor]) -> int:
     """Return how many samples to take for each that is logged: sensors with a memory need `FINE` of them a second."""
-    if not parameters.structure.slow_sensors:
+    if not (parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())):
         return 1
     return max(1, min(ceil(FINE / rate), floor(1.0 / (parameters.step * rate) + 1e-9)))
 
@@ -144,6 +151,7 @@ def _samples_per_reading(parameters: SimulationParameters, rate: float) -> int:
 def _read(
     engine: DieselEngine,
     parameters: SimulationParameters,
+    known: Mapping[str, Sensor],
     shown: Mapping[str, Array],
     fine: int,
     step: float,
@@ -151,8 +159,9 @@ def _read(
 ) -> dict[str, Array]:
     """Return the readings, shape (N,), of what noise-free sensors show every `step` seconds; every `fine`-th is logged."""
     logged = {name: shown[name] for name in UNITS if name in shown}
-    if (amplitude := parameters.structure.rasters) > 0.0:
-        return record(amplitude, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
+    amplitude = parameters.structure.rasters
+    if amplitude > 0.0 or any(sensor.raster or sensor.quantisation for sensor in known.values()):
+        return record(amplitude, known, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
     return measure({name: values[::fine] for name, values in logged.items()}, parameters.sensors, seed)
 
 

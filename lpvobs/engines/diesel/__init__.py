@@ -2,7 +2,7 @@
 
 from lpvobs.engines.base import EngineKind
 from lpvobs.engines.diesel.constants import DieselEngine
-from lpvobs.engines.diesel.effects import residual_model
+from lpvobs.engines.diesel.effects import pulsating, residual_model
 from lpvobs.engines.diesel.known_drive import drive
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED
@@ -20,5 +20,6 @@ ENGINE = EngineKind(
     published=PUBLISHED,
     known_drive=drive,
     suspects=SUSPECTS,
+    pulsation=pulsating,
     in_c=lambda path: path.constants._asdict(),
 )

@@ -71,7 +71,7 @@ def bypass(s: Signals, area: float) -> Signals:
     return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
 
 
-def pulsating(s: Signals, x: float) -> Array:
+def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
     """Return reading over truth where the flow pulsates backward: x at 1000 rpm and full load."""
     slow = np.clip((PULSATION_SPEED - s["n_e"]) / 1000.0, 0.0, None)
     return np.asarray(1.0 + x * slow * np.maximum(s["u_delta"], 0.0) / PULSATION_FUEL)

@@ -13,11 +13,12 @@ import numpy as np
 
 from lpvobs.engines.base import AirPath, EngineKind
 from lpvobs.engines.registry import ENGINES, usual_engine
+from lpvobs.engines.sensors import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert
 from lpvobs.io.configuration.strict import parse as _parse
 from lpvobs.io.configuration.strict import read_text as _read
-from lpvobs.io.logs.policies import LogPolicies
+from lpvobs.io.logs.policies import LogPolicies, Reading
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
@@ -70,6 +71,7 @@ class Config:
     published: PublishedSettings
     ekf: KalmanSettings
     policies: LogPolicies = field(default_factory=LogPolicies)
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
 
     simulation: ClassVar[SimulationParameters | None] = None
     trace: ClassVar[Any] = None
@@ -78,6 +80,16 @@ class Config:
     def kind(self) -> EngineKind:
         """The kind of the configured engine."""
         return ENGINES[self.air_path]
+
+    @property
+    def reading(self) -> Reading:
+        """How logs are read: defects as the policies say, and what is known of the sensors put right."""
+        return Reading(
+            **vars(self.policies),
+            sensors=self.sensors,
+            narrowest=self.estimate.smoothing,
+            pulsation=self.kind.pulsation,
+        )
 
     def engine_file(self, path: Path) -> Path | None:
         """Return the calibrated engine that `[engine] file` names, beside the configuration at `path`; None for none."""
@@ -204,6 +216,7 @@ def _check_names(path: Path, config: Config) -> None:
         ("ekf.process_noise", config.ekf.process_noise, states),
         ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor)),
         ("policies.limits", config.policies.limits, tuple(air_path.channels)),
+        ("sensors", config.sensors, tuple(air_path.channels)),
     ):
         for name in found:
             if name not in known:
@@ -217,6 +230,11 @@ def _check_names(path: Path, config: Config) -> None:
         for name in needed:
             if name not in found:
                 raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
+    for name, sensor in config.sensors.items():
+        if sensor.pulsation and (name != air_path.sensor or config.kind.pulsation is None):
+            raise UsageError(
+                f"{path}: sensors.{name}.pulsation = {sensor.pulsation:g}: nothing is known of pulses there; leave it out"
+            )
     if len(config.published.x_0) != len(states):
         raise UsageError(
             f"{path}: published.x_0: has {len(config.published.x_0)} values, expected one of {', '.join(states)} each"

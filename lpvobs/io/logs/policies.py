@@ -1,13 +1,15 @@
 """What to do with the defects of a log, and the account of what was found."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from lpvobs.engines.channels import Channel
+from lpvobs.engines.sensors import Pulsation, Sensor
 from lpvobs.errors import DataError
-from lpvobs.records import Defects
+from lpvobs.observer.readings import put_right
+from lpvobs.records import Defects, Piece
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,23 @@ class LogPolicies:
         """Return channels with the limits that are configured in place of their own."""
         own = {name: {k: v for k, v in asdict(item).items() if v is not None} for name, item in self.limits.items()}
         return {name: replace(channel, **own.get(name, {})) for name, channel in channels.items()}
+
+    def right(self, pieces: Iterable[Piece]) -> Iterable[Piece]:
+        """Return readings as recorded."""
+        return pieces
+
+
+@dataclass(frozen=True)
+class Reading(LogPolicies):
+    """The policies, and what is known of the sensors, for whoever works with what they should have shown."""
+
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    narrowest: float = 0.0  # [s], half width of the narrowest window
+    pulsation: Pulsation | None = None  # of the engine's air flow sensor
+
+    def right(self, pieces: Iterable[Piece]) -> Iterator[Piece]:
+        """Yield readings put right."""
+        return put_right(pieces, self.sensors, self.narrowest, self.pulsation)
 
 
 class SlabCounts:

@@ -82,8 +82,8 @@ class LogFile:
         return tuple(self._kept)
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the usable samples, one piece per slab that has any."""
-        return (slab.piece for slab in self.slabs((), SLAB))
+        """Yield the usable samples, put right where the policies know the sensors."""
+        return iter(self.policies.right(slab.piece for slab in self.slabs((), SLAB)))
 
     def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
         """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
@@ -148,11 +148,12 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     (whole,) = file.slabs(extra, MOST_READINGS)
     piece = whole.piece
     starts = np.flatnonzero(piece.begins).tolist()
+    right = list(policies.right([piece]))
     return Log(
         name=file.name,
         sha256=file.sha256,
         time=piece.time,
-        channels=piece.channels,
+        channels={name: np.concatenate([part.channels[name] for part in right]) for name in piece.channels},
         auxiliary={name: as_floats(whole.table, name)[whole.rows] for name in extra},
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
         rows=whole.rows,

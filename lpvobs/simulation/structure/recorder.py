@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lpvobs.engines.sensors import Sensor
 from lpvobs.records import Array
 from lpvobs.simulation.parameters import Sensors
 from lpvobs.simulation.sensors import measure
@@ -38,18 +39,29 @@ PHASE = 0.4  # of a raster, by which the recorder's clock is behind the control 
 
 
 def record(
-    amplitude: float, shown: Mapping[str, Array], n_cyl: int, fine: int, step: float, sensors: Sensors, seed: int
+    amplitude: float,
+    known: Mapping[str, Sensor],
+    shown: Mapping[str, Array],
+    n_cyl: int,
+    fine: int,
+    step: float,
+    sensors: Sensors,
+    seed: int,
 ) -> dict[str, Array]:
     """Return the readings at the samples, shape (N,), as a control unit hands them on.
 
-    Rasters and steps have the same amplitude. `shown` is what noise-free sensors show, shape (M,) every `step` seconds; every
-    `fine`-th is a sample.
+    Rasters and steps have the same amplitude; those of known sensors are what is known of them. `shown` is what noise-free sensors
+    show, shape (M,) every `step` seconds; every `fine`-th is a sample.
     """
     time = np.arange(shown["n_e"].size) * step
-    stroke = np.floor(np.cumsum(shown["n_e"]) * step * n_cyl / 120.0 / amplitude)
+    stroke = np.floor(np.cumsum(shown["n_e"]) * step * n_cyl / 120.0 / amplitude) if amplitude else time
+    rasters = {name: amplitude * raster for name, raster in RASTERS.items()}
+    rasters |= {name: sensor.raster for name, sensor in known.items() if sensor.raster}
+    steps = {name: amplitude * least for name, least in STEPS.items()}
+    steps |= {name: sensor.quantisation for name, sensor in known.items() if sensor.quantisation}
     readings = {}
     for name, values in shown.items():
-        period = amplitude * RASTERS.get(name, 0.0)
+        period = rasters.get(name, 0.0)
         tick = (
             np.floor((time + PHASE * period) / period) if period else stroke if name in STEPS else np.arange(time.size)
         )
@@ -57,6 +69,6 @@ def record(
         taken = np.maximum.accumulate(np.where(new, np.arange(time.size), 0))[::fine]
         moments, again = np.unique(taken, return_inverse=True)
         held = measure({name: values[moments]}, sensors, seed)[name][again]
-        least = amplitude * STEPS.get(name, 0.0)
+        least = steps.get(name, 0.0)
         readings[name] = np.round(held / least) * least if least else held
     return readings

@@ -120,6 +120,7 @@ def _listed(value):
     [
         ("least_information = 0.1", "least_informations = 0.1", ("estimate.least_informations", "'least_information'")),
         ("gap_limit = 1.0", "gap_limt = 1.0", ("policies.gap_limt", "'gap_limit'")),
+        ("\n[policies]", "\n[sensors.T_em]\ntua = 1.0\n[policies]", ("sensors.T_em.tua", "'tau'")),
         ("[gain.temperatures]", "[gain.temperature]", ("gain.temperature", "'temperatures'")),
         ("c_vol1 = -2.08e-4", "c_voll = -2.08e-4", ("engine.filling.c_voll", "'c_vol")),
         ('air_path = "diesel"', 'airpath = "diesel"', ("'airpath'", "'air_path'")),
@@ -186,6 +187,8 @@ def test_a_wrong_type_is_refused_with_its_place(changed, old, new, place):
         ('air_path = "diesel"', 'air_path = "steam"', ("'steam'", "'diesel'")),
         ('air_path = "diesel"', 'air_path.x = "diesel"', ("{'x': 'diesel'}", "'diesel'")),
         ("\nn_e = { start", "\nspeed = { start", ("speed", "n_e")),
+        ("\n[policies]", "\n[sensors.T_em]\ntau = -1.0\n[policies]", ("sensors", "tau")),
+        ("\n[policies]", "\n[sensors.T_em]\ndelay = 1000.0\n[policies]", ("sensors", "delay")),
     ],
 )
 def test_an_impossible_value_is_refused(changed, old, new, words):
@@ -202,6 +205,8 @@ def test_an_impossible_value_is_refused(changed, old, new, words):
         ("\nT_em = [", "\nT_exhaust = [", "T_e"),
         ("nonnegative_sums = []", 'nonnegative_sums = [["rho_2", "rho_9"]]', "rho_9"),
         ("omega_t = 500.0", "omega = 500.0", "omega"),
+        ("\n[policies]", "\n[sensors.T_exhaust]\ntau = 1.0\n[policies]", "sensors: 'T_exhaust'"),
+        ("\n[policies]", "\n[sensors.T_im]\npulsation = 0.1\n[policies]", "nothing is known of pulses"),
     ],
 )
 def test_a_name_that_the_engine_does_not_have_is_refused(changed, old, new, word):
