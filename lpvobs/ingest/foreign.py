@@ -15,7 +15,7 @@ from lpvobs.ingest.profiles import Profile
 from lpvobs.ingest.record import SCHEMA, Done, RasterDone, SourceDone, TimeDone
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import RecordedSamples, samples_of
-from lpvobs.io.safety.unchanged import file_digest
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Array
 
 

@@ -281,7 +281,10 @@ def test_a_surface_is_read_as_strictly(tmp_path):
         ("[[effect]]\nid = 'p_ic.gain'\nfactor = 1.1", "only the throttled engine has"),
         ("[[effect]]\nid = 'alpha_th.offset'\noffset = 1", "the diesel has no alpha_th"),
         ("[[effect]]\nid = 'maf.lag'", "parameter 'tau' is missing"),
-        ("[[effect]]\nid = 'maf.lag'\ntau = 0.1\nfactor = 2", "unknown key 'factor'; it has id, tau, course, onset, end"),
+        (
+            "[[effect]]\nid = 'maf.lag'\ntau = 0.1\nfactor = 2",
+            "unknown key 'factor'; it has id, tau, course, onset, end",
+        ),
         ("[[effect]]\nid = 'maf.lag'\ntau = '80 ms'", "tau = '80 ms', expected a number"),
         ("[[effect]]\nid = 'maf.lag'\ntau = true", "expected a number"),
         ("[[effect]]\nid = 'maf.lag'\ntau = nan", "expected a number"),
