@@ -45,6 +45,9 @@ def calibrate(
 ) -> StoredEngine:
     """Find an engine's constants and the corrections of its components, with their covariance, and write them.
 
+    Raises UsageError for a configuration that cannot be read, nothing to calibrate from, or two inputs of the same name or
+    bytes; DataError if a table, a log or the gain cannot be used; NotProven if the certificate of the gain does not hold.
+
     Parameters
     ----------
     config : path
@@ -72,15 +75,6 @@ def calibrate(
     StoredEngine
         `unknowns.mean` and `unknowns.covariance` of shapes (q,) and (q, q): relative deviations of the constants, then the
         corrections at their nodes.
-
-    Raises
-    ------
-    UsageError
-        For a configuration that cannot be read, nothing to calibrate from, or two inputs of the same name or bytes.
-    DataError
-        If a table, a log or the gain cannot be used.
-    NotProven
-        If the certificate of the gain does not hold.
     """
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()

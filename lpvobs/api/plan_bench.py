@@ -20,6 +20,8 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
     Points are chosen one after the other (greedily) so that the mean variance of the flow over all feasible points becomes least
     (A-optimal). Feasible are stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
 
+    Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
+
     Parameters
     ----------
     config : path
@@ -28,13 +30,6 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
         Made by `calibrate` from the same configuration.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
-
-    Raises
-    ------
-    UsageError
-        If nothing simulates the engine.
-    DataError
-        If the engine cannot be used, or does not come to rest.
     """
     stored = read_engine(as_path(engine), load_config(as_path(config))[0].engine_path())
     configuration, plant = plant_of(config, engine)

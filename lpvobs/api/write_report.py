@@ -26,6 +26,9 @@ def write_report(
 ) -> ReportOutput:
     """Return how far the corrected sensor is from the truth, write the page if asked for, and judge the gates.
 
+    Raises NotProven if a log fails a gate; the page is written all the same; DataError if a file cannot be used, or a log lacks
+    the metric of a gate; UsageError if a gate cannot be understood.
+
     Parameters
     ----------
     result : path
@@ -42,15 +45,6 @@ def write_report(
     -------
     ReportOutput
         The object that `lpvobs report --json` prints, without its schema: flows in kg/s.
-
-    Raises
-    ------
-    NotProven
-        If a log fails a gate; the page is written all the same.
-    DataError
-        If a file cannot be used, or a log lacks the metric of a gate.
-    UsageError
-        If a gate cannot be understood.
     """
     done = make_report(result, further, html=html, gates=gates, region=region)
     enforce(done.verdicts)
