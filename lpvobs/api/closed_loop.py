@@ -10,10 +10,9 @@ import numpy as np
 
 from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.nominal import known_from
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import expect_cascade
-from lpvobs.api.search_start import Start, free_start, nominal_start
+from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import StoredOutcome, plain
