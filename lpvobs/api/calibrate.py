@@ -156,7 +156,7 @@ def _calibrated(
             unknowns=found.unknowns,
             prior_error=stored.prior_error if tables or parts else found.prior_error,
             amplitudes={**stored.amplitudes, **found.amplitudes},
-            provenance=Provenance({**stored.provenance.inputs, **digests}, text),
+            provenance=Provenance({**stored.provenance.inputs_sha256, **digests}, text),
         )
     progress(1.0)
     return stored

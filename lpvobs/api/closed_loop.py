@@ -170,7 +170,7 @@ def close(
 
 def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
     """Raise UsageError where a map that stands was estimated with another engine."""
-    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs.values():
+    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
         raise UsageError(
             f"{stored.path}: was not made with {calibrated}, and a map that stands goes with the engine it was made with; "
             f"drop --engine, estimate the map with it, or say --free-map"

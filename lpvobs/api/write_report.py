@@ -102,11 +102,12 @@ def make_report(
             from lpvobs.report.content import gather
 
             try:
-                from lpvobs.report.page import write_page
+                from lpvobs.report.page import page as made
             except ValueError as error:  # matplotlib reads the variable as it is loaded
                 said = str(error).partition(";")[0]
                 raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
-            write_page(page, gather(loaded))
+            with replacing(page) as temporary:
+                temporary.write_text(made(gather(loaded)), encoding="utf-8")
         verdicts = judge(conditions, content.logs)
         if suite is not None:
             write_junit(suite, verdicts)
