@@ -79,8 +79,9 @@ def export(
     )
     counts = origin_counts(done.surface)
     if as_json:
-        own = {"values": done.surface.source, "changes": done.changes, "widest": done.widest}
-        print_json("export", said(digits=digits, nodes=counts, unit=None, **own))
+        where, changed = done.surface.source, done.changes
+        made = said(values=where, digits=digits, nodes=counts, changes=changed, widest=done.widest, unit=None)
+        print_json("export", made)
         return
     if done.changes:
         print(table(*change_rows(done.surface, done.changes)))
