@@ -59,24 +59,12 @@ def refine(
     hold_out: Sequence[Log] = (),
     healthy: HealthyDrive | None = None,
 ) -> Refinement:
-    """Return the model with the effects that the logs prove.
+    """Return the model with the effects that the logs prove, which are pooled; `progress` is called with the share that is done.
 
-    Raises DataError if a log is too short, or lacks a channel that an effect of the model follows.
-
-    Parameters
-    ----------
-    prior : MapPrior
-        `free_map` on the logs that make the map, `nominal_map` on others.
-    logs : sequence of Log
-        Pooled.
-    progress : callable
-        Called with the share that is done.
-    known : sequence of KnownEffect
-        Effects that the model has already. They are estimated again.
-    hold_out : sequence of Log
-        Logs that no fit and no decision sees; the error before and after is computed on them, too.
-    healthy : HealthyDrive, optional
-        What the engine leaves when it is healthy: the search is for what has changed.
+    The prior is `free_map` on the logs that make the map, `nominal_map` on others. Effects that the model has already, `known`, are
+    estimated again. No fit and no decision sees the logs of `hold_out`; the error before and after is computed on them, too.
+    `healthy` is what the engine leaves when it is healthy: the search is for what has changed. Raises DataError if a log is too
+    short, or lacks a channel that an effect of the model follows.
     """
     widths = dict(zip(model.names, model.spread.tolist(), strict=True))
     if healthy is not None:

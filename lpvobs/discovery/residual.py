@@ -154,18 +154,9 @@ def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
 def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
     """Return a stored map as what is known before other logs.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where not estimated.
-    covariance : ndarray, shape (p, p)
-        [kg^2/s^2], noise and constants together, as stored.
-    sensitivity : ndarray, shape (q, p_2, p_1)
-        [kg/s], NaN where not estimated.
-    constants : ndarray, shape (q, q)
-        Covariance of the relative errors of the constants beside this map.
-    prior_map : float
-        [kg/s], standard deviation of a node that is not estimated.
+    The map theta, shape (p_2, p_1), and its sensitivity, shape (q, p_2, p_1), are in kg/s, NaN where not estimated; its covariance,
+    shape (p, p) [kg^2/s^2], holds noise and constants together, as stored. `constants`, shape (q, q), is the covariance of their
+    relative errors beside this map, `prior_map` [kg/s] the standard deviation of a node that is not estimated.
     """
     known = np.isfinite(theta).ravel()
     S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)
