@@ -33,7 +33,7 @@ class Row:
         """Return the cells of the table, with the 90 % interval of Wilson."""
         goal = f">= {self.wanted:.0%}" if self.most == 1.0 else f"{self.wanted:.0%} to {self.most:.0%}"
         if self.wanted == 0.0:
-            goal = f"<= {self.most:.0%}"
+            goal = f"<= {self.most:.0%}" if self.most < 1.0 else "-"
         seen, of = sum(map(bool, self.held)), len(self.held)
         if not of:
             return [self.what, "0", "0", "-", "-", goal]
