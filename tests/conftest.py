@@ -21,7 +21,8 @@ import verbs
 from hypothesis import settings
 from repository import CONFIGS, DIESEL, short_cycle
 
-from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Egr, Filling, Gas, Geometry, Turbine
+from lpvobs.engines.components.intake import Egr, Filling
+from lpvobs.engines.diesel.constants import Compressor, DieselEngine, Gas, Geometry, Turbine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.maps.grid import Grid
 

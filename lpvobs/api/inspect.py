@@ -101,8 +101,6 @@ def defects_of(defects: Defects) -> tuple[Defect, ...]:
 def inspect(log: File, config: File | None = None) -> InspectedLog:
     """Return what is in a log and what the policies did about its defects.
 
-    Raises DataError if no estimate could use the log.
-
     Parameters
     ----------
     log : path
@@ -113,6 +111,11 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     -------
     InspectedLog
         Channels with units, ranges in the log's units, defects.
+
+    Raises
+    ------
+    DataError
+        If no estimate could use the log.
     """
     channels, policies = _engine_of(config)
     return inspect_log(as_path(log), channels, policies)
@@ -150,7 +153,11 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
     lacking: dict[str, list[str]] = {}
     if needed is None:
         lacking = {
-            name: [channel for channel in kind.air_path.channels if channel not in units]
+            name: [
+                channel
+                for channel, item in kind.air_path.channels.items()
+                if channel not in units and not item.may_lack(units)
+            ]
             for name, kind in ENGINES.items()
         }
         suited = [ENGINES[name].air_path.channels for name, missing in lacking.items() if not missing]

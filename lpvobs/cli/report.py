@@ -10,7 +10,9 @@ from lpvobs.cli.options import JSON, REGION, argument, option
 def report(
     result: Path = argument("RESULT.h5", "A result of estimate, or an engine of calibrate."),
     further: list[Path] | None = argument(
-        "[LOG|RESULT]...", "Logs that the results were made from (time series), and further results.", default=None
+        "[LOG|RESULT]...",
+        "Logs that the results were made from (courses over time), and further results.",
+        default=None,
     ),
     html: Path | None = option("FILE", "Write one self-contained page."),
     gate: list[str] | None = option(
@@ -25,7 +27,8 @@ def report(
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
     from lpvobs.api.compare import region_of
-    from lpvobs.api.write_report import is_engine, make_report, report_engine
+    from lpvobs.api.report_engine import is_engine, report_engine
+    from lpvobs.api.write_report import make_report
     from lpvobs.report.engines import calibration_tables
     from lpvobs.report.gates import enforce
     from lpvobs.report.tables import coefficient_tables, gain_line, grams, report_rows

@@ -198,5 +198,5 @@ def _lasting(problem: Problem, z: Array) -> float:
         stretch = (problem.clock // length).astype(np.int64)
         first = np.flatnonzero(np.diff(stretch, prepend=-1))
         number = np.diff(np.append(first, z.size))
-        found.append(float(np.mean(np.add.reduceat(z, first) ** 2 / number) / np.mean(z**2)))
+        found.append(float(np.mean(np.add.reduceat(z, first) ** 2 / number) / max(np.mean(z**2), np.finfo(float).tiny)))
     return max(found)

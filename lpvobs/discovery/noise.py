@@ -25,10 +25,17 @@ Nodes = tuple[NDArray[np.int64], Array]
 
 @dataclass(frozen=True)
 class Scatter:
-    """Noise that is new at every place."""
+    """Noise that is new at every place.
 
-    root: Array  # (K, B, B) C with C^T C the inverse covariance, at all places
-    used: NDArray[np.bool_]  # (K,)
+    Attributes
+    ----------
+    root : ndarray, shape (K, B, B)
+        C with C^T C the inverse covariance, at all places.
+    used : ndarray of bool, shape (K,)
+    """
+
+    root: Array
+    used: NDArray[np.bool_]
 
     def whiten(self, values: Array) -> Array:
         """Return values of shape (..., B, K) in units of their noise."""
@@ -57,12 +64,24 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Remembered:
-    """Noise that is correlated in time; m entries (place, balance) in the order of time."""
+    """Noise that is correlated in time; m entries (place, balance) in the order of time.
 
-    order: NDArray[np.int64]  # (m,) place * B + balance
-    covariance: Array  # (m, m)
-    shape: tuple[int, int]  # B and K
-    used: NDArray[np.bool_]  # (K,)
+    Attributes
+    ----------
+    order : ndarray of int, shape (m,)
+        Entries place * B + balance.
+    log : ndarray of int, shape (m,)
+        Number of the log of each.
+    covariance : ndarray, shape (m, m)
+    shape : tuple of int
+        B and K.
+    used : ndarray of bool, shape (K,)
+    """
+
+    order: NDArray[np.int64]
+    covariance: Array
+    shape: tuple[int, int]
+    used: NDArray[np.bool_]
 
     @cached_property
     def _entries(self) -> tuple[NDArray[np.int64], Array]:
@@ -177,8 +196,8 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     same = place[:, None] == place[None]
     memory = np.where(same, 1.0, (1.0 - AT_ONCE) * np.exp(-distance / SHORT))
     covariance = healthy.together[np.ix_(balance, balance)] * np.outer(scale, scale) * memory
-    same_series = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
-    covariance += np.where(same_series, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
+    one_course = (balance[:, None] == balance[None]) & (problem.of_log[place][:, None] == problem.of_log[place][None])
+    covariance += np.where(one_course, healthy.slow[balance][:, None] ** 2 * np.exp(-distance / SLOW), 0.0)
     if model.blur is not None:
         more = model.blur(model.constants, problem.signals, problem.blocks).T.ravel()[order]
         covariance[np.arange(order.size), np.arange(order.size)] += more**2

@@ -1,6 +1,7 @@
 """Channels of a log: what a working sensor reads, how recordings of other programs call them, and those that all engines share."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 
@@ -21,6 +22,13 @@ class Channel:
     above: tuple[str, float] | None = None
     reaches: float = -math.inf  # what some sample of every log reaches
     follows: tuple[str, ...] = ()  # channels of which a connected sensor follows at least one while they move
+    # other channels of which a log without this one needs one; none for what any log may lack, None for what none may.
+    # A channel that is lacking reads NaN
+    one_of: tuple[str, ...] | None = None
+
+    def may_lack(self, there: Collection[str]) -> bool:
+        """Return whether a log with these other channels can do without this one."""
+        return self.one_of is not None and (not self.one_of or any(other in there for other in self.one_of))
 
 
 AMBIENT: dict[str, Channel] = {

@@ -24,6 +24,13 @@ def on_surface(first: Array, second: Array, x: Array, y: Array) -> Weights:
     return nodes.reshape(x.size, 4), (u[:, :, None] * v[:, None, :]).reshape(x.size, 4)
 
 
+def in_space(first: Array, second: Array, third: Array, x: Array, y: Array, z: Array) -> Weights:
+    """Return the same for the eight nodes around points of space."""
+    (i, u), (j, v) = on_surface(first, second, x, y), on_line(third, z)
+    nodes = i[:, :, None] * third.size + j[:, None, :]
+    return nodes.reshape(x.size, 8), (u[:, :, None] * v[:, None, :]).reshape(x.size, 8)
+
+
 def values_at(weights: Weights, values: Array) -> Array:
     """Return the interpolated values, shape (N,)."""
     nodes, share = weights

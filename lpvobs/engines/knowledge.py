@@ -18,6 +18,11 @@ class Nodes:
     meaning: str
 
 
+def nodes(unit: str, meaning: str, *values: float) -> Nodes:
+    """Return an input with these nodes."""
+    return Nodes(np.array(values, dtype=float), unit, meaning)
+
+
 @dataclass(frozen=True)
 class LearnedCurve:
     """A curve or surface between nodes."""

@@ -186,6 +186,32 @@ class Unknowns:
         return self.covariance * np.outer(factor, factor)
 
 
+@dataclass(frozen=True, eq=False)
+class LoopUnknowns:
+    """What is not known of an engine around the point where it is linearised, in the closed loop."""
+
+    names: tuple[str, ...]  # q: constants, then m modes of the corrections
+    covariance: Array  # (q, q)
+    values: Array  # (v,) of the corrections there; none where nothing is known beyond the configuration
+    modes: Array  # (v, m)
+
+
+def loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
+    """Return constants within a tolerance, as if uniform, or as a calibration knows them, with the corrections of components."""
+    if known is None:
+        return LoopUnknowns(tuple(tolerance), _uniform(tolerance), np.zeros(0), np.zeros((0, 0)))
+    n = len(known.constants)
+    others = {name: share for name, share in tolerance.items() if name not in known.constants}
+    seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
+    own = known.reduced(known.covariance) / np.outer(seen, seen)
+    covariance = scipy.linalg.block_diag(_uniform(others), own)
+    return LoopUnknowns((*others, *known.coordinates), covariance, known.mean[n:], known.reduction[n:, n:])
+
+
+def _uniform(tolerance: Mapping[str, float]) -> Array:
+    return np.diag(np.array(list(tolerance.values())) ** 2 / 3.0)
+
+
 def unknowns_of(tolerance: Mapping[str, float], components: Sequence[Component]) -> Unknowns:
     """Return the unknowns before any data: constants as if uniform within their tolerance, corrections of mean zero."""
     constants = tuple(tolerance)

@@ -101,11 +101,21 @@ class _Weighted:
 def krige(
     grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array, smooth: bool = False
 ) -> Filled:
-    """Return the map with every node filled by universal kriging; with `smooth` the estimated nodes are replaced as well.
+    """Return the map with every node filled by universal kriging.
 
-    The map theta, shape (p_2, p_1) [kg/s], and its covariance, shape (p, p) [kg^2/s^2], engine included, are read at supported
-    nodes only; `design`, shape (p, 6), is as for `lpvobs.maps.quadratic.fit`. Raises DataError if the estimated nodes do not
-    determine the six coefficients of Eq. (37).
+    Raises DataError if the estimated nodes do not determine the six coefficients of Eq. (37).
+
+    Parameters
+    ----------
+    theta : ndarray, shape (p_2, p_1)
+        [kg/s]
+    covariance : ndarray, shape (p, p)
+        Of theta, [kg^2/s^2], engine included; read at supported nodes only.
+    supported : ndarray of bool, shape (p_2, p_1)
+    design : ndarray, shape (p, 6)
+        As for `lpvobs.maps.quadratic.fit`.
+    smooth : bool
+        Replace estimated nodes as well by what the model makes of all of them.
     """
     data = _data(grid, theta, covariance, supported, design)
     size = float(np.sqrt(np.mean(data.z**2) + np.mean(np.diag(data.noise))))

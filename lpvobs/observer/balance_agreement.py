@@ -44,6 +44,7 @@ class BalanceSums:
 
     blocks: Array  # (cells,)
     reading: Array  # (cells,) [kg/s], of the sensor
+    pairs: Array  # (cells, D) blocks in which both balances of a pair say something; what follows is of these
     flow: Array  # (cells, D) [kg/s], mean of the balances of a pair
     difference: Array  # (cells, D) [kg/s], their difference
     # (D, 1 + H) [kg^2/s^2], square of the difference over all cells, on the log as it is and with each of H mistakes
@@ -152,13 +153,16 @@ def sums_of(means: Channels, engine: Judged, grid: Grid, suspects: Suspects) -> 
     """Return the sums over blocks, from the means of their channels."""
     air_path = engine.air_path
     flow, slope = _balances(engine, means)
-    difference, power = flow[1:] - flow[0], [np.sum((flow[1:] - flow[0]) ** 2, axis=1)]
+    difference = flow[1:] - flow[0]
+    both = np.isfinite(difference)
+    difference, slope = np.where(both, difference, 0.0), np.where(both[:, None], slope[1:] - slope[0], 0.0)
+    power = [np.sum(difference**2, axis=1)]
     for mix_up in suspects.mix_ups:
         mended = mix_up.mended(means)
         impossible = any(check.broken(mended).mean() > check.most for check in suspects.checks)
         with np.errstate(all="ignore"):  # a mistake that is none may leave nothing possible
             other, _ = _balances(engine, mended, slopes=False)
-        left = np.sum((other[1:] - other[0]) ** 2, axis=1)
+        left = np.sum((other[1:] - other[0]) ** 2, axis=1, where=both)
         power.append(np.where(np.isfinite(left) & (not impossible), left, np.inf))
     fuel, speed = (means[axis.channel] for axis in air_path.axes)
     cell = cell_numbers(grid, grid.regressors(fuel, speed)[0])
@@ -171,15 +175,16 @@ def sums_of(means: Channels, engine: Judged, grid: Grid, suspects: Suspects) -> 
 
     one = np.ones(cell.size)
     entered = np.flatnonzero(np.diff(cell, prepend=-1))
-    s, n = np.add.reduceat(difference.T, entered), np.add.reduceat(one, entered)[:, None]
+    s, n = np.add.reduceat(difference.T, entered), np.add.reduceat(both.T.astype(float), entered)
     return BalanceSums(
         blocks=by_cell(cell, one),
         reading=by_cell(cell, means[air_path.sensor]),
-        flow=by_cell(cell, 0.5 * (flow[1:] + flow[0]).T),
+        pairs=by_cell(cell, both.T.astype(float)),
+        flow=by_cell(cell, np.where(both, 0.5 * (flow[1:] + flow[0]), 0.0).T),
         difference=by_cell(cell, difference.T),
         power=np.stack(power, axis=1),
-        slope=by_cell(cell, np.moveaxis(slope[1:] - slope[0], -1, 0)),
-        visits=by_cell(cell[entered], np.stack([s * s, s * n, n * n + 0.0 * s], axis=2)),
+        slope=by_cell(cell, np.moveaxis(slope, -1, 0)),
+        visits=by_cell(cell[entered], np.stack([s * s, s * n, n * n], axis=2)),
         broken=np.array([float(np.count_nonzero(check.broken(means))) for check in suspects.checks]),
     )
 
@@ -209,11 +214,14 @@ def agreement(grid: Grid, sums: BalanceSums, unknown: Array, axes: Sequence[str]
     The sums are those of a log, or of several added up; `unknown`, shape (q, q), is the covariance of what the slopes are by,
     and `axes` names the map's axes, fuel first.
     """
-    cells = np.flatnonzero(sums.blocks >= LEAST_BLOCKS)
-    n = sums.blocks[cells]
-    share, pairs = n / max(n.sum(), 1.0), sums.difference.shape[1]
+    pairs = sums.difference.shape[1]
     worst = BalanceAgreement(where={})
-    for pair in range(pairs) if cells.size else ():
+    for pair in range(pairs):
+        cells = np.flatnonzero(sums.pairs[:, pair] >= LEAST_BLOCKS)
+        if not cells.size:
+            continue
+        n = sums.pairs[cells, pair]
+        share = n / n.sum()
         mean, flow, slope = (of[cells, pair].T / n for of in (sums.difference, sums.flow, sums.slope))
         ss, sn, nn = sums.visits[cells, pair].T
         own = np.maximum(ss - 2.0 * mean * sn + mean**2 * nn, 0.0) / n**2

@@ -231,7 +231,8 @@ def finished(
 ) -> MapEstimate:
     """Return the estimate with the nodes marked that the drives inform."""
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
-    supported = (excited.nodes() >= settings.least_information).reshape(grid.shape)
+    unsure = np.sqrt(np.diag(covariance)) > settings.widest  # False where a method states no error
+    supported = (excited.nodes() >= settings.least_information).reshape(grid.shape) & ~unsure.reshape(grid.shape)
     return MapEstimate(
         method=method,
         grid=grid,

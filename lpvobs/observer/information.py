@@ -176,9 +176,11 @@ class _Solved:
             (self.moments.products, self.moments.windows),
             (self.moments.slow, self.moments.windows / GROUP),
         ):
-            free = max(rows - spent / self.layout.balances, LEAST_FREE * rows, 1.0)
+            own = spent * rows / max(float(rows.sum()), 1.0)
+            free = np.maximum(np.maximum(rows - own, LEAST_FREE * rows), 1.0)
             found.append(
-                np.einsum("i,abij,j->ab", left, products, left) / free + LEAST_ERROR**2 * np.eye(self.layout.balances)
+                np.einsum("i,abij,j->ab", left, products, left) / np.sqrt(np.outer(free, free))
+                + LEAST_ERROR**2 * np.eye(self.layout.balances)
             )
         fast, slow = found
         S = slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast

@@ -44,7 +44,7 @@ class LogInformation:
     columns: NDArray[np.int64]  # (a,) see `windows.Columns`
     products: Array  # (B, B, a, a) see `windows.Moments`
     slow: Array  # (B, B, a, a)
-    windows: float
+    windows: Array  # (B,)
     cells: NDArray[np.int64]  # (v,) numbers of the cells, row by row
     gram: Array  # (v, 4, 4) [s]
 
@@ -135,7 +135,7 @@ class Sums:
         for name in self.air_path.noisy:  # transients raise the mean of the squares, not their median
             sd = np.sqrt(np.median(squares[name]) * (1.0 + left**2) * step / stay)
             J_moved, flow_moved = self._at({**channels, name: channels[name] + sd}, rates)
-            shaken.append((J_moved - J, flow - flow_moved))
+            shaken.append((np.nan_to_num(J_moved - J), np.nan_to_num(flow - flow_moved)))
         return Slopes(J, caution.trust.T, caution.bias.T, shaken)
 
     def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Array, Array]:

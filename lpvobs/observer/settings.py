@@ -24,9 +24,10 @@ class EstimateSettings:
     # Share of the air flow that a map may have on average; a larger one is refused. The paper's quadratic is 28 to 55 %
     # of the flow along simulated drives; g/s taken for kg/h are 72 %, an unplugged sensor is off by all of it.
     largest_error: float = 0.6
+    widest: float = 1e3  # [kg/s], standard error up to which a node counts as estimated; usually there is no such limit
 
     def __post_init__(self) -> None:
-        for name in ("smoothing", "least_information", "prior_map", "largest_error"):
+        for name in ("smoothing", "least_information", "prior_map", "largest_error", "widest"):
             if not 0 < getattr(self, name) < 1e6:
                 raise ValueError(f"{name} must be positive, and not more than any drive")
         if self.constants not in CONSTANTS:

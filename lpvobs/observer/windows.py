@@ -63,7 +63,7 @@ class Moments:
 
     products: Array  # (B, B, C, C) of the rows of every two balances; symmetric under exchange of both pairs
     slow: Array  # (B, B, C, C) the same of sums of rows over a `GROUP` of windows over the root of their number
-    windows: float  # their number
+    windows: Array  # (B,) their number where each balance says something
     gram: Array  # (cells, 4, 4) [s], integral of Psi_l^T Psi_l over the stay in each cell, for its excitation
 
     def __add__(self, other: "Moments") -> "Moments":
@@ -80,7 +80,7 @@ def no_moments(grid: Grid, layout: Columns) -> Moments:
     """Return the sums of no window."""
     B, C = layout.balances, layout.size
     cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-    return Moments(np.zeros((B, B, C, C)), np.zeros((B, B, C, C)), 0.0, np.zeros((cells, 4, 4)))
+    return Moments(np.zeros((B, B, C, C)), np.zeros((B, B, C, C)), np.zeros(B), np.zeros((cells, 4, 4)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +110,12 @@ class Windows:
     def __init__(self, grid: Grid, layout: Columns, slopes: Callable[[Array, Array], Slopes], signals: int):
         self.grid, self.layout, self.slopes = grid, layout, slopes
         self.widths = (1, grid.size, len(COEFFICIENTS), layout.balances, signals)
-        self.total, self.windows, self.started = no_moments(grid, layout), 0.0, float("nan")
+        self.total, self.started = no_moments(grid, layout), float("nan")
+        self.windows = self.total.windows
         self.blocks: dict[int, tuple[Array, ...]] = {}
 
     def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
-        """Add N samples, later than any before; z has shape (B, N), signals (s, N)."""
+        """Add N samples, later than any before; z has shape (B, N), signals (s, N); a balance that is NaN says nothing."""
         if np.isnan(self.started):
             self.started = float(time[0])
         window = np.floor((time - self.started) / LENGTH).astype(np.int64)
@@ -156,13 +157,17 @@ class Windows:
             row[:, layout.nodes + layout.unknowns + b] = 1.0
             row[:, layout.z] = seen.z[:, b] + found.correction[:, b]
             row[:, layout.z + 1 :] = seen.terms
+        says = np.isfinite(rows).all(axis=2)
+        rows[~says] = 0.0
         rows *= np.sqrt(seen.stay * found.weight.T)[:, :, None]
         summed = np.add.reduceat(rows, np.flatnonzero(np.diff(group, prepend=-1)), axis=1) / np.sqrt(GROUP)
-        self.windows += float(seen.stay.size)
+        self.windows += says.sum(axis=1)
         _add_products(self.total.products, rows)
         _add_products(self.total.slow, summed)
         for J, z in found.shaken:
-            counted = np.sqrt(seen.stay[:, None]) * found.weight  # a slope counts once more as far as it is trusted
+            counted = (
+                np.sqrt(seen.stay[:, None]) * found.weight * says.T
+            )  # a slope counts once more as far as it is trusted
             self._subtract(J * counted[:, :, None], z * counted, own)
 
     def _subtract(self, J: Array, z: Array, own: slice) -> None:

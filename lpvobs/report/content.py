@@ -34,7 +34,7 @@ class SurfaceView:
 
 @dataclass(frozen=True)
 class Drive:
-    """The time series of a log, N samples."""
+    """A log over time, N samples."""
 
     time: Array  # (N,) [s]
     fuel: Array  # (N,) the map's first input, in its unit

@@ -1,4 +1,4 @@
-"""Figures of the page: content in, SVG text out; long time series drawn with few points."""
+"""Figures of the page: content in, SVG text out; long courses drawn with few points."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -79,7 +79,7 @@ TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 COLUMNS = 250
-"""Pixel columns that a time series is drawn with."""
+"""Pixel columns that a course over time is drawn with."""
 DETAIL = 40.0
 """[s], the stretch shown enlarged."""
 GRAMS = 1e3
@@ -121,7 +121,7 @@ def excitation_map(figure: Figure, surface: SurfaceView, excitation: Array) -> N
 
 
 @drawn()
-def drive_series(figure: Figure, cycle: CycleView, drive: Drive) -> None:
+def drive_course(figure: Figure, cycle: CycleView, drive: Drive) -> None:
     """Draw the map's two inputs over time."""
     rows = figure.subplots(2, 1, sharex=True)
     for axes, axis, values in zip(rows, cycle.axes, (drive.fuel, drive.speed), strict=True):
@@ -148,7 +148,7 @@ def trajectory(figure: Figure, cycle: CycleView, drive: Drive, surface: SurfaceV
 
 
 @drawn(5.2)
-def error_series(figure: Figure, drive: Drive, correction: Corrected) -> None:
+def error_course(figure: Figure, drive: Drive, correction: Corrected) -> None:
     """Draw reference and estimated error over time, [g/s], whole and enlarged."""
     lines = [
         ("reference error", drive.reference, TRUTH, "-"),
@@ -158,7 +158,7 @@ def error_series(figure: Figure, drive: Drive, correction: Corrected) -> None:
 
 
 @drawn(5.2)
-def flow_series(figure: Figure, drive: Drive, correction: Corrected) -> None:
+def flow_course(figure: Figure, drive: Drive, correction: Corrected) -> None:
     """Draw true flow, reading, and reading after correction over time, [g/s], whole and enlarged."""
     corrected = None if correction.estimate is None else drive.measured - correction.estimate
     lines = [

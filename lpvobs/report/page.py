@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from importlib.resources import files
+from pathlib import Path
 
 import jinja2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
@@ -23,14 +25,19 @@ _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 
+def write_page(path: Path, report: Report) -> None:
+    """Write the page; at any instant the target is absent, the old file, or the complete new one."""
+    text = page(report)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def page(report: Report) -> str:
     """Return the page as text; the same content gives the same text."""
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True).from_string(
         (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
     )
     named = [(view.name, view.stored) for view in report.results]
-    widest = max((stored for _, stored in named), key=lambda stored: len(stored.gain.log_bounds))
-    printed = [ENGINES[stored.air_path].published for _, stored in named if stored.extrapolation is not None]
     text = template.render(
         version=__version__,
         verdicts=[
@@ -42,9 +49,9 @@ def page(report: Report) -> str:
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
-        bounds=bounds_table(widest.gain, widest.logs),
+        bounds=_bounds(report),
         coefficients=coefficient_tables(named),
-        remarks=list(dict.fromkeys(found.remark for found in printed if found is not None)),
+        remarks=_remarks(report),
         held=[
             (view.name, percent(view.stored.outer_coverage, 0))
             for view in report.results
@@ -105,6 +112,18 @@ def defect_rows(report: Report) -> Table:
     return header, list(rows.values())
 
 
+def _bounds(report: Report) -> Table:
+    """Return Table 1 for the gain that saw the most logs."""
+    view = max(report.results, key=lambda item: len(item.stored.gain.log_bounds))
+    return bounds_table(view.stored.gain, view.stored.logs)
+
+
+def _remarks(report: Report) -> list[str]:
+    """Return what is to be said of the printed surfaces beside those of the results."""
+    kinds = [ENGINES[view.stored.air_path] for view in report.results if view.stored.extrapolation is not None]
+    return list(dict.fromkeys(kind.published.remark for kind in kinds if kind.published is not None))
+
+
 def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:
     """Yield what corresponds to the paper's Figures 3 to 9, as far as the content has it."""
     shown = [correction.result.estimated for correction in cycle.corrections]
@@ -124,7 +143,7 @@ def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[
             "Reference error where the drive goes, as the best bilinear map shows it (the paper's Figure 3).",
         )
     yield picture(
-        figures.drive_series(f"{name}-drive", f"fuel and speed over time, {title}", cycle, drive),
+        figures.drive_course(f"{name}-drive", f"fuel and speed over time, {title}", cycle, drive),
         "Fuel quantity and engine speed over time (Figures 4a, 7a).",
     )
     surface = cycle.corrections[0].result.estimated
@@ -160,11 +179,11 @@ def _correction(cycle: CycleView, correction: Corrected, name: str, limit: float
         return
     if drive.reference is not None:
         yield picture(
-            figures.error_series(f"{name}-error", f"errors over time, {what}", drive, correction),
+            figures.error_course(f"{name}-error", f"errors over time, {what}", drive, correction),
             f"Reference and estimated error along the drive, {what} (Figures 6a, 9a).",
         )
     yield picture(
-        figures.flow_series(f"{name}-flow", f"flows over time, {what}", drive, correction),
+        figures.flow_course(f"{name}-flow", f"flows over time, {what}", drive, correction),
         f"True flow where known, reading, and reading after correction, {what} (Figures 6b, 9b).",
     )
 

@@ -82,12 +82,6 @@ def _pictures(found: Discovered, result: str, name: str) -> Iterator[Picture]:
     if seen is None:
         return
     yield from _over_time(found, seen, name)
-    for effect in found.content["effects"]:
-        if "surface" in effect:
-            yield picture(
-                figures.component_curve(f"{name}-{effect['id']}", f"{effect['id']}, {result}", effect["surface"]),
-                f"{effect['id']}: what the component passes beyond its model, where the logs went, with its 90 % interval.",
-            )
     if any(item.gain > 0.0 for item in found.ranking):
         yield picture(
             figures.ranking_bars(f"{name}-rank", f"ranking of candidates, {result}", found.ranking),
@@ -110,7 +104,7 @@ def _over_time(found: Discovered, seen: Portrait, name: str) -> Iterator[Picture
         effects = parts[track.log]["effects"]
         judged = held if track.judged.any() else in_turn
         yield picture(
-            figures.residual_series(
+            figures.residual_course(
                 f"{name}-time{index}", f"residual over time, {track.log}", track, seen.balances, effects
             ),
             f"Residual of every balance on {track.log}, before and after: smallest and largest value of each column of pixels; "

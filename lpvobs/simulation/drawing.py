@@ -6,7 +6,8 @@ from math import sqrt
 
 import numpy as np
 
-from lpvobs.engines.diesel.constants import DieselEngine, own_constants, scaled
+from lpvobs.engines.diesel.constants import DieselEngine, own_constants
+from lpvobs.engines.flat import scaled
 from lpvobs.errors import UsageError
 
 GIVEN = frozenset({"R_a", "R_e", "c_pa", "c_pe", "gamma_a", "gamma_e", "n_cyl", "Q_11", "Q_12", "Q_22"})

@@ -38,11 +38,18 @@ UNITS = {
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """A log as it would be recorded, and the truth behind it."""
+    """A log as it would be recorded, and the truth behind it.
 
-    channels: Mapping[str, Array]  # (N,) readings with noise, and the reference channels
+    Attributes
+    ----------
+    channels : mapping of str to ndarray, shape (N,)
+        Readings with noise, and the reference channels.
+    truth : mapping of str to ndarray, shape (N,)
+        Noise-free signals, flows among them; `W_maf` is the noise-free reading with the effects in it.
+    """
+
+    channels: Mapping[str, Array]
     units: Mapping[str, str]
-    # (N,) noise-free signals, flows among them; `W_maf` is the noise-free reading with the effects in it
     truth: Mapping[str, Array]
 
 

@@ -26,7 +26,9 @@ def sums(difference, visits=None, slope=0.0, flow=0.05, n=20.0, power=((1.0,),))
     visits = np.zeros((6, 1, 3)) if visits is None else visits
     mean = np.full((6, 1), difference) if np.isscalar(difference) else difference
     slopes = np.full((6, 1, 1), n * slope)
-    return BalanceSums(one[:, 0], 0.05 * one[:, 0], flow * one, n * mean, np.array(power), slopes, visits, np.zeros(0))
+    return BalanceSums(
+        one[:, 0], 0.05 * one[:, 0], one, flow * one, n * mean, np.array(power), slopes, visits, np.zeros(0)
+    )
 
 
 def test_a_difference_as_large_as_the_model_leaves_out_has_ratio_one():

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.components import intake
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
 from lpvobs.engines.diesel.corrections import COMPONENTS, corrections
@@ -62,29 +63,6 @@ class DieselAsFound:
 
 
 @njit(cache=True)
-def orifice(c: DieselConstants, p_in: float, p_out: float, T: float) -> float:
-    """Return the flow of air through an opening per area [kg/(s m^2)], compressible, choked below the critical ratio."""
-    k = c.gamma_a
-    ratio = max(p_out / p_in, (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
-    inside = 2.0 * k / (k - 1.0) * (ratio ** (2.0 / k) - ratio ** ((k + 1.0) / k))
-    return p_in * sqrt(max(inside, 0.0) / (c.R_a * T))
-
-
-@njit(cache=True)
-def escape(c: DieselConstants, p_im: float, T_im: float, p_amb: float, T_amb: float) -> float:
-    """Return the flow out of the intake manifold per area of a leak [kg/(s m^2)], negative where it draws air in."""
-    return orifice(c, p_im, p_amb, T_im) if p_im > p_amb else -orifice(c, p_amb, p_im, T_amb)
-
-
-@njit(cache=True)
-def egr_per_area(c: DieselConstants, p_im: float, p_em: float, T_im: float, T_em: float) -> float:
-    """Return the flow from exhaust to intake manifold per area [kg/(s m^2)]."""
-    if p_em >= p_im:
-        return p_em * relation.egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)
-    return -c.k_reverse * p_im * relation.egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
-
-
-@njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
     """Return what is left of each balance, shape (4, K) [kg/s].
 
@@ -99,15 +77,15 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
         rho_1 = lacks[4, k] * (relation.rho_1(c, p_im, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
         W_c = rho_1 * omega_t
-        W_ei = lacks[3, k] * (relation.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
-        W_egr = lacks[2, k] * (relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
+        W_ei = lacks[3, k] * (intake.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
+        W_egr = lacks[2, k] * (intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
         if lacks[1, k] != 0.0:
-            W_egr += lacks[1, k] * egr_per_area(c, p_im, p_em, T_im, T_em)
-        W_leak = lacks[0, k] * escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
+            W_egr += lacks[1, k] * intake.egr_per_area(c, p_im, p_em, T_im, T_em)
+        W_leak = lacks[0, k] * intake.escape(c, p_im, T_im, p_amb, T_amb) if lacks[0, k] != 0.0 else 0.0
         stored = c.V_im / (c.R_a * T_im) * (dx[4, k] - p_im / T_im * dx[7, k])
         restricted = c.k_exhaust * lacks[6, k]
         W_t, Pi_t = turbine(c, restricted, p_em, u_vgt, T_em, p_amb)
-        W_f = relation.cylinder_fuel_flow(c, n_e, u_delta)
+        W_f = intake.cylinder_fuel_flow(c, n_e, u_delta)
         P_t = lacks[5, k] * relation.turbine_power(c, W_t, Pi_t, omega_t, T_em)
         P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, p_im, omega_t, p_amb, T_amb)
         out[0, k] = x[11, k] - W_c

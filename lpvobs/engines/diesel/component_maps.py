@@ -10,15 +10,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from lpvobs.engines.bounds import Within
+from lpvobs.engines.components import intake
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import COMPRESSOR, FILLING, USUAL_CHARGE, USUAL_RATIO
+from lpvobs.engines.diesel.corrections import COMPRESSOR, FILLING, USUAL_RATIO
 from lpvobs.engines.unknowns import TABLE_FLOW, ComponentMap, MeasuredPart
 from lpvobs.records import Array
 
 SOME_STATE = {
     "n_e": 2000.0, "u_delta": 15.0, "u_egr": 0.0, "u_vgt": 50.0, "p_im": 1.2e5, "p_em": USUAL_RATIO * 1.2e5, "omega_t": 1e4,
-    "T_im": USUAL_CHARGE, "T_em": 700.0, "p_amb": 1e5, "T_amb": 298.15,
+    "T_im": intake.USUAL_CHARGE, "T_em": 700.0, "p_amb": 1e5, "T_amb": 298.15,
 }  # fmt: skip
 """What a table says nothing of, and its flow does not depend on."""
 LEAST = 1e-5
@@ -50,7 +51,7 @@ def compressor(_: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Arra
 
 def filling(engine: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return the points of a table of volumetric efficiency, over the displacement of the configuration."""
-    swept = table["p_im"] * table["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * USUAL_CHARGE)
+    swept = table["p_im"] * table["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * intake.USUAL_CHARGE)
     return _points(
         table, n_e=table["n_e"], p_im=table["p_im"], p_em=USUAL_RATIO * table["p_im"], flow=table["eta_vol"] * swept
     )
@@ -59,7 +60,7 @@ def filling(engine: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Ar
 def egr(engine: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return the points of a table of effective EGR areas, behind which the pressure is the usual one."""
     nozzle = SOME_STATE["p_em"] / np.sqrt(SOME_STATE["T_em"] * engine.gas.R_e)
-    open_ = relation.egr_flow_function(constants_of(engine), 1.0 / USUAL_RATIO)
+    open_ = intake.egr_flow_function(constants_of(engine), 1.0 / USUAL_RATIO)
     load = {"u_delta": table["u_delta"]} if "u_delta" in table else {}
     return _points(table, u_egr=table["u_egr"], flow=table["area"] * nozzle * open_, **load)
 

@@ -5,13 +5,12 @@ The attributes bear the names of the configuration's `[engine.*]` tables.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Annotated, Any, TypeVar
+from dataclasses import dataclass, fields
+from typing import Annotated
 
 from lpvobs.engines.bounds import Within
+from lpvobs.engines.components.intake import Egr, Filling
 from lpvobs.engines.flat import flat, flat_type
-
-Record = TypeVar("Record")
 
 COMPRESSOR_FORMS: Mapping[str, tuple[str, ...]] = {
     "tip_speed": ("psi_0", "psi_1", "phi_0", "phi_1"),
@@ -42,15 +41,6 @@ class Geometry:
     n_cyl: Annotated[int, Within(1, 24, "1", "number of cylinders")]
     V_im: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
     V_em: Annotated[float, Within(1e-4, 0.5, "m^3", "volume of a manifold")]
-
-
-@dataclass(frozen=True)
-class Filling:
-    """eta_vol = c_vol1 sqrt(p_im) + c_vol2 sqrt(n_e) + c_vol3, p_im in Pa, n_e in rpm."""
-
-    c_vol1: Annotated[float, Within(-5e-3, 5e-3, "1/sqrt(Pa)", "slope of the volumetric efficiency")]
-    c_vol2: Annotated[float, Within(-0.05, 0.05, "1/sqrt(rpm)", "slope of the volumetric efficiency")]
-    c_vol3: Annotated[float, Within(0.2, 3, "1", "level of the volumetric efficiency")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,17 +101,6 @@ class Turbine:
 
 
 @dataclass(frozen=True)
-class Egr:
-    """EGR valve: area over opening, and the flow function; reverse flow is reduced by k_reverse."""
-
-    A_egr_max: Annotated[float, Within(1e-6, 0.05, "m^2", "area of an EGR valve")]
-    c_egr1: Annotated[float, Within(-0.01, 0.01, "1/%^2", "curvature of the EGR area")]
-    c_egr2: Annotated[float, Within(1e-5, 1, "1/%", "slope of the EGR area")]
-    pi_egr_opt: Annotated[float, Within(0.2, 0.99, "1", "critical pressure ratio")]
-    k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
-
-
-@dataclass(frozen=True)
 class DieselEngine:
     """All that the observer knows of the engine; `file`, beside the configuration: what `calibrate` has found of it."""
 
@@ -165,25 +144,6 @@ def own_constants(engine: DieselEngine) -> dict[str, float]:
     for part, forms in ((engine.compressor, COMPRESSOR_FORMS), (engine.turbine, TURBINE_FORMS)):
         others.update(name for form, names in forms.items() if form != part.form for name in names)
     return {name: value for name, value in constants_of(engine)._asdict().items() if name not in others}
-
-
-def scaled(record: Record, constants: Mapping[str, float]) -> Record:
-    """Return an engine with some of its constants multiplied by one plus their relative deviation, wherever they stand.
-
-    Examples
-    --------
-    >>> from lpvobs.engines.diesel.constants import Egr
-    >>> scaled(Egr(1.0, 0.0, 2.0, 0.65, 0.6), {"c_egr2": 0.5}).c_egr2
-    3.0
-    """
-    changed: dict[str, Any] = {}
-    for item in fields(record):  # type: ignore[arg-type]
-        value = getattr(record, item.name)
-        if is_dataclass(value):
-            changed[item.name] = scaled(value, constants)
-        elif item.name in constants:
-            changed[item.name] = value * (1.0 + constants[item.name])
-    return replace(record, **changed)  # type: ignore[type-var]
 
 
 def _check_form(part: object, form: str, forms: Mapping[str, tuple[str, ...]]) -> None:

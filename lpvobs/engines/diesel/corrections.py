@@ -10,10 +10,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.engines.curves import Weights, on_line, on_surface
+from lpvobs.engines.components import intake
+from lpvobs.engines.curves import in_space, on_surface
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
-from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.knowledge import nodes
 from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array
 
@@ -21,33 +22,19 @@ COMPRESSOR, FILLING = 0, 1
 """Numbers of the balances."""
 
 
-def _nodes(unit: str, meaning: str, *values: float) -> Nodes:
-    return Nodes(np.array(values), unit, meaning)
-
-
-TIP_SPEED = _nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
-HEAD = _nodes("1", "head coefficient Psi_c", -0.4, 0.0, 0.4, 0.7, 0.9, 1.1, 1.25, 1.4)
-SPEED = _nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
-CREST = Nodes(np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed over the root of T_im / 320 K: waves travel with it")
-PRESSURE = _nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
-OPENING = _nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
-RATIO = _nodes("1", "p_im / p_em", 0.7, 0.82, 0.9, 0.96, 1.03)
-LOAD = _nodes("mg/cycle", "injected fuel", 0, 15, 40)
+TIP_SPEED = nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
+HEAD = nodes("1", "head coefficient Psi_c", -0.4, 0.0, 0.4, 0.7, 0.9, 1.1, 1.25, 1.4)
+OPENING = nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
+RATIO = nodes("1", "p_im / p_em", 0.7, 0.82, 0.9, 0.96, 1.03)
+LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
 COMPONENTS = (
     Component(
         "compressor", "1", "flow added, of that without pressure rise", 0.04, "compressor",
         {"U_c": TIP_SPEED, "Psi_c": HEAD}, (120.0, 0.5),
     ),
-    Component(
-        "eta_vol", "1", "relative change of the volumetric efficiency", 0.03, "eta_vol",
-        {"n_e": SPEED, "p_im": PRESSURE}, (700.0, 5e4),
-    ),
-    Component(
-        "eta_vol_waves", "1", "relative change that comes and goes within some hundred rpm", 0.02, "eta_vol_waves",
-        {"n_e": CREST}, (150.0,),
-    ),
+    *intake.SHAPE,
     Component("eta_vol_exhaust", "1", "its slope over p_em / p_im", 0.03, "eta_vol"),
-    Component("eta_vol_charge", "1", "its slope over 100 K of T_im", 0.10, "eta_vol"),
+    intake.CHARGE,
     Component(
         "egr", "1", "flow added, of that of the open nozzle", 0.3, "egr",
         {"u_egr": OPENING, "p_im/p_em": RATIO, "u_delta": LOAD}, (25.0, 0.12, 25.0),
@@ -58,8 +45,8 @@ COMPONENTS = (
 """Deviations of 3 and 4 % of filling and compressor, 30 % of the EGR: what bench points left of models fitted to them."""
 MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)
 """EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
-USUAL_RATIO, USUAL_CHARGE = 1.2, 320.0
-"""p_em / p_im, and T_im [K], at which the slopes of the filling add nothing."""
+USUAL_RATIO = 1.2
+"""p_em / p_im at which the slope of the filling adds nothing."""
 INSTANT = 1e-3
 """[s] over which the flow's rate of change is taken."""
 RELIABLE = 0.02
@@ -69,16 +56,15 @@ RELIABLE = 0.02
 def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
     p_im, p_em, T_em = x["p_im"], x["p_em"], x["T_em"]
-    W_ei = _cylinder_flow(c, p_im, x["n_e"], x["T_im"])
-    nozzle = _egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
-    W_egr = _egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
+    W_ei = intake.cylinder_flow(c, p_im, x["n_e"], x["T_im"])
+    nozzle = intake.egr_area(c, x["u_egr"]) * p_em / np.sqrt(T_em * c.R_e)
+    W_egr = intake.egr_flow(c, p_im, p_em, x["u_egr"], x["T_im"], T_em)
     return (
         Correction(COMPRESSOR, _free_flow(c, x), on_surface(TIP_SPEED.values, HEAD.values, _tip_speed(c, x), _head(c, x))),
-        Correction(FILLING, W_ei, on_surface(SPEED.values, PRESSURE.values, x["n_e"], p_im)),
-        Correction(FILLING, W_ei, on_line(CREST.values, x["n_e"] * np.sqrt(USUAL_CHARGE / x["T_im"]))),
+        *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
         Correction(FILLING, W_ei * (p_em / p_im - USUAL_RATIO)),
-        Correction(FILLING, W_ei * (x["T_im"] - USUAL_CHARGE) / 100.0),
-        Correction(FILLING, -nozzle, _in_space(x["u_egr"], p_im / p_em, x["u_delta"])),
+        Correction(FILLING, intake.per_charge(W_ei, x)),
+        Correction(FILLING, -nozzle, in_space(OPENING.values, RATIO.values, LOAD.values, x["u_egr"], p_im / p_em, x["u_delta"])),
         Correction(FILLING, 0.5 * W_egr / T_em * rates["T_em"]),
         Correction(None, -_flow_rate(c, x, rates)),
     )  # fmt: skip
@@ -125,22 +111,6 @@ def _flow_at(c, p_im, omega_t, p_amb, T_amb):  # type: ignore[no-untyped-def]
     return flow
 
 
-@njit(cache=True)
-def _cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
-    flow = np.empty(p_im.size)
-    for k in range(p_im.size):
-        flow[k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
-    return flow
-
-
-@njit(cache=True)
-def _egr_flow(c, p_im, p_em, u_egr, T_im, T_em):  # type: ignore[no-untyped-def]
-    flow = np.empty(p_im.size)
-    for k in range(p_im.size):
-        flow[k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
-    return flow
-
-
 def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
     """Return how fast the compressor's flow changes [kg/s^2], from the rates of pressure and speed."""
     near = [
@@ -162,15 +132,3 @@ def _tip_speed(c: DieselConstants, x: Mapping[str, Array]) -> Array:
 def _head(c: DieselConstants, x: Mapping[str, Array]) -> Array:
     rise = (x["p_im"] / x["p_amb"]) ** (1.0 - 1.0 / c.gamma_a) - 1.0
     return np.asarray(2.0 * c.c_pa * x["T_amb"] * rise / _tip_speed(c, x) ** 2)
-
-
-def _egr_area(c: DieselConstants, u_egr: Array) -> Array:
-    u = np.clip(u_egr, 0.0, -0.5 * c.c_egr2 / c.c_egr1)
-    return np.asarray(c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u)
-
-
-def _in_space(u_egr: Array, ratio: Array, u_delta: Array) -> Weights:
-    """Return which eight nodes of the EGR's correction each point lies between, and their weights."""
-    (i, u), (j, v) = on_surface(OPENING.values, RATIO.values, u_egr, ratio), on_line(LOAD.values, u_delta)
-    nodes = i[:, :, None] * LOAD.values.size + j[:, None, :]
-    return nodes.reshape(u_egr.size, 8), (u[:, :, None] * v[:, None, :]).reshape(u_egr.size, 8)

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
@@ -20,7 +19,6 @@ from lpvobs.engines.diesel.balances import (
     imbalances,
 )
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.curves import curves
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -39,7 +37,7 @@ from lpvobs.engines.effects import (
 )
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
-from lpvobs.engines.unknowns import Unknowns
+from lpvobs.engines.unknowns import Unknowns, loop_unknowns
 from lpvobs.records import Array
 
 PULSATION_SPEED = 2000.0
@@ -112,17 +110,8 @@ def diesel_model(
     They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a calibration
     knows them, relative to where it found them.
     """
-    constants, names = constants_of(engine), tuple(tolerance)
-    covariance = np.diag(np.array(list(tolerance.values())) ** 2 / 3.0)
-    values, modes = np.zeros(0), np.zeros((0, 0))
-    if known is not None:
-        n = len(known.constants)
-        others = {name: share for name, share in tolerance.items() if name not in known.constants}
-        seen = np.concatenate([1.0 + known.mean[:n], np.ones(known.reduction.shape[1] - n)])
-        own = known.reduced(known.covariance) / np.outer(seen, seen)
-        apart = np.diag(np.array(list(others.values())) ** 2 / 3.0)
-        names, covariance = (*others, *known.coordinates), scipy.linalg.block_diag(apart, own)
-        values, modes = known.mean[n:], known.reduction[n:, n:]
+    constants, point = constants_of(engine), loop_unknowns(tolerance, known)
+    names, values, modes = point.names, point.values, point.modes
     count = len(names) - modes.shape[1]
 
     def with_unknowns(beta: Array) -> DieselAsFound:
@@ -139,7 +128,7 @@ def diesel_model(
         lacks=tuple(IN_ORDER),
         constants=DieselAsFound(constants, values),
         names=names,
-        covariance=covariance,
+        covariance=point.covariance,
         with_unknowns=with_unknowns,
         imbalances=imbalances,
         by_reading=by_reading,
@@ -147,7 +136,6 @@ def diesel_model(
         further=further,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
-        curves=curves({effect.id: effect for effect in CATALOGUE}),
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
         by_unknowns=None if known is None else partial(by_corrections, modes),
         adding=modes.shape[1],

@@ -14,6 +14,7 @@ import numpy as np
 from lpvobs.compiled import njit
 from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.components import intake
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.component_maps import COMPONENT_MAPS
@@ -21,13 +22,11 @@ from lpvobs.engines.diesel.constants import (
     COMPRESSOR_FORMS,
     DieselConstants,
     DieselEngine,
-    Egr,
-    Filling,
     Gas,
     constants_of,
     own_constants,
-    scaled,
 )
+from lpvobs.engines.flat import scaled
 from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart
 from lpvobs.records import Array, Log
@@ -37,7 +36,7 @@ PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
 OWNED_CONSTANTS = (
     ("R_a", "c_pa", "gamma_a", "R_c", "k_neg", *(name for names in COMPRESSOR_FORMS.values() for name in names)),
-    ("R_a", "R_e", "V_d", "V_im", *Filling.__dataclass_fields__, *Egr.__dataclass_fields__),
+    ("R_a", "R_e", "V_d", "V_im", *intake.Filling.__dataclass_fields__, *intake.Egr.__dataclass_fields__),
 )
 """The constants that each balance depends on, in any form of the components."""
 GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
@@ -214,8 +213,8 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
     for k in range(N):
         parameters[0, k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
-        parameters[1, k] = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
-        parameters[2, k] = relation.rho_3(c, p_im[k], n_e[k], T_im[k])
+        parameters[1, k] = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
+        parameters[2, k] = intake.rho_3(c, p_im[k], n_e[k], T_im[k])
         parameters[5, k] = c.R_a * T_im[k] / c.V_im  # Eq. (5)
         parameters[6, k] = c.R_e * T_em[k] / c.V_em  # Eq. (5)
     for k in range(N):
@@ -228,7 +227,7 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
             parameters[3, k], Pi_t[k], p_es[k] = relation.turbine_pass(c, scale[k], p_es[k], p_em[k], p_amb[k])
     for k in range(N):
         power = relation.turbine_power(c, parameters[3, k] * p_em[k], Pi_t[k], omega_t[k], T_em[k])
-        E[1, k] = parameters[6, k] * relation.cylinder_fuel_flow(c, n_e[k], u_delta[k])  # Eq. (5)
+        E[1, k] = parameters[6, k] * intake.cylinder_fuel_flow(c, n_e[k], u_delta[k])  # Eq. (5)
         E[2, k] = power / (c.J_t * omega_t[k])  # Eq. (5)
     return parameters.T, E.T
 
@@ -263,8 +262,8 @@ def filling_flow(  # type: ignore[no-untyped-def]
     """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
     flow = np.empty(n_e.size)
     for k in range(n_e.size):
-        W_ei = relation.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
-        W_egr = relation.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
+        W_ei = intake.rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
+        W_egr = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
         stored = c.V_im / (c.R_a * T_im[k]) * (dp_im[k] - p_im[k] / T_im[k] * dT_im[k])
         flow[k] = W_ei - W_egr + stored  # Eq. (1)
     return flow

@@ -1,7 +1,7 @@
 """One relation of the diesel per function, compiled, on scalars: SI units, openings in %, speed in rpm, fuel in mg/cycle.
 
-Relations after Wahlstrom and Eriksson (2011), the paper's reference 16, with the two changes a small car engine needs, marked (+):
-EGR that flows backward, and a compressor that passes more flow when the pressure ratio falls below one.
+Relations after Wahlstrom and Eriksson (2011), the paper's reference 16, with one change a small car engine needs, marked (+): a
+compressor that passes more flow when the pressure ratio falls below one. Cylinders and EGR: `components.intake`.
 """
 
 from math import pi, sqrt
@@ -36,31 +36,6 @@ def rho_1(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: 
     """Return rho_1 [kg/rad] of Eq. (3), so that W_c = rho_1 omega_t."""
     Phi_c = compressor_flow_coefficient(c, p_im, omega_t, p_amb, T_amb)
     return p_amb * pi * c.R_c**3 * Phi_c / (c.R_a * T_amb)  # Eq. (3)
-
-
-@njit(cache=True)
-def rho_2(c: DieselConstants, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float) -> float:
-    """Return rho_2 [kg/(s Pa)] of Eq. (3), so that W_egr = rho_2 p_em; negative where the flow reverses (+)."""
-    u = min(max(u_egr, 0.0), -0.5 * c.c_egr2 / c.c_egr1)
-    area = c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u
-    if p_em >= p_im:
-        return area * egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (3)
-    reverse = c.k_reverse * area * p_im * egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
-    return -reverse / p_em
-
-
-@njit(cache=True)
-def egr_flow_function(c: DieselConstants, ratio: float) -> float:
-    """Return Psi_egr [-]: a parabola that is one at the choking ratio and zero at equal pressures."""
-    Pi = min(max(ratio, c.pi_egr_opt), 1.0)
-    return 1.0 - ((1.0 - Pi) / (1.0 - c.pi_egr_opt) - 1.0) ** 2
-
-
-@njit(cache=True)
-def rho_3(c: DieselConstants, p_im: float, n_e: float, T_im: float) -> float:
-    """Return rho_3 [kg/(s Pa)] of Eq. (3), so that W_ei = rho_3 p_im."""
-    eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(max(n_e, 0.0)) + c.c_vol3
-    return eta_vol * n_e * c.V_d / (120.0 * c.R_a * T_im)  # Eq. (3)
 
 
 @njit(cache=True)
@@ -117,9 +92,3 @@ def rho_5(c: DieselConstants, rho_1_: float, p_im: float, omega_t: float, p_amb:
     head = max((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0, 0.0)
     eta_c = compressor_efficiency(c, rho_1_ * omega_t, p_im, p_amb)
     return c.c_pa * T_amb * rho_1_ * head / (c.J_t * omega_t * eta_c)  # Eq. (3)
-
-
-@njit(cache=True)
-def cylinder_fuel_flow(c: DieselConstants, n_e: float, u_delta: float) -> float:
-    """Return W_f [kg/s] of Eq. (2)."""
-    return 1e-6 / 120.0 * c.n_cyl * n_e * u_delta  # Eq. (2)

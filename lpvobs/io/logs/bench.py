@@ -64,9 +64,10 @@ def read_bench(paths: Sequence[Path], air_path: AirPath) -> BenchPoints:
 
 def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
     """Return the units of the columns that a table needs, and of those that it may have."""
-    needed = {name: item.unit for name, item in air_path.channels.items() if name != air_path.sensor}
+    needed = {n: item.unit for n, item in air_path.channels.items() if n != air_path.sensor and item.one_of is None}
+    further = {n: item.unit for n, item in air_path.channels.items() if item.one_of is not None}
     parts = {part.column: "kg/s" for part in air_path.measured_parts}
-    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts
+    return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts | further
 
 
 def _read(path: Path, air_path: AirPath) -> dict[str, Array]:

@@ -21,6 +21,7 @@ from lpvobs.io.logs.parquet import (
     MOST_READINGS,
     REFERENCES,
     as_floats,
+    channel_units,
     column_of,
     expect_channels,
     further_channels,
@@ -59,8 +60,11 @@ class LogFile:
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
-        self.path, self.channels, self.policies, self.threads = path, policies.limited(channels), policies, threads
-        self.units = {"time": "s"} | {name: channel.unit for name, channel in channels.items()}
+        self.path, self.policies, self.threads = path, policies, threads
+        self.channels, self.absent = policies.limited(channels), lacking(path, channels)
+        for name in self.absent:
+            del self.channels[name]
+        self.units = {"time": "s"} | {name: channel.unit for name, channel in self.channels.items()}
         self._state = state_of(path)
         self.schema = expect_channels(path, self.units)
         self._kept: list[NDArray[np.uint8]] = []
@@ -122,6 +126,7 @@ class LogFile:
         seen.add(Defects(0, gaps=int(np.count_nonzero(begins)) - (not np.isfinite(seen.latest))))
         seen.samples += time.size
         seen.latest = float(time[-1])
+        channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
         return Piece(time, channels, begins)
 
     def _refuse_poor(self, slabs: int, seen: SlabCounts) -> None:
@@ -133,6 +138,17 @@ class LogFile:
             raise seen.refusals[0]
         if seen.samples < 2:
             raise seen.too_few(self.path)
+
+
+def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
+    """Return the channels that a log may lack and does; raises DataError where it has none of some of which it needs one."""
+    there = channel_units(path)
+    absent = [name for name, item in channels.items() if item.one_of is not None and name not in there]
+    for name in absent:
+        if not channels[name].may_lack(there):
+            wanted = " or ".join(f"'{item}'" for item in (name, *(channels[name].one_of or ())))
+            raise DataError(f"{path}: has no channel {wanted}, expected one of them at least; record it as well")
+    return absent
 
 
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from reference import diesel_textbook as textbook
 from reference.drives import RANGES, scattered
 
+from lpvobs.engines.components import intake
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import constants_of
 
@@ -37,7 +38,7 @@ def test_compressor(engine, c, p_im, omega_t, p_amb, T_amb):
 @given(*map(anywhere, ("p_im", "p_em", "u_egr", "T_im", "T_em")))
 def test_egr(engine, c, p_im, p_em, u_egr, T_im, T_em):
     expected = textbook.egr(engine, p_im, p_em, u_egr, T_im, T_em)
-    found = relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em
+    found = intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em
     # Psi is a difference from one: near equal pressures an absolute 1e-16 of the area times pressure over root, about 0.1 kg/s.
     assert found == pytest.approx(float(expected), rel=SAME, abs=1e-15)
     assert found * (p_em - p_im) >= 0.0  # never against the pressure
@@ -46,8 +47,8 @@ def test_egr(engine, c, p_im, p_em, u_egr, T_im, T_em):
 @given(*map(anywhere, ("p_im", "n_e", "u_delta", "T_im")))
 def test_cylinder(engine, c, p_im, n_e, u_delta, T_im):
     W_ei, W_f = textbook.cylinder(engine, p_im, n_e, u_delta, T_im)
-    assert relation.rho_3(c, p_im, n_e, T_im) * p_im == pytest.approx(W_ei, rel=1e-12)
-    assert relation.cylinder_fuel_flow(c, n_e, u_delta) == pytest.approx(W_f, rel=1e-12)
+    assert intake.rho_3(c, p_im, n_e, T_im) * p_im == pytest.approx(W_ei, rel=1e-12)
+    assert intake.cylinder_fuel_flow(c, n_e, u_delta) == pytest.approx(W_f, rel=1e-12)
 
 
 @given(*map(anywhere, ("p_em", "omega_t", "u_vgt", "T_em", "p_amb")))
@@ -95,27 +96,27 @@ def test_compressor_closes_continuously_into_stall(c, omega_t, p_amb, T_amb):
 
 @given(anywhere("p_im"), st.floats(0.0, 100.0), anywhere("T_im"), anywhere("T_em"))
 def test_egr_is_continuous_where_the_pressures_are_equal(c, p_im, u_egr, T_im, T_em):
-    below, above = (relation.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em for p_em in near(p_im))
+    below, above = (intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em for p_em in near(p_im))
     # The parabola leaves one with slope 2 / (1 - Pi_opt); times 1e-9, the area and the pressure over a root of 300 J/kg: 1e-8.
     assert -1e-7 < below <= 0.0 <= above < 1e-7
-    assert relation.rho_2(c, p_im, p_im, u_egr, T_im, T_em) == pytest.approx(0.0, abs=1e-20)
+    assert intake.rho_2(c, p_im, p_im, u_egr, T_im, T_em) == pytest.approx(0.0, abs=1e-20)
 
 
 @given(anywhere("p_em"), anywhere("T_im"), anywhere("T_em"), st.floats(80.1, 300.0), st.floats(-50.0, 0.0))
 def test_egr_valve_beyond_its_ends(c, p_em, T_im, T_em, beyond, before):
     vertex = -0.5 * c.c_egr2 / c.c_egr1
     assume(beyond > vertex)
-    wide = relation.rho_2(c, 0.9 * p_em, p_em, vertex, T_im, T_em)
-    assert relation.rho_2(c, 0.9 * p_em, p_em, beyond, T_im, T_em) == wide
-    assert relation.rho_2(c, 0.9 * p_em, p_em, before, T_im, T_em) == 0.0
+    wide = intake.rho_2(c, 0.9 * p_em, p_em, vertex, T_im, T_em)
+    assert intake.rho_2(c, 0.9 * p_em, p_em, beyond, T_im, T_em) == wide
+    assert intake.rho_2(c, 0.9 * p_em, p_em, before, T_im, T_em) == 0.0
     # At the vertex of the area's parabola the slope is zero: no seam.
-    assert relation.rho_2(c, 0.9 * p_em, p_em, vertex * (1 - 1e-6), T_im, T_em) == pytest.approx(wide, rel=1e-11)
+    assert intake.rho_2(c, 0.9 * p_em, p_em, vertex * (1 - 1e-6), T_im, T_em) == pytest.approx(wide, rel=1e-11)
 
 
 def test_flow_chokes_at_the_best_ratio(c):
-    assert relation.egr_flow_function(c, c.pi_egr_opt) == 1.0
-    assert relation.egr_flow_function(c, 0.3 * c.pi_egr_opt) == 1.0
-    assert relation.egr_flow_function(c, 1.0) == 0.0
+    assert intake.egr_flow_function(c, c.pi_egr_opt) == 1.0
+    assert intake.egr_flow_function(c, 0.3 * c.pi_egr_opt) == 1.0
+    assert intake.egr_flow_function(c, 1.0) == 0.0
 
 
 @pytest.mark.parametrize("u_vgt", [-500.0, -16.0, 0.0, 50.0, 102.0, 221.0, 500.0])
@@ -124,5 +125,5 @@ def test_vane_area_never_closes(c, u_vgt):
 
 
 def test_an_engine_at_rest_breathes_nothing(c):
-    assert relation.rho_3(c, 1e5, 0.0, 300.0) == 0.0
-    assert relation.cylinder_fuel_flow(c, 0.0, 20.0) == 0.0
+    assert intake.rho_3(c, 1e5, 0.0, 300.0) == 0.0
+    assert intake.cylinder_fuel_flow(c, 0.0, 20.0) == 0.0

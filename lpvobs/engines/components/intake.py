@@ -1,0 +1,174 @@
+"""What engines with an intake manifold, cylinders and exhaust gas recirculation have in common: constants and relations.
+
+Relations after Wahlstrom and Eriksson (2011), the paper's reference 16, with one change that a small car engine needs, marked (+):
+EGR that flows backward. They take any flat tuple with the constants that they name: SI units, openings in %, speed in rpm, fuel in
+mg/cycle.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+from typing import Annotated, Protocol
+
+import numpy as np
+
+from lpvobs.compiled import njit
+from lpvobs.engines.bounds import Within
+from lpvobs.engines.curves import Weights, on_line, on_surface
+from lpvobs.engines.knowledge import Nodes, nodes
+from lpvobs.engines.unknowns import Component
+from lpvobs.records import Array
+
+USUAL_CHARGE = 320.0
+"""[K], T_im at which the slope of the filling adds nothing."""
+SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
+CREST = Nodes(np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed over the root of T_im / 320 K: waves travel with it")
+PRESSURE = nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
+SHAPE = (
+    Component(
+        "eta_vol", "1", "relative change of the volumetric efficiency", 0.03, "eta_vol",
+        {"n_e": SPEED, "p_im": PRESSURE}, (700.0, 5e4),
+    ),
+    Component(
+        "eta_vol_waves", "1", "relative change that comes and goes within some hundred rpm", 0.02, "eta_vol_waves",
+        {"n_e": CREST}, (150.0,),
+    ),
+)  # fmt: skip
+"""Corrections of the filling over speed and pressure: 3 % is what bench points left of models fitted to them."""
+CHARGE = Component("eta_vol_charge", "1", "its slope over 100 K of T_im", 0.10, "eta_vol")
+
+
+@dataclass(frozen=True)
+class Filling:
+    """eta_vol = c_vol1 sqrt(p_im) + c_vol2 sqrt(n_e) + c_vol3, p_im in Pa, n_e in rpm."""
+
+    c_vol1: Annotated[float, Within(-5e-3, 5e-3, "1/sqrt(Pa)", "slope of the volumetric efficiency")]
+    c_vol2: Annotated[float, Within(-0.05, 0.05, "1/sqrt(rpm)", "slope of the volumetric efficiency")]
+    c_vol3: Annotated[float, Within(0.2, 3, "1", "level of the volumetric efficiency")]
+
+
+@dataclass(frozen=True)
+class Egr:
+    """EGR valve: area over opening, and the flow function; reverse flow is reduced by k_reverse."""
+
+    A_egr_max: Annotated[float, Within(1e-6, 0.05, "m^2", "area of an EGR valve")]
+    c_egr1: Annotated[float, Within(-0.01, 0.01, "1/%^2", "curvature of the EGR area")]
+    c_egr2: Annotated[float, Within(1e-5, 1, "1/%", "slope of the EGR area")]
+    pi_egr_opt: Annotated[float, Within(0.2, 0.99, "1", "critical pressure ratio")]
+    k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
+
+
+class Constants(Protocol):
+    """A flat tuple of an engine's constants, these among them."""
+
+    R_a: float
+    R_e: float
+    gamma_a: float
+    V_d: float
+    n_cyl: float
+    c_vol1: float
+    c_vol2: float
+    c_vol3: float
+    A_egr_max: float
+    c_egr1: float
+    c_egr2: float
+    pi_egr_opt: float
+    k_reverse: float
+
+
+@njit(cache=True)
+def rho_2(c: Constants, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float) -> float:
+    """Return rho_2 [kg/(s Pa)] of Eq. (3), so that W_egr = rho_2 p_em; negative where the flow reverses (+)."""
+    u = min(max(u_egr, 0.0), -0.5 * c.c_egr2 / c.c_egr1)
+    area = c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u
+    if p_em >= p_im:
+        return area * egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (3)
+    reverse = c.k_reverse * area * p_im * egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
+    return -reverse / p_em
+
+
+@njit(cache=True)
+def egr_flow_function(c: Constants, ratio: float) -> float:
+    """Return Psi_egr [-]: a parabola that is one at the choking ratio and zero at equal pressures."""
+    Pi = min(max(ratio, c.pi_egr_opt), 1.0)
+    return 1.0 - ((1.0 - Pi) / (1.0 - c.pi_egr_opt) - 1.0) ** 2
+
+
+@njit(cache=True)
+def rho_3(c: Constants, p_im: float, n_e: float, T_im: float) -> float:
+    """Return rho_3 [kg/(s Pa)] of Eq. (3), so that W_ei = rho_3 p_im."""
+    eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(max(n_e, 0.0)) + c.c_vol3
+    return eta_vol * n_e * c.V_d / (120.0 * c.R_a * T_im)  # Eq. (3)
+
+
+@njit(cache=True)
+def cylinder_fuel_flow(c, n_e, u_delta):  # type: ignore[no-untyped-def]
+    """Return W_f [kg/s] of Eq. (2)."""
+    return 1e-6 / 120.0 * c.n_cyl * n_e * u_delta  # Eq. (2)
+
+
+@njit(cache=True)
+def cylinder_flow(c, p_im, n_e, T_im):  # type: ignore[no-untyped-def]
+    """Return W_ei of Eq. (2) [kg/s], shape (n,)."""
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = rho_3(c, p_im[k], n_e[k], T_im[k]) * p_im[k]  # Eq. (2)
+    return flow
+
+
+@njit(cache=True)
+def egr_flow(c, p_im, p_em, u_egr, T_im, T_em):  # type: ignore[no-untyped-def]
+    """Return W_egr of Eq. (2) [kg/s], shape (n,)."""
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k]) * p_em[k]  # Eq. (2)
+    return flow
+
+
+def egr_area(c: Constants, u_egr: Array) -> Array:
+    """Return the effective area of the EGR valve [m^2], shape (n,)."""
+    u = np.clip(u_egr, 0.0, -0.5 * c.c_egr2 / c.c_egr1)
+    return np.asarray(c.A_egr_max * (c.c_egr1 * u + c.c_egr2) * u)
+
+
+def shape_weights(x: Mapping[str, Array]) -> tuple[Weights, Weights]:
+    """Return the nodes of `SHAPE` that n places lie between, and their shares."""
+    waves = x["n_e"] * np.sqrt(USUAL_CHARGE / x["T_im"])
+    return on_surface(SPEED.values, PRESSURE.values, x["n_e"], x["p_im"]), on_line(CREST.values, waves)
+
+
+def per_charge(W_ei: Array, x: Mapping[str, Array]) -> Array:
+    """Return what a slope of one of `CHARGE` adds to the filling [kg/s], shape (n,)."""
+    return W_ei * (x["T_im"] - USUAL_CHARGE) / 100.0
+
+
+@njit(cache=True)
+def orifice(c: Constants, p_in: float, p_out: float, T: float) -> float:
+    """Return the flow of air through an opening per area [kg/(s m^2)], compressible, choked below the critical ratio."""
+    k = c.gamma_a
+    ratio = max(p_out / p_in, (2.0 / (k + 1.0)) ** (k / (k - 1.0)))
+    inside = 2.0 * k / (k - 1.0) * (ratio ** (2.0 / k) - ratio ** ((k + 1.0) / k))
+    return p_in * sqrt(max(inside, 0.0) / (c.R_a * T))
+
+
+@njit(cache=True)
+def escape(c: Constants, p_im: float, T_im: float, p_amb: float, T_amb: float) -> float:
+    """Return the flow out of the intake manifold per area of a leak [kg/(s m^2)], negative where it draws air in."""
+    return orifice(c, p_im, p_amb, T_im) if p_im > p_amb else -orifice(c, p_amb, p_im, T_amb)
+
+
+@njit(cache=True)
+def egr_per_area(c: Constants, p_im: float, p_em: float, T_im: float, T_em: float) -> float:
+    """Return the flow from exhaust to intake manifold per area [kg/(s m^2)]."""
+    if p_em >= p_im:
+        return p_em * egr_flow_function(c, p_im / p_em) / sqrt(T_em * c.R_e)
+    return -c.k_reverse * p_im * egr_flow_function(c, p_em / p_im) / sqrt(T_im * c.R_a)
+
+
+@njit(cache=True)
+def escaping(c, p_im, T_im, p_amb, T_amb):  # type: ignore[no-untyped-def]
+    """Return the flow out of the intake manifold per area of a leak [kg/(s m^2)], shape (n,)."""
+    flow = np.empty(p_im.size)
+    for k in range(p_im.size):
+        flow[k] = escape(c, p_im[k], T_im[k], p_amb[k], T_amb[k])
+    return flow
