@@ -26,14 +26,16 @@ def shared_noise(seed=1, size=1e-4):
     return size**2 * (0.2 * np.eye(GRID.size) + common @ common.T)
 
 
-def test_with_one_choice_it_is_the_textbook(monkeypatch):
+@pytest.mark.parametrize(("order", "cubic"), [(2.5, 0.0), (np.inf, 0.0), (np.inf, 0.3), (2.5, 1.0)])
+def test_with_one_choice_it_is_the_textbook(monkeypatch, order, cubic):
+    monkeypatch.setattr(kriging, "PROCESSES", ((order == np.inf, cubic),))
     monkeypatch.setattr(kriging, "LENGTHS", (0.4,))
     monkeypatch.setattr(kriging, "AMPLITUDES", (0.5,))
     noise, chosen = shared_noise(), np.flatnonzero(VISITED)
     found = krige(GRID, QUADRATIC + BUMP, noise, VISITED, TREND, smooth=True)
     z, own = (QUADRATIC + BUMP).ravel()[chosen], noise[np.ix_(chosen, chosen)]
     amplitude = 0.5 * np.sqrt(np.mean(z**2) + np.mean(np.diag(own)))
-    mean, covariance, _ = conditioned(PLACE, TREND, chosen, TREND[chosen], z, own, (0.4, 0.4), amplitude)
+    mean, covariance, _ = conditioned(PLACE, TREND, chosen, TREND[chosen], z, own, (0.4, 0.4), amplitude, order, cubic)
     # The textbook's wide prior costs it six digits.
     np.testing.assert_allclose(found.delta_W_c.ravel(), mean, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.covariance, covariance, rtol=0, atol=1e-3 * covariance.max())
@@ -50,9 +52,10 @@ def test_lengths_and_amplitude_count_by_their_restricted_likelihood(monkeypatch)
     found = krige(GRID, surface, noise, VISITED, TREND, smooth=True)
     z, own = surface.ravel()[chosen], noise[np.ix_(chosen, chosen)]
     size = np.sqrt(np.mean(z**2) + np.mean(np.diag(own)))
-    choices = [(a, b, share * size) for a in lengths for b in lengths for share in amplitudes]
-    each = [conditioned(PLACE, TREND, chosen, TREND[chosen], z, own, (a, b), s) for a, b, s in choices]
-    before = [-0.5 * np.log(s / size / 0.3) ** 2 for _, _, s in choices]
+    processes = [(2.5, 0.0), (np.inf, 0.0), (np.inf, 0.3)]
+    choices = [(a, b, share * size, p) for a in lengths for b in lengths for share in amplitudes for p in processes]
+    each = [conditioned(PLACE, TREND, chosen, TREND[chosen], z, own, (a, b), s, *p) for a, b, s, p in choices]
+    before = [-0.5 * (np.log(s / size / 0.3) / 2.0) ** 2 for _, _, s, _ in choices]
     weights = np.exp(np.array([item[2] for item in each]) + before - max(item[2] for item in each))
     weights /= weights.sum()
     assert 0.05 < weights.max() < 0.99  # otherwise nothing is averaged

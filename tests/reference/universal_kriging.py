@@ -14,13 +14,18 @@ def matern(r, order=2.5):
     return np.where(r < 1e-6, 1.0, 2.0 ** (1.0 - order) / gamma(order) * s**order * kv(order, s))
 
 
-def conditioned(place, trend, chosen, design, z, noise, lengths, amplitude):
+def conditioned(place, trend, chosen, design, z, noise, lengths, amplitude, order=2.5, cubic=0.0):
     """Return values of all nodes, their covariance, and the logarithm of the likelihood of z but for a constant.
 
-    For a wide prior it is the restricted likelihood.
+    For a wide prior it is the restricted likelihood. Of endless order the process has the Gaussian correlation; besides it there
+    are the four terms of third order, each with `cubic` times its amplitude.
     """
     away = [(place[:, None, i] - place[None, :, i]) / lengths[i] for i in (0, 1)]
-    process = amplitude**2 * matern(np.hypot(*away))
+    r = np.hypot(*away)
+    process = amplitude**2 * (matern(r, order) if np.isfinite(order) else np.exp(-(r**2) / 2))
+    for power in range(4):
+        term = place[:, 0] ** (3 - power) * place[:, 1] ** power
+        process = process + (cubic * amplitude) ** 2 * np.outer(term, term)
     wide = (WIDE * np.sqrt(np.mean(z**2))) ** 2
     every = process + wide * trend @ trend.T
     seen = process[np.ix_(chosen, chosen)] + wide * design @ design.T + noise
