@@ -31,7 +31,7 @@ from draw import (
 
 from lpvobs.io.configuration.config import Config, load_effects
 from lpvobs.io.logs.parquet import write_log
-from lpvobs.simulation.cycles import TABLES, data_folder
+from lpvobs.simulation.cycles import TABLES, shipped_folder
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
 from lpvobs.simulation.simulate import simulate
 
@@ -154,7 +154,7 @@ def _scaled(parameters: SimulationParameters, share: float) -> ErrorSurface:
 def _cut(piece: Piece, path: Path) -> None:
     """Write the rows of a cycle between two times, its clock from zero."""
     table, begin, end = piece
-    with (data_folder() / "cycles" / TABLES[table]).open(encoding="utf-8", newline="") as file:
+    with (shipped_folder() / "cycles" / TABLES[table]).open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     kept = [[str(float(time) - begin), *rest] for time, *rest in rows if begin <= float(time) <= end]
     offset = float(kept[0][0])

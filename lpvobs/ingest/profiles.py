@@ -8,6 +8,7 @@ from pathlib import Path
 from lpvobs.engines.registry import usual_engine
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert, parse, read_text
+from lpvobs.simulation.cycles import shipped_folder
 
 SCHEMA = 1
 RULES = ("hold", "linear", "mean")
@@ -123,10 +124,7 @@ class Profile:
 
 def shipped() -> dict[str, Path]:
     """Return the profiles that come with the package, by name."""
-    package = Path(__file__).resolve().parents[1]
-    inside = package / "configs"
-    folder = (inside if inside.is_dir() else package.parent / "configs") / "profiles"
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {path.stem: path for path in sorted((shipped_folder("configs") / "profiles").glob("*.toml"))}
 
 
 def load_profile(name: str) -> tuple[Profile, str, str]:

@@ -26,6 +26,7 @@ from lpvobs.io.results.results import StoredResult, read_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.records import Array
+from lpvobs.simulation.cycles import shipped_folder
 from lpvobs.synthesis.certificate import Certificate, check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
@@ -116,10 +117,8 @@ METHODS = {"observer": 5e-5, "batch": 1e-9}
 
 
 def shipped_config() -> tuple[Config, str]:
-    """Return the example of the engine's configuration as shipped: inside the package where it is installed, else beside it."""
-    package = Path(__file__).resolve().parents[1]
-    inside = package / "configs"
-    return load_config((inside if inside.is_dir() else package.parent / "configs") / KIND.example)
+    """Return the example of the engine's configuration as shipped."""
+    return load_config(shipped_folder("configs") / KIND.example)
 
 
 def units() -> Iterator[Row]:

@@ -56,11 +56,10 @@ class EngineCycle:
     world_harmonised: bool  # whether the speed is normalised as in the WHTC; otherwise as in the ETC
 
 
-def data_folder() -> Path:
-    """Return the folder of shipped tables: inside the package where it is installed, beside it in a checkout."""
+def shipped_folder(name: str = "data") -> Path:
+    """Return a folder that is shipped: inside the package where it is installed, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    inside = package / "data"
-    return inside if inside.is_dir() else package.parent / "data"
+    return package / name if (package / name).is_dir() else package.parent / name
 
 
 def load_cycle(name: str) -> SpeedCycle | EngineCycle:
@@ -74,7 +73,9 @@ def load_cycle(name: str) -> SpeedCycle | EngineCycle:
         near = difflib.get_close_matches(name, TABLES, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TABLES)}"
         raise UsageError(f"--cycle {name}: no such cycle; {hint}, or the path of a table that ends in .csv")
-    return read_cycle(data_folder() / "cycles" / TABLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc")
+    return read_cycle(
+        shipped_folder() / "cycles" / TABLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc"
+    )
 
 
 def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from lpvobs.simulation.parameters import SimulationParameters
@@ -21,18 +23,10 @@ class Simulator:
     bench: Callable[..., "BenchTable"]  # takes what `lpvobs.simulation.stationary.bench` takes
 
 
-def _nine_states(*arguments: Any, **options: Any) -> "SimulatedLog":
-    """Load the plant only when it runs: configurations are read without it."""
-    from lpvobs.simulation.simulate import simulate
-
-    return simulate(*arguments, **options)
+def _later(module: str, name: str, *given: Any, **options: Any) -> Any:
+    """Load a plant only when it runs: configurations are read without it."""
+    return getattr(import_module(f"lpvobs.simulation.{module}"), name)(*given, **options)
 
 
-def _nine_states_at_rest(*arguments: Any, **options: Any) -> "BenchTable":
-    """Load the plant only when it runs."""
-    from lpvobs.simulation.stationary import bench
-
-    return bench(*arguments, **options)
-
-
-PLANTS: Mapping[str, Simulator] = {"nine states": Simulator(SimulationParameters, _nine_states, _nine_states_at_rest)}
+RUN, BENCH = partial(_later, "simulate", "simulate"), partial(_later, "stationary", "bench")
+PLANTS: Mapping[str, Simulator] = {"nine states": Simulator(SimulationParameters, RUN, BENCH)}

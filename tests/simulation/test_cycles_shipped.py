@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import UsageError
-from lpvobs.simulation.cycles import EngineCycle, SpeedCycle, data_folder, load_cycle
+from lpvobs.simulation.cycles import EngineCycle, SpeedCycle, load_cycle, shipped_folder
 
 
 def test_the_surrogate_is_what_its_generator_writes():
-    shipped = (data_folder() / "cycles" / "etc_surrogate.csv").read_bytes()
-    generator = runpy.run_path(str(data_folder() / "make_etc_surrogate.py"))
+    shipped = (shipped_folder() / "cycles" / "etc_surrogate.csv").read_bytes()
+    generator = runpy.run_path(str(shipped_folder() / "make_etc_surrogate.py"))
     assert generator["table"]().encode() == shipped
 
 

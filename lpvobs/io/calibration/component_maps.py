@@ -74,20 +74,13 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
     """Return the columns of a map whose axes and values have the units of three of the columns, the last of them the values."""
     item = read_dcm_map(path, label)
     *axes, values = known.forms[0].items()
-    for y_first in (False, True):
-        nodes = (
-            [(item.y, item.unit_y), (item.x, item.unit_x)]
-            if y_first
-            else [(item.x, item.unit_x), (item.y, item.unit_y)]
-        )
-        grid = np.array(list(product(*(of for of, _ in nodes)))).T
-        flat = (item.values if y_first else item.values.T).ravel()
+    for found in (item, item.turned()):
+        flat = [*np.array(list(product(found.x, found.y))).T, found.values.T.ravel()]
+        units = (found.unit_x, found.unit_y, found.unit)
         try:
             columns = {
                 name: convert(column, unit or "1", within.unit)
-                for (name, within), column, unit in zip(
-                    [*axes, values], [*grid, flat], [*(unit for _, unit in nodes), item.unit], strict=True
-                )
+                for (name, within), column, unit in zip([*axes, values], flat, units, strict=True)
             }
         except ValueError:
             continue

@@ -10,7 +10,7 @@ because numbers must be rounded as stated, and a damaged file must end in one li
 import difflib
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,11 @@ class DcmMap:
     x_name: str = ""  # label of the shared axis of a GRUPPENKENNFELD, else empty
     y_name: str = ""  # the same
     kept: tuple[str, ...] = ()  # further lines as they are, see KEPT
+
+    def turned(self) -> "DcmMap":
+        """Return the same map with X and Y exchanged."""
+        x, y, unit_x, unit_y = self.y, self.x, self.unit_y, self.unit_x
+        return replace(self, x=x, y=y, values=self.values.T, unit_x=unit_x, unit_y=unit_y)
 
 
 def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:

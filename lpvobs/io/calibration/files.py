@@ -41,18 +41,14 @@ class OldMap:
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
     """Return an old map in the units and directions of the surface; raises DataError if its units are not those of such a map."""
-    for turned in (False, True):
-        units = (item.unit_y, item.unit_x) if turned else (item.unit_x, item.unit_y)
-        nodes = (item.y, item.x) if turned else (item.x, item.y)
+    for turned, found in enumerate((item, item.turned())):
         try:
-            x, y = (
-                convert(values, unit or "1", axis.unit)
-                for values, unit, axis in zip(nodes, units, (surface.x, surface.y), strict=True)
-            )
-            values = convert(item.values if turned else item.values.T, item.unit or "1", surface.unit)
+            x = convert(found.x, found.unit_x or "1", surface.x.unit)
+            y = convert(found.y, found.unit_y or "1", surface.y.unit)
+            values = convert(found.values.T, found.unit or "1", surface.unit)
         except ValueError:
             continue
-        return OldMap(item, x, y, values, turned)
+        return OldMap(item, x, y, values, bool(turned))
     raise DataError(
         f"{path}: map '{item.name}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected "
         f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or what converts to them; mend EINHEIT_X, EINHEIT_Y, EINHEIT_W"

@@ -157,11 +157,17 @@ def config_of(text: str, path: Path) -> Config:
 
 
 @dataclass(frozen=True)
-class Effects:
-    """What `simulate --effects` reads: another surface of the sensor's error, what has happened to engine and sensors, a road."""
+class _Surroundings:
+    """The tables of an effects file whose keys are fixed; those of an effect depend on its identifier."""
 
     surface: ErrorSurface | None = None
     auxiliary: Auxiliary | None = None
+
+
+@dataclass(frozen=True)
+class Effects(_Surroundings):
+    """What `simulate --effects` reads: another surface of the sensor's error, what has happened to engine and sensors, a road."""
+
     injected: tuple[Injected, ...] = ()
 
 
@@ -178,15 +184,7 @@ def load_effects(path: Path) -> tuple[Effects, str]:
         raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
     effects = tuple(_effect(path, place, table) for place, table in enumerate(listed))
     tables = convert(path, document, _Surroundings, "configs/effects/road.toml")
-    return Effects(tables.surface, tables.auxiliary, effects), text
-
-
-@dataclass(frozen=True)
-class _Surroundings:
-    """The tables of an effects file whose keys are fixed; those of an effect depend on its identifier."""
-
-    surface: ErrorSurface | None = None
-    auxiliary: Auxiliary | None = None
+    return Effects(**vars(tables), injected=effects), text
 
 
 def _effect(path: Path, place: int, table: Mapping[str, Any]) -> Injected:
@@ -202,31 +200,23 @@ def _check_names(path: Path, config: Config) -> None:
     states, rates = air_path.state_names, air_path.temperature_names
     rho = [name for name in air_path.parameter_names if name not in air_path.rate_names]
     sums = [name for pair in config.gain.nonnegative_sums for name in pair]
-    for table, found, known in (
-        (
-            "estimate.tolerance",
-            config.estimate.tolerance,
-            tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.usual_tolerance))),
-        ),
-        ("gain.outputs", config.gain.outputs, states),
-        ("gain.bounds", config.gain.bounds, rho),
-        ("gain.nonnegative_sums", sums, air_path.parameter_names),
-        ("gain.temperatures", config.gain.temperatures, rates),
-        ("published.temperatures", config.published.temperatures, rates),
-        ("ekf.process_noise", config.ekf.process_noise, states),
-        ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor)),
-        ("policies.limits", config.policies.limits, tuple(air_path.channels)),
-        ("sensors", config.sensors, tuple(air_path.channels)),
+    constants = tuple(dict.fromkeys((*air_path.engine_constants(), *air_path.usual_tolerance)))
+    outputs, channels, gain = (*config.gain.outputs, air_path.sensor), tuple(air_path.channels), config.gain
+    for table, found, known, needed in (
+        ("estimate.tolerance", config.estimate.tolerance, constants, ()),
+        ("gain.outputs", gain.outputs, states, ()),
+        ("gain.bounds", gain.bounds, rho, ()),
+        ("gain.nonnegative_sums", sums, air_path.parameter_names, ()),
+        ("gain.temperatures", gain.temperatures, rates, rates),
+        ("published.temperatures", config.published.temperatures, rates, rates),
+        ("ekf.process_noise", config.ekf.process_noise, states, states),
+        ("ekf.measurement_noise", config.ekf.measurement_noise, (*states, air_path.sensor), outputs),
+        ("policies.limits", config.policies.limits, channels, ()),
+        ("sensors", config.sensors, channels, ()),
     ):
         for name in found:
             if name not in known:
                 raise UsageError(f"{path}: {table}: '{name}' is unknown; expected some of {', '.join(known)}")
-    for table, found, needed in (
-        ("gain.temperatures", config.gain.temperatures, rates),
-        ("published.temperatures", config.published.temperatures, rates),
-        ("ekf.process_noise", config.ekf.process_noise, states),
-        ("ekf.measurement_noise", config.ekf.measurement_noise, (*config.gain.outputs, air_path.sensor)),
-    ):
         for name in needed:
             if name not in found:
                 raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
