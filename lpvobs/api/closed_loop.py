@@ -23,15 +23,9 @@ from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import SLOWEST
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.results import refinements
 from lpvobs.io.results.hdf import reading, write_group
 from lpvobs.io.results.mapping import read_if_there, rows, write
-from lpvobs.io.results.refinements import (
-    StoredRefinement,
-    write_comparison,
-    write_portrait,
-    write_refinement,
-    write_structure,
-)
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
@@ -87,8 +81,8 @@ class Closed:
         found = self.refinement
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
-        write_comparison(group, self.comparisons)
-        write_structure(group, self._structure, found.before.problem.model.balances)
+        refinements.write_comparison(group, self.comparisons)
+        refinements.write_structure(group, self._structure, found.before.problem.model.balances)
         self._write_pictures(group)
 
     @property
@@ -97,7 +91,7 @@ class Closed:
 
     def _write_pictures(self, group: h5py.Group) -> None:
         found = self.refinement
-        write_portrait(group, portrait(found, self.logs))
+        refinements.write_portrait(group, portrait(found, self.logs))
         if found.trace.ranking:
             write_group(group, "ranking", rows(found.trace.ranking, "candidate"))
         if found.trace.left is not None:
@@ -106,14 +100,16 @@ class Closed:
     def write(self, file: h5py.File, effects: Sequence[KnownEffect]) -> None:
         """Write `/refinement` with the effects as the map is estimated beside them."""
         found = self.refinement
-        stored = StoredRefinement(
+        stored = refinements.StoredRefinement(
             effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
             deviations=found.beta_deviation,
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
-        write_refinement(file, stored, self.comparisons, self._structure, found.before.problem.model.balances)
+        refinements.write_refinement(
+            file, stored, self.comparisons, self._structure, found.before.problem.model.balances
+        )
         self._write_pictures(file["refinement"])
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
@@ -146,7 +142,7 @@ def close(
     stored = read_result(path)
     engine = known_engine(stored, calibrated)
     with reading(path, KIND, REMEDY) as file:
-        refined = read_if_there(file.get("refinement"), StoredRefinement)
+        refined = read_if_there(file.get("refinement"), refinements.StoredRefinement)
     (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
     logs, hold_out = contents(used), contents(unseen)
     _refuse_copies([*logs, *hold_out])

@@ -7,17 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery.imbalances import (
-    Nodes,
-    by_unknowns,
-    curvature_bias,
-    imbalances_at,
-    map_along,
-    operating_nodes,
-    residual_of,
-    scenes_with,
-    views,
-)
+from lpvobs.discovery import imbalances
 from lpvobs.discovery.linear import Linear, dot, map_normal, scatter
 from lpvobs.discovery.noise import Noise, Scatter, first_noise, noise_of
 from lpvobs.discovery.residual import Problem, Term
@@ -49,18 +39,18 @@ def linearised(
     near: Linear | None = None,
 ) -> Linear:
     """Return the linear model at a point; the derivatives by the unknowns are those of the model `near`, where one is given."""
-    scenes = scenes_with(problem, terms, beta)
-    nodes = operating_nodes(problem, scenes)
-    each = imbalances_at(problem, scenes, beta)
-    raw = views(each, problem.K)
-    raw[0] -= problem.by_reading * map_along(theta, nodes)
-    derivatives = by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
+    scenes = imbalances.scenes_with(problem, terms, beta)
+    nodes = imbalances.operating_nodes(problem, scenes)
+    each = imbalances.imbalances_at(problem, scenes, beta)
+    raw = imbalances.views(each, problem.K)
+    raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
+    derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
     known = near is not None and near.noise is noise and near.problem is problem
     white = near.columns[: beta.size] if near is not None and known else noise.whiten(derivatives)
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
-    straight[0] += curvature_bias(problem, scenes, beta, each)
+    straight[0] += imbalances.curvature_bias(problem, scenes, beta, each)
     residual = noise.whiten(straight)
     pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
@@ -92,7 +82,7 @@ def linearised(
     return replace(bare, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
 
 
-def _map_columns(problem: Problem, noise: Noise, nodes: Nodes) -> Array:
+def _map_columns(problem: Problem, noise: Noise, nodes: imbalances.Nodes) -> Array:
     """Return the whitened trace of every node of the map, shape (p, B, K)."""
     weights = np.zeros((problem.grid.size, problem.K))
     for m in range(4):
@@ -140,16 +130,16 @@ def _stepped(linear: Linear, near: Linear | None) -> Linear:
     return linearised(problem, terms, theta, beta, linear.noise, pinned, near)
 
 
-def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array, nodes: Nodes) -> Array:
+def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array, nodes: imbalances.Nodes) -> Array:
     found = np.empty((len(terms), 2, len(problem.model.balances), problem.K))
     for i, term in enumerate(terms):
         h = EFFECT_STEP * term.effect.size
         ends = []
         for shift in (h, -h):
             moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
-            scenes = scenes_with(problem, moved, beta)
-            at = operating_nodes(problem, scenes) if term.effect.moves_point else nodes
-            ends.append(residual_of(problem, scenes, beta, theta, at))
+            scenes = imbalances.scenes_with(problem, moved, beta)
+            at = imbalances.operating_nodes(problem, scenes) if term.effect.moves_point else nodes
+            ends.append(imbalances.residual_of(problem, scenes, beta, theta, at))
         found[i] = (ends[0] - ends[1]) / (2.0 * h)
     return found
 

@@ -14,17 +14,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.maps import quadratic
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import (
-    ESTIMATED,
-    EXTRAPOLATED,
-    SMOOTHED,
-    Filled,
-    refuse_too_few,
-    scaled_terms,
-    standard_errors,
-    to_raw,
-)
 from lpvobs.records import Array
 
 PROCESSES = ((False, 0.0), (True, 0.0), (True, 0.3))
@@ -121,7 +112,7 @@ class Weighted:
 
 def krige(
     grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array, smooth: bool = False
-) -> Filled:
+) -> quadratic.Filled:
     """Return the map with every node filled by universal kriging.
 
     Raises DataError if the estimated nodes do not determine the six coefficients of Eq. (37).
@@ -161,7 +152,7 @@ def krige(
         values.add(weight, mean, spread)
         beta.add(weight, of_it.beta, np.linalg.inv(of_it.information))
         joint += weight * shared
-    back = to_raw(grid)
+    back = quadratic.to_raw(grid)
     whole = np.zeros((grid.size, grid.size))
     if not smooth:
         whole[np.ix_(data.chosen, data.chosen)] = data.noise
@@ -170,7 +161,7 @@ def krige(
     map_values = np.where(supported, theta, 0.0).ravel()
     map_values[filled] = values.mean
     half_widths = 0.5 * np.array([np.ptp(grid.fuel), np.ptp(grid.speed)])
-    return Filled(
+    return quadratic.Filled(
         method="kriging",
         coefficients=back @ beta.mean,
         standard_error=np.sqrt(np.diag(back @ beta.covariance() @ back.T)),
@@ -179,8 +170,10 @@ def krige(
         nodes=int(data.chosen.size),
         delta_W_c=map_values.reshape(grid.shape),
         covariance=whole,
-        map_standard_error=standard_errors(grid, whole),
-        support=np.where(supported, SMOOTHED if smooth else ESTIMATED, EXTRAPOLATED).astype(np.int8),
+        map_standard_error=quadratic.standard_errors(grid, whole),
+        support=np.where(
+            supported, quadratic.SMOOTHED if smooth else quadratic.ESTIMATED, quadratic.EXTRAPOLATED
+        ).astype(np.int8),
     )
 
 
@@ -203,10 +196,10 @@ class _Mixture:
 def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array) -> Known:
     """Return what `krige` knows, from the same arguments."""
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
-    trend = scaled_terms(grid, u, n).reshape(-1, 6)
+    trend = quadratic.scaled_terms(grid, u, n).reshape(-1, 6)
     x, y = place = trend[:, 1], trend[:, 3]
     chosen = np.flatnonzero(supported)
-    refuse_too_few(design[chosen])
+    quadratic.refuse_too_few(design[chosen])
     return Known(
         np.stack(place, axis=-1),
         trend,

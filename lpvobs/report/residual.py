@@ -7,20 +7,9 @@ from typing import Any
 from markupsafe import Markup
 
 from lpvobs.discovery.portrait import Portrait
+from lpvobs.report import discovered
 from lpvobs.report import residual_figures as figures
 from lpvobs.report.content import ResultView
-from lpvobs.report.discovered import (
-    Discovered,
-    balance_rows,
-    candidate_rows,
-    day_rows,
-    effect_rows,
-    error_rows,
-    lost_rows,
-    ranking_rows,
-    sentence,
-    whiteness_rows,
-)
 from lpvobs.report.tables import Table
 
 MOST_LOGS = 6
@@ -54,7 +43,7 @@ def residual_sections(view: ResultView, number: int) -> list[Section]:
     return [
         Section(
             title=f"{view.name}, {TITLES[found.verb]}",
-            verdict=sentence(found),
+            verdict=discovered.sentence(found),
             tables=tuple(_tables(found)),
             pictures=tuple(_pictures(found, view.name, f"d{number}-{found.verb}")),
         )
@@ -62,22 +51,22 @@ def residual_sections(view: ResultView, number: int) -> list[Section]:
     ]
 
 
-def _tables(found: Discovered) -> Iterator[tuple[Table, str]]:
+def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
     for rows, title in (
-        (effect_rows(found), "Effects, with 90 % intervals"),
-        (candidate_rows(found), "What comes nearest, each alone in the model"),
-        (error_rows(found), "Residual on data held out"),
-        (balance_rows(found), "Balances where the effects act: rms of the relative residual"),
-        (day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),
-        (lost_rows(found), "What missing channels take away"),
-        (ranking_rows(found), "Every candidate alone against the model as it was"),
-        (whiteness_rows(found), WHITENESS),
+        (discovered.effect_rows(found), "Effects, with 90 % intervals"),
+        (discovered.candidate_rows(found), "What comes nearest, each alone in the model"),
+        (discovered.error_rows(found), "Residual on data held out"),
+        (discovered.balance_rows(found), "Balances where the effects act: rms of the relative residual"),
+        (discovered.day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),
+        (discovered.lost_rows(found), "What missing channels take away"),
+        (discovered.ranking_rows(found), "Every candidate alone against the model as it was"),
+        (discovered.whiteness_rows(found), WHITENESS),
     ):
         if rows is not None:
             yield rows, title
 
 
-def _pictures(found: Discovered, result: str, name: str) -> Iterator[Picture]:
+def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[Picture]:
     seen = found.portrait
     if seen is None:
         return
@@ -96,7 +85,7 @@ def _pictures(found: Discovered, result: str, name: str) -> Iterator[Picture]:
     yield from _structure(found, seen, result, name)
 
 
-def _over_time(found: Discovered, seen: Portrait, name: str) -> Iterator[Picture]:
+def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Iterator[Picture]:
     parts: Mapping[str, Mapping[str, Any]] = {part["log"]: part for part in found.content["logs"]}
     held = "shaded parts are held out from every fit and every choice"
     in_turn = "every part was held out in turn"
@@ -112,7 +101,7 @@ def _over_time(found: Discovered, seen: Portrait, name: str) -> Iterator[Picture
         )
 
 
-def _structure(found: Discovered, seen: Portrait, result: str, name: str) -> Iterator[Picture]:
+def _structure(found: discovered.Discovered, seen: Portrait, result: str, name: str) -> Iterator[Picture]:
     yield picture(
         figures.spectra(f"{name}-spectrum", f"spectra of the residual, {result}", seen),
         "Spectral density of the residual in units of its noise, before and after.",

@@ -6,8 +6,7 @@ from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import EngineCycle
 from lpvobs.simulation.parameters import FullLoad
-from lpvobs.simulation.torque import Work, fuel, torque
-from lpvobs.simulation.vehicle import smooth
+from lpvobs.simulation.vehicle import Work, fuel, smooth, torque
 
 SMOOTHING = 0.3  # s, width of each of two moving averages over the cycle's straight pieces
 CURVE_STEP = 1.0  # rpm

@@ -10,18 +10,8 @@ import numpy as np
 
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
+from lpvobs.simulation import effects as catalogue
 from lpvobs.simulation.courses import Timed, blended, check_span, span_at_work
-from lpvobs.simulation.effects import (
-    CATALOGUE,
-    CatalogueEffect,
-    course_keys,
-    course_of,
-    effect_of,
-    number,
-    optional_number,
-    pairs_of,
-    refuse_others,
-)
 from lpvobs.simulation.road import AUXILIARY
 
 PREFIX = "channel:"
@@ -172,7 +162,7 @@ class UnloggedEffect:
         return () if isinstance(self.episodes, Telegraph) else self.episodes
 
 
-Injected = CatalogueEffect | ChannelEffect | UnloggedEffect
+Injected = catalogue.CatalogueEffect | ChannelEffect | UnloggedEffect
 """Whatever an effects file can hold."""
 
 
@@ -198,7 +188,7 @@ def _check_amplitude(name: str, amplitude: float) -> None:
 def _check_strength(name: str, form: str, strength: float) -> None:
     """Refuse what moves the reading further than the catalogue's own gain and offset may."""
     _check_amplitude(name, strength)
-    kind = CATALOGUE["maf.gain" if form == "gain" else "maf.offset"]
+    kind = catalogue.CATALOGUE["maf.gain" if form == "gain" else "maf.offset"]
     size = abs(strength)
     if size > (1.0 - kind.low if form == "gain" else kind.high):
         raise UsageError(
@@ -223,39 +213,45 @@ def injected_of(table: Mapping[str, Any]) -> Injected:
     identifier = table.get("id")
     if isinstance(identifier, str) and identifier.startswith(PREFIX):
         return _channel_effect_of(identifier, table)
-    return _unlogged_of(table) if identifier == "unlogged" else effect_of(table)
+    return _unlogged_of(table) if identifier == "unlogged" else catalogue.effect_of(table)
 
 
 def _channel_effect_of(name: str, table: Mapping[str, Any]) -> ChannelEffect:
-    refuse_others(name, table, ("id", "form", "amplitude", "reference", "threshold", *course_keys(table)))
+    catalogue.refuse_others(
+        name, table, ("id", "form", "amplitude", "reference", "threshold", *catalogue.course_keys(table))
+    )
     return ChannelEffect(
         name.removeprefix(PREFIX),
         _text(name, table, "form"),
-        number(name, table, "amplitude"),
-        optional_number(name, table, "reference"),
-        optional_number(name, table, "threshold"),
-        onset=optional_number(name, table, "onset"),
-        end=optional_number(name, table, "end"),
-        course=course_of(name, table),
+        catalogue.number(name, table, "amplitude"),
+        catalogue.optional_number(name, table, "reference"),
+        catalogue.optional_number(name, table, "threshold"),
+        onset=catalogue.optional_number(name, table, "onset"),
+        end=catalogue.optional_number(name, table, "end"),
+        course=catalogue.course_of(name, table),
     )
 
 
 def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
-    refuse_others("unlogged", table, ("id", "form", "amplitude", "episodes", "telegraph", "shape"))
+    catalogue.refuse_others("unlogged", table, ("id", "form", "amplitude", "episodes", "telegraph", "shape"))
     shape = _text("unlogged", table, "shape") if "shape" in table else "abrupt"
     if ("episodes" in table) == ("telegraph" in table):
         raise UsageError("unlogged: expected either episodes = [[start, stop], ...] or telegraph = { seed, on, off }")
     drawn = (
-        _telegraph(table["telegraph"]) if "telegraph" in table else pairs_of("unlogged", "episodes", table["episodes"])
+        _telegraph(table["telegraph"])
+        if "telegraph" in table
+        else catalogue.pairs_of("unlogged", "episodes", table["episodes"])
     )
-    return UnloggedEffect(_text("unlogged", table, "form"), number("unlogged", table, "amplitude"), drawn, shape)
+    return UnloggedEffect(
+        _text("unlogged", table, "form"), catalogue.number("unlogged", table, "amplitude"), drawn, shape
+    )
 
 
 def _telegraph(table: Any) -> Telegraph:
     if not isinstance(table, Mapping) or type(table.get("seed")) is not int:  # a bool is an int to isinstance
         raise UsageError("unlogged: telegraph is no table with a whole seed; write { seed = 1, on = 40.0, off = 60.0 }")
-    refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
-    on, off = (number("unlogged: telegraph", table, key) for key in ("on", "off"))
+    catalogue.refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
+    on, off = (catalogue.number("unlogged: telegraph", table, key) for key in ("on", "off"))
     return Telegraph(table["seed"], on, off)
 
 

@@ -15,8 +15,7 @@ from lpvobs.simulation.integrate import Course
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
 from lpvobs.simulation.road import AUXILIARY, Auxiliary, road
 from lpvobs.simulation.structure.slow import wall_temperature
-from lpvobs.simulation.torque import Work, work_of
-from lpvobs.simulation.vehicle import drive_speed_cycle
+from lpvobs.simulation.vehicle import Work, drive_speed_cycle, work_of
 
 FASTEST = 30.0  # m/s, a likely vehicle's at the highest engine speed
 IDLING = 50.0  # rpm above idle speed, below which a likely vehicle stands

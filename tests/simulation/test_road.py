@@ -20,7 +20,7 @@ from lpvobs.simulation.road import (
 )
 from lpvobs.simulation.scene import with_load
 from lpvobs.simulation.simulate import simulate
-from lpvobs.simulation.torque import torque, work_of
+from lpvobs.simulation.vehicle import torque, work_of
 
 PERIOD = 0.01  # s
 P_0, T_0 = 98000.0, 298.0

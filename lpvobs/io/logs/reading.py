@@ -17,19 +17,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.io.logs.parquet import (
-    MOST_READINGS,
-    REFERENCES,
-    as_floats,
-    channel_units,
-    column_of,
-    expect_channels,
-    further_channels,
-    has_references,
-    metadata_of,
-    refuse_huge,
-    tables_of,
-)
+from lpvobs.io.logs import parquet
 from lpvobs.io.logs.plausibility import refuse_implausible, usable_rows
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts
 from lpvobs.io.safety.atomic import file_digest, refuse_changed, state_of
@@ -66,7 +54,7 @@ class LogFile:
             del self.channels[name]
         self.units = {"time": "s"} | {name: channel.unit for name, channel in self.channels.items()}
         self._state = state_of(path)
-        self.schema = expect_channels(path, self.units)
+        self.schema = parquet.expect_channels(path, self.units)
         self._kept: list[NDArray[np.uint8]] = []
         self.defects = Defects(0)  # what was found and done; complete once the pieces have been read
 
@@ -94,9 +82,9 @@ class LogFile:
         self._kept = []
         seen = SlabCounts()
         slabs = 0
-        for table in tables_of(self.path, [*self.units, *further], most, self.threads):
+        for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
             slabs += 1
-            values = {name: column_of(self.path, table, name, unit) for name, unit in self.units.items()}
+            values = {name: parquet.column_of(self.path, table, name, unit) for name, unit in self.units.items()}
             time = values.pop("time")
             rows = self._usable_rows(time, values, seen)
             mask = np.zeros(time.size, dtype=bool)
@@ -142,7 +130,7 @@ class LogFile:
 
 def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
     """Return the channels that a log may lack and does; raises DataError where it has none of some of which it needs one."""
-    there = channel_units(path)
+    there = parquet.channel_units(path)
     absent = [name for name, item in channels.items() if item.one_of is not None and name not in there]
     for name in absent:
         if not channels[name].may_lack(there):
@@ -159,9 +147,9 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
     them.
     """
     file = LogFile(path, channels, policies)
-    extra = further_channels(file.schema, file.units) if auxiliary else []
-    refuse_huge(path, metadata_of(path).num_rows, len(file.units) + len(extra))
-    (whole,) = file.slabs(extra, MOST_READINGS)
+    extra = parquet.further_channels(file.schema, file.units) if auxiliary else []
+    parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))
+    (whole,) = file.slabs(extra, parquet.MOST_READINGS)
     piece = whole.piece
     starts = np.flatnonzero(piece.begins).tolist()
     right = list(policies.right([piece]))
@@ -170,7 +158,7 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         sha256=file.sha256,
         time=piece.time,
         channels={name: np.concatenate([part.channels[name] for part in right]) for name in piece.channels},
-        auxiliary={name: as_floats(whole.table, name)[whole.rows] for name in extra},
+        auxiliary={name: parquet.as_floats(whole.table, name)[whole.rows] for name in extra},
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
         rows=whole.rows,
         defects=file.defects,
@@ -187,10 +175,10 @@ class References:
 
 def read_references(path: Path, rows: NDArray[np.int64]) -> References | None:
     """Return the truth beside a log's samples, or None where the file has none."""
-    if not has_references(path):
+    if not parquet.has_references(path):
         return None
-    (table,) = tables_of(path, list(REFERENCES), MOST_READINGS)
-    columns = [column_of(path, table, name, unit)[rows] for name, unit in REFERENCES.items()]
+    (table,) = parquet.tables_of(path, list(parquet.REFERENCES), parquet.MOST_READINGS)
+    columns = [parquet.column_of(path, table, name, unit)[rows] for name, unit in parquet.REFERENCES.items()]
     return References(*columns)
 
 
@@ -198,7 +186,7 @@ def references(
     path: Path, units: Mapping[str, str], kept: tuple[NDArray[np.uint8], ...], threads: bool = True
 ) -> Iterator[tuple[Array, ...]]:
     """Yield channels in the units given and the sensor's true error at the rows kept, slab by slab."""
-    wanted = {**units, "ref_delta_W_c": REFERENCES["ref_delta_W_c"]}
-    for table, mask in zip(tables_of(path, list(wanted), SLAB, threads), kept, strict=True):
+    wanted = {**units, "ref_delta_W_c": parquet.REFERENCES["ref_delta_W_c"]}
+    for table, mask in zip(parquet.tables_of(path, list(wanted), SLAB, threads), kept, strict=True):
         rows = np.flatnonzero(np.unpackbits(mask, count=table.num_rows))
-        yield tuple(column_of(path, table, name, unit)[rows] for name, unit in wanted.items())
+        yield tuple(parquet.column_of(path, table, name, unit)[rows] for name, unit in wanted.items())
