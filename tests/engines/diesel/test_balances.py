@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from reference.drives import scattered
 
-from lpvobs.engines.diesel.balances import BALANCES, CHANNELS, IN_ORDER, Lacks, escape, imbalances_of, turbine
+from lpvobs.engines.components.intake import escape
+from lpvobs.engines.diesel.balances import BALANCES, CHANNELS, IN_ORDER, Lacks, imbalances_of, turbine
 from lpvobs.engines.diesel.lpv import Diesel
 
 
