@@ -45,7 +45,7 @@ def part(name, seed, moved=0.0, scatter=0.0, cells=(0, 1, 2, 3), hardly=()):
     run = LogRun(name, name, 60, 6.0, Defects(60), np.empty(0), np.empty(0), 1.0)
     gram = np.zeros((len(cells), 4, 4))
     inner = products[np.ix_(columns, columns)][None, None]
-    return LogInformation(run, columns, inner, np.zeros((1, 1)), 60.0 * len(cells), np.array(cells), gram)
+    return LogInformation(run, columns, inner, np.zeros((1, 1)), np.array([60.0 * len(cells)]), np.array(cells), gram)
 
 
 def found(parts):

@@ -23,9 +23,9 @@ def part(sha256):
     found = (DefectFound("stuck", "p_im", 3, 1.5, "dropped"),)
     defects = Defects(12, {"p_im": 2}, dropped_rows=2, findings=found)
     run = LogRun("drive", sha256, 10, np.float64(0.9), defects, np.zeros(7), np.ones(7), float("nan"))
-    sums = np.full((2, 2, 3, 3), 0.1), np.full((2, 2), 0.01), 240.0
+    sums = np.full((2, 2, 3, 3), 0.1), np.full((2, 2), 0.01), np.full(2, 240.0)
     gram = np.full((2, 4, 4), 0.1)
-    shapes = ((2,), (2,), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,))
+    shapes = ((2,), (2,), (2, 1), (2, 1), (2, 1), (1, 3), (2, 1, 1), (2, 1, 3), (1,))
     balances = BalanceSums(*(np.full(shape, 0.2) for shape in shapes))
     part = LogInformation(run, np.array([0, 4, 9]), *sums, np.array([3, 5]), gram)
     return StoredPart(part, (np.array([255, 15], dtype=np.uint8),), balances)
