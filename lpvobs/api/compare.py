@@ -9,11 +9,14 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from lpvobs.api.export import SOURCES
-from lpvobs.api.files import File, as_path
+from lpvobs.api.files import File, as_path, writing
+from lpvobs.engines.base import MapAxis
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.calibration.surfaces import Surface, read_surface
 from lpvobs.io.logs.units import convert
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, KgPerS
+from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import Joint
 from lpvobs.records import Array
 from lpvobs.report.gates import parse_gate
@@ -65,6 +68,7 @@ def compare(
     values: str = "map",
     region: Mapping[str, tuple[float, float]] | None = None,
     gates: Sequence[str] = (),
+    figure: File | None = None,
 ) -> CompareOutput:
     """Return how the second map differs from the first, with intervals from the covariance of both.
 
@@ -78,6 +82,8 @@ def compare(
         From and to by the name of an axis, for the mean; by default all nodes that are compared count alike.
     gates : sequence of str
         Such as `largest_change<=0.5 g/s`; metrics are `largest_change`, `mean_change` (in size) and `p_value`.
+    figure : path, optional
+        Where to draw the change at every node, as SVG.
 
     Returns
     -------
@@ -118,8 +124,24 @@ def compare(
         largest_change=abs(rows[0].change) if rows else 0.0,
         significant=rows,
     )
+    if figure is not None:
+        _draw(figure, (first, second), change, found)
     expect_gates(found, gates)
     return found
+
+
+def _draw(figure: File, maps: tuple[File, File], change: Surface, found: CompareOutput) -> None:
+    from lpvobs.report.content import SurfaceView
+    from lpvobs.report.surface_figures import change_map
+
+    nodes = {(node.speed, node.fuel) for node in found.significant}
+    changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])
+    fuel, speed = (MapAxis(axis.name, axis.unit, axis.long_name) for axis in (change.y, change.x))
+    grid = Grid(change.y.nodes, change.x.nodes)
+    view = SurfaceView(grid, (fuel, speed), change.values, np.zeros(grid.shape, dtype=bool))
+    drawn = change_map("change", f"{found.second} less {found.first}", view, changed)
+    with writing(figure, maps) as path, replacing(path) as temporary:
+        temporary.write_text(drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), encoding="utf-8")
 
 
 def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:

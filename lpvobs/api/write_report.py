@@ -104,7 +104,7 @@ def make_report(
             except ValueError as error:  # matplotlib reads the variable as it is loaded
                 said = str(error).partition(";")[0]
                 raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
-            write_page(page, gather(loaded))
+            write_page(page, gather(loaded), content.regions)
         verdicts = judge(conditions, content.logs)
         if suite is not None:
             write_junit(suite, verdicts)

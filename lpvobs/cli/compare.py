@@ -15,6 +15,7 @@ def compare(
     gate: list[str] | None = option(
         "EXPR", 'Such as "largest_change<=0.5 g/s"; also mean_change, p_value. Repeatable.'
     ),
+    figure: Path | None = option("FILE.svg", "Draw the change at every node; framed: more than its error."),
     as_json: bool = JSON,
 ) -> None:
     """Show how map B differs from map A, and where that is more than the errors of both.
@@ -25,7 +26,11 @@ def compare(
     from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
-    found = compare_maps(first, second, values=values, region=None if region is None else region_of(region))
+    found = compare_maps(
+        first, second, values=values, region=None if region is None else region_of(region), figure=figure
+    )
+    if figure is not None:
+        say(f"{figure}: written")
     if as_json:
         print_json("compare", found)
     else:

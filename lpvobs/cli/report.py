@@ -31,7 +31,7 @@ def report(
     from lpvobs.api.write_report import make_report
     from lpvobs.report.engines import calibration_tables
     from lpvobs.report.gates import enforce
-    from lpvobs.report.tables import coefficient_tables, gain_line, grams, report_rows
+    from lpvobs.report.tables import coefficient_tables, gain_line, region_line, report_rows
 
     if is_engine(result):
         engine = report_engine(result, html=html)
@@ -54,8 +54,7 @@ def report(
         for coefficients in coefficient_tables(done.results):
             print("\n" + table(*coefficients))
         for mean in done.content.regions:
-            low, high = map(grams, mean.ci90)
-            print(f"\n{mean.result}: mean error over {mean.region}: {grams(mean.value)} g/s (90 %: {low} to {high})")
+            print("\n" + region_line(mean))
         if done.told:
             print("\n" + "\n".join(visible(line) for line in done.told))
         print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in done.results))

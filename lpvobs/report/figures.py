@@ -95,7 +95,7 @@ def error_limit(surfaces: Sequence[SurfaceView]) -> float:
 def error_map(figure: Figure, surface: SurfaceView, limit: float) -> None:
     """Draw a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
     scale = Normalize(-GRAMS * limit, GRAMS * limit)
-    _node_map(figure, surface=surface, scale=scale, label="sensor error [g/s]")
+    node_map(figure, surface=surface, scale=scale, label="sensor error [g/s]")
 
 
 @drawn()
@@ -103,7 +103,7 @@ def standard_error_map(figure: Figure, surface: SurfaceView) -> None:
     """Draw a heat map of the standard error with its values, [g/s]."""
     known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
     scale = _log_scale(known)
-    _node_map(figure, surface=surface, scale=scale, label="standard error [g/s]")
+    node_map(figure, surface=surface, scale=scale, label="standard error [g/s]")
 
 
 @drawn()
@@ -194,11 +194,11 @@ def _in_grams(points: tuple[Array, Array]) -> tuple[Array, Array]:
     return points[0], GRAMS * points[1]
 
 
-def _node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str) -> None:
-    """Draw a rectangle per node with its value."""
+def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str) -> Axes:
+    """Draw a rectangle per node with its value, and return the axes."""
     axes = figure.add_subplot()
     grid, values = surface.grid, GRAMS * surface.values
-    u_edges, n_edges = _edges(grid.fuel), _edges(grid.speed)
+    u_edges, n_edges = edges(grid.fuel), edges(grid.speed)
     colours = DIVERGING if scale.vmin is not None and scale.vmin < 0 else SEQUENTIAL
     image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
     if surface.filled.any():
@@ -222,6 +222,7 @@ def _node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str
     label_axes(axes, surface.axes)
     axes.set_xticks(grid.fuel[::2])
     axes.set_yticks(grid.speed[::2])
+    return axes
 
 
 def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
@@ -242,7 +243,7 @@ def label_axes(axes: Axes, names: tuple[MapAxis, MapAxis]) -> None:
     axes.set_ylabel(f"{speed.meaning} {speed.channel} [{speed.unit}]")
 
 
-def _edges(nodes: Array) -> Array:
+def edges(nodes: Array) -> Array:
     """Return the middles between nodes, and as much beyond the outer ones, shape (p + 1,)."""
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.concatenate([[2 * nodes[0] - middle[0]], middle, [2 * nodes[-1] - middle[-1]]])

@@ -1,7 +1,7 @@
 """Content and figures into one self-contained HTML page."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,22 +17,32 @@ from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
+from lpvobs.report.outputs import RegionMean
 from lpvobs.report.residual import Picture, Section, picture, residual_sections
-from lpvobs.report.tables import Table, bounds_table, coefficient_tables, gain_line, grams, percent, report_rows
+from lpvobs.report.tables import (
+    Table,
+    bounds_table,
+    coefficient_tables,
+    gain_line,
+    grams,
+    percent,
+    region_line,
+    report_rows,
+)
 
 TEMPLATE = "report.html.j2"
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 
-def write_page(path: Path, report: Report) -> None:
-    """Write the page; at any instant the target is absent, the old file, or the complete new one."""
-    text = page(report)
+def write_page(path: Path, report: Report, regions: Sequence[RegionMean] = ()) -> None:
+    """Write the page with means over regions; at any instant the target is absent, the old file, or the complete new one."""
+    text = page(report, regions)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def page(report: Report) -> str:
+def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     """Return the page as text; the same content gives the same text."""
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True).from_string(
         (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
@@ -43,6 +53,7 @@ def page(report: Report) -> str:
         verdicts=[
             *(verdict(view) for view in report.results),
             *sentences([(v.name, v.discovered) for v in report.results]),
+            *map(region_line, regions),
         ],
         summary=report_rows(named),
         cycles=[Section(each.title, tuple(_pictures(each, f"c{number}"))) for number, each in enumerate(report.cycles)],

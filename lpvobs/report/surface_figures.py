@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
 from lpvobs.report.content import SurfaceView
-from lpvobs.report.figures import DIVERGING, ESTIMATE, GRAMS, READING, SEQUENTIAL, TRUTH, label_axes
+from lpvobs.report.figures import (
+    DIVERGING,
+    ESTIMATE,
+    GRAMS,
+    READING,
+    SEQUENTIAL,
+    TRUTH,
+    edges,
+    error_limit,
+    label_axes,
+    node_map,
+)
 from lpvobs.report.svg import INK, drawn
 
 CUTS = 3
@@ -94,6 +105,17 @@ def _line(
     axes.plot(at, GRAMS * own, color=colour, marker=mark, markersize=3.5, label=text)
     low, high = (GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
     axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
+
+
+@drawn()
+def change_map(figure: Figure, surface: SurfaceView, changed: NDArray[np.bool_]) -> None:
+    """Draw a heat map of how a map has changed, [g/s]; nodes that have changed by more than their errors are framed."""
+    size = GRAMS * error_limit([surface])
+    axes = node_map(figure, surface, Normalize(-size, size), "change of the sensor error [g/s]")
+    u, n = edges(surface.grid.fuel), edges(surface.grid.speed)
+    for j, i in np.argwhere(changed):
+        width, height = u[i + 1] - u[i], n[j + 1] - n[j]
+        axes.add_patch(Rectangle((u[i], n[j]), width, height, fill=False, edgecolor=READING, linewidth=1.8))
 
 
 @drawn()

@@ -14,7 +14,7 @@ from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.names import cycle_title, paper_error
-from lpvobs.report.outputs import log_fields
+from lpvobs.report.outputs import RegionMean, log_fields
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
@@ -29,6 +29,12 @@ def percent(value: float | None, digits: int = 2) -> str:
 def grams(value: float | None) -> str:
     """Return kg/s as g/s; a dash where there is none."""
     return NONE if value is None or not np.isfinite(value) else f"{1e3 * value:.3f}"
+
+
+def region_line(mean: RegionMean) -> str:
+    """Return a mean over a region as a sentence."""
+    low, high = map(grams, mean.ci90)
+    return f"{mean.result}: mean error over {mean.region}: {grams(mean.value)} g/s (90 %: {low} to {high})"
 
 
 def log_rows(logs: Sequence[LogSummary]) -> Table:

@@ -1,11 +1,14 @@
 """Two maps beside each other: nothing where nothing has changed, the place and size of what has, gates in any unit."""
 
+from xml.etree import ElementTree
+
 import h5py
 import numpy as np
 import pytest
 
 import lpvobs
 from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.report.figures import READING
 
 SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)
 SHAPE = (SPEED.size, FUEL.size)
@@ -58,6 +61,22 @@ def test_a_node_that_has_changed_is_found_with_its_size(tmp_path):
     assert node.after - node.before == pytest.approx(node.change)
     assert found.p_value < 1e-6
     assert found.largest_change == abs(node.change)
+
+
+def test_the_figure_frames_what_has_changed_and_shows_every_node(tmp_path):
+    change = np.zeros(SHAPE)
+    change[2, 3] = 1e-3
+    pair = two(tmp_path, change)
+    framed = []
+    for figure, maps in (("changed.svg", pair), ("alike.svg", (pair[1], pair[1]))):
+        lpvobs.compare(*maps, figure=tmp_path / figure)
+        root = ElementTree.parse(tmp_path / figure).getroot()
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert sum(":" in (title.text or "") for title in root.iter("{http://www.w3.org/2000/svg}title")) == 30
+        framed.append((tmp_path / figure).read_text().count(READING))
+    assert framed == [1, 0]
+    with pytest.raises(UsageError, match="is also an input"):
+        lpvobs.compare(*pair, figure=pair[0])
 
 
 def test_a_region_and_gates(tmp_path):

@@ -85,3 +85,10 @@ def test_an_environment_that_a_library_cannot_read_is_one_line(chain, tmp_path, 
     assert name in line
     assert value in line
     assert not list(tmp_path.iterdir())
+
+
+def test_a_mean_over_a_region_stands_on_the_page_as_it_is_printed(chain, lpvobs, tmp_path):
+    page, region = tmp_path / "region.html", "n_e=1500:2000,u_delta=8:16"
+    done = lpvobs("report", chain.result, "--html", page, "--region", region)
+    said = next(line for line in done.out.splitlines() if "mean error over n_e 1500 to 2000" in line)
+    assert said in page.read_text(encoding="utf-8")
