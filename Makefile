@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind thresholds wrong as-it-is unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -25,6 +25,7 @@ help:
 	@echo 'make test-all them and then the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
+	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
@@ -111,6 +112,10 @@ lint: $(VENV)/.ready
 blind: export OPENBLAS_NUM_THREADS = 1
 blind: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/blind
+
+blind2: export OPENBLAS_NUM_THREADS = 1
+blind2: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/blind2 --seed clock --out blind2
 
 thresholds: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/thresholds

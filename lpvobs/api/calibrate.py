@@ -1,4 +1,4 @@
-"""`calibrate`: from a bench table and logs of known air flow to what is known of an engine."""
+"""`calibrate`: from a bench table and logs of known air flow to what is known of an engine, and which points would tell most."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -8,9 +8,11 @@ import numpy as np
 
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
-from lpvobs.calibration.bench import REFERENCE, Table, bench_table
+from lpvobs.api.simulate import plant_of
+from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.channels import AMBIENT
 from lpvobs.engines.unknowns import TABLE_FLOW, unknowns_of
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.component_maps import named_file, read_component_map
@@ -18,12 +20,13 @@ from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.bench import BenchPoints, read_bench
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.engines import EngineRow, StoredEngine, write_engine
+from lpvobs.io.results.engines import EngineRow, StoredEngine, read_engine, write_engine
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import Point
 from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
+from lpvobs.report.engines import PlannedPoint
 
 USUAL_TOLERANCE = 0.01
 """Of a constant that only a component's table tells of, and of which the configuration says nothing: as of the others."""
@@ -44,6 +47,9 @@ def calibrate(
     progress: Progress | None = None,
 ) -> StoredEngine:
     """Find an engine's constants and the corrections of its components, with their covariance, and write them.
+
+    Raises UsageError for a configuration that cannot be read, nothing to calibrate from, or two inputs of the same name or
+    bytes; DataError if a table, a log or the gain cannot be used; NotProven if the certificate of the gain does not hold.
 
     Parameters
     ----------
@@ -72,15 +78,6 @@ def calibrate(
     StoredEngine
         `unknowns.mean` and `unknowns.covariance` of shapes (q,) and (q, q): relative deviations of the constants, then the
         corrections at their nodes.
-
-    Raises
-    ------
-    UsageError
-        For a configuration that cannot be read, nothing to calibrate from, or two inputs of the same name or bytes.
-    DataError
-        If a table, a log or the gain cannot be used.
-    NotProven
-        If the certificate of the gain does not hold.
     """
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()
@@ -159,7 +156,7 @@ def _calibrated(
             unknowns=found.unknowns,
             prior_error=stored.prior_error if tables or parts else found.prior_error,
             amplitudes={**stored.amplitudes, **found.amplitudes},
-            provenance=Provenance({**stored.provenance.inputs, **digests}, text),
+            provenance=Provenance({**stored.provenance.inputs_sha256, **digests}, text),
         )
     progress(1.0)
     return stored
@@ -193,3 +190,43 @@ def _rows(found: Calibration) -> tuple[EngineRow, ...]:
     of_map = np.array([kind.column == TABLE_FLOW for kind in rows.kind])[rows.of]
     columns = (np.where(of_map, -1, rows.point), rows.reference, found.before, found.held_out, found.held_out_error)
     return tuple(EngineRow(*row) for row in zip(names, *(column.tolist() for column in columns), strict=True))
+
+
+FEASIBLE, BEST = 120, 8
+"""Stationary points that are looked at, and those that are named: a morning on the bench."""
+
+
+def plan_bench(config: File, engine: File, *, progress: Progress | None = None) -> Sequence[PlannedPoint]:
+    """Return the bench points that would make the air flow of a calibrated engine known best, the best first.
+
+    Points are chosen one after the other (greedily) so that the mean variance of the flow over all feasible points becomes least
+    (A-optimal). Feasible are stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
+
+    Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
+
+    Parameters
+    ----------
+    config : path
+        With `[simulation]`.
+    engine : path
+        Made by `calibrate` from the same configuration.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+    """
+    stored = read_engine(as_path(engine), load_config(as_path(config))[0].engine_path())
+    configuration, plant = plant_of(config, engine)
+    air_path = configuration.engine_path()
+    found = plant.bench(configuration.engine, configuration.simulation, FEASIBLE, 1, progress or silent).channels
+    rows = rows_of(air_path, stored.unknowns.seen_from(stored.deviation), [bench_table(air_path, found)])
+    chosen, told = best_points(rows, stored.unknowns.covariance, stored.left, BEST)
+    set_by = [axis.channel for axis in air_path.axes]
+    set_by += [name for part in air_path.measured_parts for name in part.without] + list(AMBIENT)
+    return [
+        PlannedPoint(
+            point={name: float(found[name][point]) for name in set_by},
+            units={name: air_path.channels[name].unit for name in set_by},
+            before=float(before),
+            after=float(after),
+        )
+        for point, before, after in zip(chosen, told[:-1], told[1:], strict=True)
+    ]

@@ -10,10 +10,9 @@ import numpy as np
 
 from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.nominal import known_from
 from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import expect_cascade
-from lpvobs.api.search_start import Start, free_start, nominal_start
+from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import StoredOutcome, plain
@@ -167,7 +166,7 @@ def close(
 
 def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
     """Raise UsageError where a map that stands was estimated with another engine."""
-    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs.values():
+    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
         raise UsageError(
             f"{stored.path}: was not made with {calibrated}, and a map that stands goes with the engine it was made with; "
             f"drop --engine, estimate the map with it, or say --free-map"

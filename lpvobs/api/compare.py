@@ -72,6 +72,9 @@ def compare(
 ) -> CompareOutput:
     """Return how the second map differs from the first, with intervals from the covariance of both.
 
+    Raises NotProven if a gate fails; DataError if a file is no result, or the two have nothing in common; UsageError if a gate
+    cannot be understood.
+
     Parameters
     ----------
     first, second : path
@@ -90,15 +93,6 @@ def compare(
     CompareOutput
         Flows in kg/s. The errors of the two count as independent; constants of one engine that both share make the intervals
         wider than need be.
-
-    Raises
-    ------
-    NotProven
-        If a gate fails.
-    DataError
-        If a file is no result, or the two have nothing in common.
-    UsageError
-        If a gate cannot be understood.
     """
     if values not in SOURCES:
         raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")

@@ -19,6 +19,8 @@ class ProfileOutput:
 def draft_profile(source: File, out: File | None = None) -> str:
     """Return the text of a profile for `ingest`, drafted from names, units and ranges of a recording.
 
+    Raises DataError if the recording cannot be read.
+
     Parameters
     ----------
     source : path
@@ -30,11 +32,6 @@ def draft_profile(source: File, out: File | None = None) -> str:
     -------
     str
         TOML; what is unsure is a comment in it. Read it before using it.
-
-    Raises
-    ------
-    DataError
-        If the recording cannot be read.
     """
     if out is None:
         return draft(as_path(source))

@@ -90,6 +90,9 @@ def estimate(
 ) -> Estimated:
     """Estimate the error map of the sensor from logs and write the result.
 
+    Raises UsageError for an unknown method, or logs that are there twice; DataError if the gain or none of the logs can be
+    used, or they inform no node; NotProven if the certificate of the gain does not hold.
+
     Parameters
     ----------
     config : path
@@ -118,15 +121,6 @@ def estimate(
     Estimated
         `estimate.theta` and `estimate.standard_error` of shape (p,) [kg/s], the map's nodes in the order of Eq. (23);
         `summaries` of the logs, with metrics where a log has references; `refused`: why other logs were left out.
-
-    Raises
-    ------
-    UsageError
-        For an unknown method, or logs that are there twice.
-    DataError
-        If the gain or none of the logs can be used, or they inform no node.
-    NotProven
-        If the certificate of the gain does not hold.
 
     Notes
     -----

@@ -40,6 +40,9 @@ def export(
 ) -> Exported:
     """Write the map for calibration tools: what to subtract from a reading.
 
+    Raises UsageError if the request contradicts itself; DataError if the result or the old file cannot be used, or a DCM would
+    have empty nodes.
+
     Parameters
     ----------
     result : path
@@ -67,13 +70,6 @@ def export(
     -------
     Exported
         `surface` with values of shape (p2, p1) in the unit it names, `changes` against the old map.
-
-    Raises
-    ------
-    UsageError
-        If the request contradicts itself.
-    DataError
-        If the result or the old file cannot be used, or a DCM would have empty nodes.
     """
     file_format, kind, before = file_format.lower(), kind.upper(), None if old is None else as_path(old)
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)

@@ -71,6 +71,9 @@ def export_unit(
 ) -> ExportedUnit:
     """Write the certified local observer as C99 sources, or as a unit for co-simulation (FMI 2.0).
 
+    Raises UsageError if the request contradicts itself; DataError if gain or result cannot be used, or do not belong together;
+    NotProven if the certificate does not hold for the numbers of the target.
+
     Parameters
     ----------
     gain : path
@@ -86,15 +89,6 @@ def export_unit(
         proven for a gain whose sensor does not correct the state; by default where that holds.
     rate : float
         [Hz], of the samples at most: so many wait until their window is complete.
-
-    Raises
-    ------
-    UsageError
-        If the request contradicts itself.
-    DataError
-        If gain or result cannot be used, or do not belong together.
-    NotProven
-        If the certificate does not hold for the numbers of the target.
 
     Notes
     -----

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from lpvobs.api.files import File, updating
 from lpvobs.errors import UsageError
-from lpvobs.io.results.axes import axes_of
-from lpvobs.io.results.extrapolations import write_extrapolation
+from lpvobs.io.results.extrapolations import axes_of, write_extrapolation
 from lpvobs.io.results.results import StoredResult, read_result, update
 from lpvobs.kinds import Fraction, KgPerS
 from lpvobs.maps.kriging import krige
@@ -37,6 +36,9 @@ class ExtrapolateOutput(QuadraticOutput):
 def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) -> tuple[Filled, float]:
     """Fill the nodes that no log informed, and write `/extrapolation` into the result.
 
+    Raises DataError if the file is no result, or its nodes do not determine the quadratic; UsageError if the method is unknown,
+    or a quadratic is to smooth.
+
     Parameters
     ----------
     result : path
@@ -52,13 +54,6 @@ def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) 
         For every node, value and covariance; the coefficients of Eq. (37) in kg/s over the units of the map's axes.
     outer_coverage : float
         Share of the outer estimated nodes inside their 90 % interval when they take no part in the fit.
-
-    Raises
-    ------
-    DataError
-        If the file is no result, or its nodes do not determine the quadratic.
-    UsageError
-        If the method is unknown, or a quadratic is to smooth.
 
     Notes
     -----

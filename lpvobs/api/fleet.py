@@ -28,9 +28,9 @@ from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.balance_agreement import Watched, judged
-from lpvobs.observer.beginning import Beginning
 from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
+from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import LogInformation, StateGain, inform
 from lpvobs.records import Array
 

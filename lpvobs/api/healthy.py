@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from lpvobs.api.known_engine import known_engine
-from lpvobs.api.nominal import known_from
+from lpvobs.api.search_start import known_from
 from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from
 from lpvobs.discovery.residual import lay_out
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS

@@ -17,6 +17,8 @@ from lpvobs.io.logs.parquet import write_log
 def ingest_log(sources: File | Iterable[File], profile: File, out: File) -> dict[str, Any]:
     """Make a log of a foreign recording.
 
+    Raises UsageError if the profile cannot be used; DataError if the files cannot.
+
     Parameters
     ----------
     sources : path or several
@@ -30,13 +32,6 @@ def ingest_log(sources: File | Iterable[File], profile: File, out: File) -> dict
     -------
     dict
         What was done to every channel, each repair with its count, as the log keeps it.
-
-    Raises
-    ------
-    UsageError
-        If the profile cannot be used.
-    DataError
-        If the files cannot.
     """
     paths = some(sources, "recording")
     with writing(out, [*paths, profile]) as target:

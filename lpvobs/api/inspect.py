@@ -101,6 +101,8 @@ def defects_of(defects: Defects) -> tuple[Defect, ...]:
 def inspect(log: File, config: File | None = None) -> InspectedLog:
     """Return what is in a log and what the policies did about its defects.
 
+    Raises DataError if no estimate could use the log.
+
     Parameters
     ----------
     log : path
@@ -111,11 +113,6 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     -------
     InspectedLog
         Channels with units, ranges in the log's units, defects.
-
-    Raises
-    ------
-    DataError
-        If no estimate could use the log.
     """
     channels, policies = _engine_of(config)
     return inspect_log(as_path(log), channels, policies)

@@ -41,6 +41,8 @@ def refine(
     Without a finding the model of before is written, byte for byte. Effects that the model had already are estimated again with
     those that are added. A map that stands is kept as it is; otherwise the observer estimates it anew, with the effects in it.
 
+    Raises UsageError, DataError as for `trace`; NotProven if an effect adds a state and the larger observer is not proven.
+
     Parameters
     ----------
     result, logs, freeze_map, engine, progress
@@ -54,13 +56,6 @@ def refine(
     -------
     Traced
         As of `trace`, and with the error after.
-
-    Raises
-    ------
-    UsageError, DataError
-        As for `trace`.
-    NotProven
-        If an effect adds a state and the larger observer is not proven.
     """
     paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
     calibrated = None if engine is None else as_path(engine)

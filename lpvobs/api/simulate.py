@@ -37,6 +37,9 @@ def simulate(
 ) -> SimulatedLog:
     """Drive the simulated diesel over a cycle and write the log that its sensors record.
 
+    Raises UsageError for a configuration without `[simulation]`, an unknown cycle, an impossible rate, or an effect that cannot
+    show on this drive; DataError if the log cannot be written.
+
     Parameters
     ----------
     config : path
@@ -60,14 +63,6 @@ def simulate(
     -------
     SimulatedLog
         `channels` as written, each of shape (N,) in the unit that `units` names, and the noise-free `truth`.
-
-    Raises
-    ------
-    UsageError
-        For a configuration without `[simulation]`, an unknown cycle, an impossible rate, or an effect that cannot show on this
-        drive.
-    DataError
-        If the log cannot be written.
 
     Notes
     -----

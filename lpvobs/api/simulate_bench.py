@@ -17,6 +17,9 @@ def simulate_bench(
 ) -> BenchTable:
     """Bring the simulated engine to rest at many operating points and write the table that a test bench records.
 
+    Raises UsageError for a configuration without `[simulation]`, or an impossible number of points; DataError if the engine
+    does not come to rest, or the table cannot be written.
+
     Parameters
     ----------
     config : path
@@ -37,13 +40,6 @@ def simulate_bench(
     BenchTable
         `channels` as written, each of shape (N,), in the unit that `units` names: the engine's channels but the air flow sensor,
         averaged over 30 s, and `W_reference`, `sd_W_reference`, `W_egr_reference`, `W_f` [kg/s].
-
-    Raises
-    ------
-    UsageError
-        For a configuration without `[simulation]`, or an impossible number of points.
-    DataError
-        If the engine does not come to rest, or the table cannot be written.
     """
     with writing(out, [config, engine]) as target:
         configuration, plant = plant_of(config, engine)

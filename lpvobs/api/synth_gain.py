@@ -52,6 +52,8 @@ def synth_gain(
 ) -> StoredGain:
     """Find the observer gain from the linear matrix inequalities of Theorem 1, prove it, and write it.
 
+    Raises NotProven if no gain can be proven; UsageError, DataError if the configuration or a log cannot be used.
+
     Parameters
     ----------
     config : path
@@ -68,13 +70,6 @@ def synth_gain(
     StoredGain
         `gain.L` of shape (n, r), outputs with the sensor last, in the units of the states per unit of the outputs and second;
         `gain.certificate`, and `gain.region` that it holds on.
-
-    Raises
-    ------
-    NotProven
-        If no gain can be proven.
-    UsageError, DataError
-        If the configuration or a log cannot be used.
 
     Notes
     -----

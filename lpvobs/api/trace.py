@@ -29,6 +29,9 @@ def trace(
 ) -> Traced:
     """Find what the model of a result lacks on logs, and write `/trace` into the result.
 
+    Raises UsageError if some logs made the map, others did not, and nothing says what holds; if a log is there twice; DataError
+    if the result cannot be used, or no log can.
+
     Parameters
     ----------
     result : path
@@ -46,13 +49,6 @@ def trace(
     Traced
         `found`: its `verdict` is `none`, `effect` or `unexplained`, its `findings` have sizes and intervals in the units they name,
         onset and end [s]; `map_frozen`; `refused`: why logs were left out.
-
-    Raises
-    ------
-    UsageError
-        If some logs made the map, others did not, and nothing says what holds; if a log is there twice.
-    DataError
-        If the result cannot be used, or no log can.
     """
     paths = some_logs(logs)
     with updating(result) as path:

@@ -26,18 +26,14 @@ class VerifyOutput(Certificate):
 def verify(gain: File, config: File | None = None) -> Certificate:
     """Prove a stored gain again in rational arithmetic, without the solver, and return the certificate.
 
+    Raises NotProven if the stored numbers do not prove Theorem 1 on the stored region; DataError if the file cannot be used, or
+    is for another engine.
+
     Parameters
     ----------
     gain : path
     config : path, optional
         The engine that it has to be for.
-
-    Raises
-    ------
-    NotProven
-        If the stored numbers do not prove Theorem 1 on the stored region.
-    DataError
-        If the file cannot be used, or is for another engine.
     """
     _, certificate = check_stored(gain, config)
     expect_proven(gain, certificate)

@@ -1,15 +1,23 @@
-"""`report`: results, and the logs that belong to them, as tables, page and verdicts on gates."""
+"""`report`: results or a calibrated engine, and the logs that belong to them, as tables, page and verdicts on gates."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import h5py
+
 from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.surfaces import read_surface
+from lpvobs.io.configuration.config import config_of
+from lpvobs.io.results.engines import KIND, REMEDY, read_engine
+from lpvobs.io.results.hdf import is_hdf5, reading
+from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import StoredResult
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.discovered import contents, sentences
+from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.gates import Verdict, enforce, judge, parse_gate, write_junit
 from lpvobs.report.load import load
 from lpvobs.report.names import distinct
@@ -25,6 +33,9 @@ def write_report(
     region: Mapping[str, tuple[float, float]] | None = None,
 ) -> ReportOutput:
     """Return how far the corrected sensor is from the truth, write the page if asked for, and judge the gates.
+
+    Raises NotProven if a log fails a gate; the page is written all the same; DataError if a file cannot be used, or a log lacks
+    the metric of a gate; UsageError if a gate cannot be understood.
 
     Parameters
     ----------
@@ -42,15 +53,6 @@ def write_report(
     -------
     ReportOutput
         The object that `lpvobs report --json` prints, without its schema: flows in kg/s.
-
-    Raises
-    ------
-    NotProven
-        If a log fails a gate; the page is written all the same.
-    DataError
-        If a file cannot be used, or a log lacks the metric of a gate.
-    UsageError
-        If a gate cannot be understood.
     """
     done = make_report(result, further, html=html, gates=gates, region=region)
     enforce(done.verdicts)
@@ -100,11 +102,12 @@ def make_report(
             from lpvobs.report.content import gather
 
             try:
-                from lpvobs.report.page import write_page
+                from lpvobs.report.page import page as made
             except ValueError as error:  # matplotlib reads the variable as it is loaded
                 said = str(error).partition(";")[0]
                 raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
-            write_page(page, gather(loaded), content.regions)
+            with replacing(page) as temporary:
+                temporary.write_text(made(gather(loaded), content.regions), encoding="utf-8")
         verdicts = judge(conditions, content.logs)
         if suite is not None:
             write_junit(suite, verdicts)
@@ -116,3 +119,29 @@ def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]])
     low, high = mean.ci90[0].tolist()
     where = ", ".join(f"{axis} {ends[0]:g} to {ends[1]:g}" for axis, ends in region.items())
     return RegionMean(result=name, region=where, value=float(mean.values[0]), ci90=(low, high))
+
+
+def is_engine(path: Path) -> bool:
+    """Return whether a file says that it is a calibrated engine."""
+    if not path.is_file() or not is_hdf5(path):
+        return False
+    with h5py.File(path, "r") as file:
+        return bool(file.attrs.get("schema", "") == f"lpvobs/{KIND}/1")
+
+
+def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
+    """Return what is known of a calibrated engine, and write its page if asked for.
+
+    Raises DataError if the file is no calibrated engine.
+    """
+    path = as_path(engine)
+    with reading(path, KIND, REMEDY) as file:
+        text = read_provenance(file).config
+    stored = read_engine(path, config_of(text, path).engine_path())
+    found = told(stored, str(path))
+    if html is not None:
+        from lpvobs.report.engine_page import engine_page
+
+        with writing(html, [path]) as target, replacing(target) as temporary:
+            temporary.write_text(engine_page(path.name, stored, found), encoding="utf-8")
+    return found

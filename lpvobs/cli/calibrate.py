@@ -38,7 +38,7 @@ def calibrate(
     """
     load_compiler()
     from lpvobs.api.calibrate import calibrate as find_engine
-    from lpvobs.api.plan_bench import plan_bench
+    from lpvobs.api.calibrate import plan_bench
     from lpvobs.report.engines import calibration_tables, told
 
     config = chosen_config(config)

@@ -1,5 +1,6 @@
 """`lpvobs export`."""
 
+from functools import partial
 from pathlib import Path
 
 from lpvobs.cli.common import guarded, print_json, say, table
@@ -47,20 +48,11 @@ def export(
     from lpvobs.report.tables import change_rows, grams, origin_counts
 
     file_format = file_format.lower()
+    said = partial(ExportOutput, out=str(out), format=file_format)
     if file_format in UNITS:
         unit = export_unit(result, out, file_format, result=start, map_gain=map_gain, rate=rate)
         if as_json:
-            said = ExportOutput(
-                out=str(out),
-                format=file_format,
-                values=unit.start,
-                digits=17,
-                nodes={},
-                changes=None,
-                widest=None,
-                unit=unit,
-            )
-            print_json("export", said)
+            print_json("export", said(values=unit.start, digits=17, nodes={}, changes=None, widest=None, unit=unit))
             return
         for number, size in unit.bytes_of_state.items():
             print(
@@ -87,17 +79,9 @@ def export(
     )
     counts = origin_counts(done.surface)
     if as_json:
-        written = ExportOutput(
-            out=str(out),
-            format=file_format,
-            values=done.surface.source,
-            digits=digits,
-            nodes=counts,
-            changes=done.changes,
-            widest=done.widest,
-            unit=None,
-        )
-        print_json("export", written)
+        where, changed = done.surface.source, done.changes
+        made = said(values=where, digits=digits, nodes=counts, changes=changed, widest=done.widest, unit=None)
+        print_json("export", made)
         return
     if done.changes:
         print(table(*change_rows(done.surface, done.changes)))

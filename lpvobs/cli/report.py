@@ -27,8 +27,7 @@ def report(
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
     from lpvobs.api.compare import region_of
-    from lpvobs.api.report_engine import is_engine, report_engine
-    from lpvobs.api.write_report import make_report
+    from lpvobs.api.write_report import is_engine, make_report, report_engine
     from lpvobs.report.engines import calibration_tables
     from lpvobs.report.gates import enforce
     from lpvobs.report.tables import coefficient_tables, gain_line, region_line, report_rows

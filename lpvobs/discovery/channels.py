@@ -1,10 +1,11 @@
 """Candidates driven by a channel of the log: a gain or an offset of the sensor, or a flow of the engine, follows the channel."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
+import scipy
 
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
@@ -75,27 +76,41 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
 
 def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Effect:
     """Return the effect whose size follows the curve along the places of a problem."""
-    return following(curve, carrier, problem.over_columns(np.interp(values, curve.knots, curve.values)))
+    return along_channel(curve, carrier, problem.over_columns(np.interp(values, curve.knots, curve.values)))
 
 
-def following(curve: Curve, carrier: Effect, shape: Array) -> Effect:
-    """Return the effect whose size follows a curve, column by column; its parameter is the multiple of the curve."""
+def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
+    """Return the effect whose size follows a curve over a channel, column by column; its parameter is the multiple of the curve."""
+    drive = f"drives on which {curve.channel} changes by itself"
+    return replace(following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0), drive=drive)
+
+
+def following(
+    name: str, carrier: Effect, shape: Callable[[Any, Mapping[str, Array]], Array], size: float, most: float
+) -> Effect:
+    """Return the effect whose size follows a shape, a function of constants and channels; its parameter is the multiple.
+
+    `size` is a noticeable multiple, `most` the largest.
+    """
 
     def apply(signals: Signals, amplitude: float) -> Signals:
-        return carrier.apply(signals, carrier.null + amplitude * shape)
+        return carrier.apply(signals, carrier.null + amplitude * shape(signals.constants, signals.value))
 
-    return Effect(
-        f"channel:{curve.channel}", "amplitude", "1", 0.0, 0.2, -5.0, 5.0, carrier.place, apply,
-        f"drives on which {curve.channel} changes by itself",
-    )  # fmt: skip
+    return Effect(name, "amplitude", "1", 0.0, size, -most, most, carrier.place, apply, carrier.drive)
 
 
 def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
     """Return the gain of several directions together, and their coefficients."""
-    products = np.stack([linear.products(column) for column in columns])
-    answers = np.stack([linear.project(row) for row in products])
-    normal = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
-    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
+    gradient, normal = gradient_and_normal(linear, columns)
     normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
     coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
     return float(-0.5 * gradient @ coefficients), coefficients
+
+
+def gradient_and_normal(linear: Linear, columns: Array) -> tuple[Array, Array]:
+    """Return the products of whitened directions with the residual and with each other, (m, m), unknowns projected out."""
+    products = np.stack([linear.products(column) for column in columns])
+    answers = scipy.linalg.cho_solve((linear.factor, True), products.T, check_finite=False)
+    mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
+    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
+    return gradient, mean @ mean.T - difference @ difference.T - products @ answers

@@ -8,9 +8,10 @@ import numpy as np
 from msgspec import UNSET
 
 from lpvobs.discovery.channels import Curve
+from lpvobs.discovery.components import FactorSurface
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
-from lpvobs.discovery.outcome import Finding, Followed, LogPart, Parameter
+from lpvobs.discovery.outcome import Finding, Followed, LogPart, OverInputs, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.select import Accepted
@@ -35,7 +36,8 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
         drive=term.effect.drive if item.indistinguishable else UNSET,
-        curve=UNSET if item.curve is None else _followed(item.curve),
+        curve=_followed(item.curve) if isinstance(item.curve, Curve) else UNSET,
+        surface=_over_inputs(item.curve, term.size) if isinstance(item.curve, FactorSurface) else UNSET,
     )
 
 
@@ -52,7 +54,8 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
         ci90=parameter.ci90,
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end),
-        curve=None if item.curve is None else stored_curve(item.curve, problem),
+        curve=stored_curve(item.curve, problem) if isinstance(item.curve, Curve) else None,
+        surface=item.curve if isinstance(item.curve, FactorSurface) else None,
     )
 
 
@@ -88,3 +91,10 @@ def _since(start: float, edge: float) -> float | None:
 
 def _followed(curve: Curve) -> Followed:
     return Followed(curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist()))
+
+
+def _over_inputs(surface: FactorSurface, amplitude: float) -> OverInputs:
+    knots = tuple(surface.first.tolist()), tuple(surface.second.tolist())
+    factor = tuple(tuple(row) for row in (1.0 + amplitude * surface.values).tolist())
+    errors = tuple(tuple(row) for row in surface.errors.tolist())
+    return OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)

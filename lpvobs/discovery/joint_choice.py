@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.channels import Curve
+from lpvobs.discovery.components import FactorSurface, Shape, curve_of, driven_by, surface_again
 from lpvobs.discovery.episodes import sharpened
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import rank
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import CLOSE, SHORTLIST
+from lpvobs.discovery.thresholds import CLOSE, CURVE_PASSES, SHORTLIST
 
-Named = tuple[Candidate, Curve | None]
-"""An effect and, for a channel, its curve."""
+Named = tuple[Candidate, Shape | None]
+"""An effect and, for a channel or a component, its curve."""
 
 
 def without(linear: Linear, index: int) -> Linear:
@@ -24,9 +24,11 @@ def without(linear: Linear, index: int) -> Linear:
     return refit(linear, terms)
 
 
-def choose_again(linear: Linear, candidate: Candidate, curve: Curve | None) -> tuple[Named, Linear]:
+def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> tuple[Named, Linear]:
     """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
     problem, newest = linear.problem, len(linear.terms) - 1
+    if isinstance(curve, FactorSurface):
+        return _curve_again(linear, candidate, curve)
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
@@ -42,6 +44,20 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Curve | None) -> t
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return (in_place(linear, newest, again), curve), linear
+
+
+def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Named, Linear]:
+    """Return a component's curve that follows map, constants and weights which now go with it, and the model with that."""
+    problem, newest = linear.problem, len(linear.terms) - 1
+    curve = curve_of(problem, candidate.id)
+    for _ in range(CURVE_PASSES):
+        moved = surface_again(linear, newest, surface)
+        if moved is None:
+            break
+        surface = moved
+        term = replace(linear.terms[newest], effect=driven_by(curve, surface), size=surface.amplitude)
+        linear = fit(problem, [*linear.terms[:newest], term], passes=1, start=linear)
+    return (in_place(linear, newest, candidate), surface), linear
 
 
 def choose_all_again(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:

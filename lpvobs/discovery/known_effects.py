@@ -12,7 +12,8 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import Curve, following, rate_of
+from lpvobs.discovery.channels import Curve, along_channel, rate_of
+from lpvobs.discovery.components import FactorSurface, driven_by
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
@@ -50,7 +51,8 @@ class KnownEffect:
     """One effect of a model.
 
     There is a span for every log that it was estimated on or is known to be absent from. It lasts if it was there at the end of the
-    last log. The curve, of a channel, says how the size of the carrier depends on it, at amplitude one, with rates per second.
+    last log. The surface is a component's curve. The curve, of a channel, says how the size of the carrier depends on it, at
+    amplitude one, with rates per second.
     """
 
     id: str
@@ -62,6 +64,7 @@ class KnownEffect:
     spans: Annotated[tuple[Span, ...], Item(axes=("log",))]
     lasting: Annotated[bool, Item("1", "whether it acts on logs that took no part, from first to last sample")]
     curve: Annotated[Curve | None, Item()]
+    surface: Annotated[FactorSurface | None, Item()] = None
 
     @property
     def standard_deviation(self) -> float:
@@ -165,11 +168,13 @@ def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array
 
 
 def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[[Curve], Array]) -> Effect:
-    curve = known_effect.curve
+    curve, component = known_effect.curve, model.curve(known_effect.id)
+    if component is not None and known_effect.surface is not None:
+        return driven_by(component, known_effect.surface)
     if curve is None:
         return catalogued(known_effect.id, model)
     carrier = catalogued(curve.carrier, model)
-    return following(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
+    return along_channel(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
 
 
 def channel_at(log: Log, curve: Curve, time: Array) -> Array:

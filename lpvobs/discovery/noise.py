@@ -25,17 +25,10 @@ Nodes = tuple[NDArray[np.int64], Array]
 
 @dataclass(frozen=True)
 class Scatter:
-    """Noise that is new at every place.
+    """Noise that is new at every place."""
 
-    Attributes
-    ----------
-    root : ndarray, shape (K, B, B)
-        C with C^T C the inverse covariance, at all places.
-    used : ndarray of bool, shape (K,)
-    """
-
-    root: Array
-    used: NDArray[np.bool_]
+    root: Array  # (K, B, B) C with C^T C the inverse covariance, at all places
+    used: NDArray[np.bool_]  # (K,)
 
     def whiten(self, values: Array) -> Array:
         """Return values of shape (..., B, K) in units of their noise."""
@@ -64,24 +57,12 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Remembered:
-    """Noise that is correlated in time; m entries (place, balance) in the order of time.
+    """Noise that is correlated in time; m entries (place, balance) in the order of time."""
 
-    Attributes
-    ----------
-    order : ndarray of int, shape (m,)
-        Entries place * B + balance.
-    log : ndarray of int, shape (m,)
-        Number of the log of each.
-    covariance : ndarray, shape (m, m)
-    shape : tuple of int
-        B and K.
-    used : ndarray of bool, shape (K,)
-    """
-
-    order: NDArray[np.int64]
-    covariance: Array
-    shape: tuple[int, int]
-    used: NDArray[np.bool_]
+    order: NDArray[np.int64]  # (m,) place * B + balance
+    covariance: Array  # (m, m)
+    shape: tuple[int, int]  # B and K
+    used: NDArray[np.bool_]  # (K,)
 
     @cached_property
     def _entries(self) -> tuple[NDArray[np.int64], Array]:

@@ -38,6 +38,18 @@ class Followed:
 
 
 @dataclass(frozen=True)
+class OverInputs:
+    """The curve of a component: its factor between knots of two inputs, rows along the first of them."""
+
+    inputs: tuple[str, str]
+    units: tuple[str, str]
+    largest_at: tuple[Finite, Finite]  # inputs where, on the logs, the factor is farthest from one
+    knots: tuple[tuple[Finite, ...], tuple[Finite, ...]]
+    factor: tuple[tuple[Finite, ...], ...]
+    standard_error: tuple[tuple[Finite, ...], ...]
+
+
+@dataclass(frozen=True)
 class Finding:
     """One effect."""
 
@@ -52,6 +64,7 @@ class Finding:
     indistinguishable: tuple[str, ...]  # effects that explain these logs as well
     drive: str | UnsetType = UNSET  # what kind of drive would tell them apart
     curve: Followed | UnsetType = UNSET  # for a channel
+    surface: OverInputs | UnsetType = UNSET  # for a component's curve
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.channels import Curve, channel_candidates
+from lpvobs.discovery.channels import channel_candidates
+from lpvobs.discovery.components import Shape, component_candidates
 from lpvobs.discovery.evidence import (
     Candidate,
     best_intervals,
@@ -75,7 +76,7 @@ def _first_order_gain_of_intervals(linear: Linear, effect: Effect, absorbed: boo
 
 def tried(problem: Problem) -> int:
     """Return how many hypotheses compete."""
-    return len(problem.catalogue) + 2 * len(problem.carriers) * len(problem.auxiliary)
+    return len(problem.catalogue) + len(problem.model.curves) + 2 * len(problem.carriers) * len(problem.auxiliary)
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
@@ -97,13 +98,14 @@ def is_proven(candidate: Candidate, linear: Linear) -> bool:
     return is_relevant(candidate, linear) and p_value(candidate, tried(linear.problem)) < thresholds.SIGNIFICANT
 
 
-def best_of(linear: Linear) -> tuple[list[Candidate], Curve | None]:
-    """Return all candidates, best first, channels among them where they beat the catalogue."""
+def best_of(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
+    """Return all candidates, best first, those with a curve among them where they beat the catalogue, and the curves."""
     found = rank(linear, linear.problem.catalogue)
-    curves = channel_candidates(linear) if linear.problem.auxiliary else []
+    curves: list[tuple[Candidate, Shape]] = [*channel_candidates(linear), *component_candidates(linear)]
     if not curves:
-        return found, None
-    best, curve = max(curves, key=lambda item: score(item[0]))
-    if score(best) > 1.05 * max(score(found[0]), 0.0):
-        return [best, *found], curve
-    return [*found[:1], best, *found[1:]], curve
+        return found, {}
+    driven = sorted((candidate for candidate, _ in curves), key=score, reverse=True)
+    shapes = {candidate.id: shape for candidate, shape in curves}
+    if score(driven[0]) > 1.05 * max(score(found[0]), 0.0):
+        return [*driven, *found], shapes
+    return [*found[:1], *driven, *found[1:]], shapes

@@ -29,30 +29,17 @@ from lpvobs.records import Array, Log
 
 @dataclass(frozen=True)
 class Refinement:
-    """A trace and the model that it leads to.
-
-    Attributes
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], the map beside the effects.
-    covariance : ndarray, shape (p, p)
-        [kg^2/s^2]
-    beta, beta_deviation : mapping of str to float
-        Relative deviation of each uncertain constant from the configured one, and its standard deviation.
-    known_effects : tuple of KnownEffect
-        Every effect of the model: first those that it had, estimated again, then those that were found.
-    before, after : Linear
-        Residual, regressors and weights of either model, for reports.
-    """
+    """A trace and the model that it leads to."""
 
     trace: Trace
-    theta: Array
-    covariance: Array
-    beta: Mapping[str, float]
-    beta_deviation: Mapping[str, float]
+    theta: Array  # (p_2, p_1) [kg/s] the map beside the effects
+    covariance: Array  # (p, p) [kg^2/s^2]
+    beta: Mapping[str, float]  # relative deviation of each uncertain constant from the configured one
+    beta_deviation: Mapping[str, float]  # its standard deviation
+    # every effect of the model: first those that it had, estimated again, then those that were found
     known_effects: tuple[KnownEffect, ...]
-    before: Linear
-    after: Linear
+    before: Linear  # residual, regressors and weights of the model as it was, for reports
+    after: Linear  # the same of the model with the effects
     whiteness_before: Whiteness
     whiteness_after: Whiteness
 
@@ -72,24 +59,12 @@ def refine(
     hold_out: Sequence[Log] = (),
     healthy: HealthyDrive | None = None,
 ) -> Refinement:
-    """Return the model with the effects that the logs prove.
+    """Return the model with the effects that the logs prove, which are pooled; `progress` is called with the share that is done.
 
-    Raises DataError if a log is too short, or lacks a channel that an effect of the model follows.
-
-    Parameters
-    ----------
-    prior : MapPrior
-        `free_map` on the logs that make the map, `nominal_map` on others.
-    logs : sequence of Log
-        Pooled.
-    progress : callable
-        Called with the share that is done.
-    known : sequence of KnownEffect
-        Effects that the model has already. They are estimated again.
-    hold_out : sequence of Log
-        Logs that no fit and no decision sees; the error before and after is computed on them, too.
-    healthy : HealthyDrive, optional
-        What the engine leaves when it is healthy: the search is for what has changed.
+    The prior is `free_map` on the logs that make the map, `nominal_map` on others. Effects that the model has already, `known`, are
+    estimated again. No fit and no decision sees the logs of `hold_out`; the error before and after is computed on them, too.
+    `healthy` is what the engine leaves when it is healthy: the search is for what has changed. Raises DataError if a log is too
+    short, or lacks a channel that an effect of the model follows.
     """
     widths = dict(zip(model.names, model.spread.tolist(), strict=True))
     if healthy is not None:

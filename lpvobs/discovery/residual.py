@@ -18,24 +18,12 @@ from lpvobs.records import Array, Log
 
 @dataclass(frozen=True)
 class MapPrior:
-    """The map before these logs: theta = mean + sensitivity beta + error.
+    """The map before these logs: theta = mean + sensitivity beta + error."""
 
-    Attributes
-    ----------
-    mean : ndarray, shape (p,)
-        [kg/s]
-    precision : ndarray, shape (p, p)
-        [s^2/kg^2], inverse covariance of the error.
-    sensitivity : ndarray, shape (p, q)
-        [kg/s], derivative of the map by the relative error of each constant.
-    free : bool
-        Whether the map is estimated from these logs.
-    """
-
-    mean: Array
-    precision: Array
-    sensitivity: Array
-    free: bool
+    mean: Array  # (p,) [kg/s]
+    precision: Array  # (p, p) [s^2/kg^2] inverse covariance of the error
+    sensitivity: Array  # (p, q) [kg/s] derivative of the map by the relative error of each constant
+    free: bool  # whether the map is estimated from these logs
 
     @cached_property
     def standard_error(self) -> Array:
@@ -48,71 +36,36 @@ class Problem:
     """Everything that a search does not change: B balances at K places, q unknowns beside the map.
 
     Places are instants, seen twice (2K columns of signals), or blocks of samples (N columns), as the model says.
-
-    Attributes
-    ----------
-    levels : tuple of (int, Level)
-        The number of the log, and the level that differs on its day. These unknowns come after those of the engine.
-    covariance : ndarray, shape (q, q)
-        Prior of the engine's unknowns and of the levels of the day.
-    signals : Signals
-        As recorded.
-    time, clock : ndarray, shape (K,)
-        [s] since the start of the log, and on the common clock.
-    of_log : ndarray of int, shape (K,)
-        Number of the log.
-    block : ndarray of int, shape (K,)
-        Rising numbers of the stretches that an onset is sought between; none spans two logs.
-    first : ndarray of int, shape (stretches,)
-        The first place of each.
-    begins : ndarray, shape (stretches,)
-        [s], beginning of each on the clock.
-    per_coarse : int
-        Stretches whose sums are taken as independent.
-    transience : ndarray, shape (K,)
-        How fast the inputs change: a class from 0 for instants, the relative scatter within for blocks.
-    auxiliary : mapping of str to ndarray, shape (K,)
-        The logs' own channels that all of them have.
-    shown : ndarray of bool, shape (B, K)
-        Where each balance counts.
-    used : ndarray of bool, shape (K,)
-        Places that fits and choices see.
-    judged : ndarray of bool, shape (K,)
-        Places for the error before and after alone, at a distance from all that are used.
-    flow : float
-        [kg/s], turns a residual in the model's unit into a flow.
-    wider : callable
-        The same problem, all of it used, seen through windows `WIDER` times as wide.
-    offset : ndarray, shape (B, K)
-        Added to the residual: the difference between an engine learned without the place and the one in use.
-    held : tuple of Term
-        Effects that are accounted for with fixed sizes.
     """
 
     model: ResidualModel
     grid: Grid
+    # the number of the log, and the level that differs on its day. These unknowns come after those of the engine
     levels: tuple[tuple[int, Level], ...]
-    covariance: Array
+    covariance: Array  # (q, q) prior of the engine's unknowns and of the levels of the day
     prior: MapPrior
-    signals: Signals
+    signals: Signals  # as recorded
     blocks: Blocks | None
-    time: Array
-    clock: Array
-    of_log: NDArray[np.int64]
+    time: Array  # (K,) [s] since the start of the log
+    clock: Array  # (K,) [s] on the common clock
+    of_log: NDArray[np.int64]  # (K,) number of the log
+    # (K,) rising numbers of the stretches that an onset is sought between; none spans two logs
     block: NDArray[np.int64]
-    first: NDArray[np.int64]
-    begins: Array
-    per_coarse: int
+    first: NDArray[np.int64]  # (stretches,) the first place of each
+    begins: Array  # (stretches,) [s] beginning of each on the clock
+    per_coarse: int  # stretches whose sums are taken as independent
+    # (K,) how fast the inputs change: a class from 0 for instants, the relative scatter within for blocks
     transience: Array
-    auxiliary: Mapping[str, Array]
-    shown: NDArray[np.bool_]
-    used: NDArray[np.bool_]
-    judged: NDArray[np.bool_]
-    flow: float
-    wider: Callable[[], "Problem"]
+    auxiliary: Mapping[str, Array]  # (K,) the logs' own channels that all of them have
+    shown: NDArray[np.bool_]  # (B, K) where each balance counts
+    used: NDArray[np.bool_]  # (K,) places that fits and choices see
+    judged: NDArray[np.bool_]  # (K,) places for the error before and after alone, at a distance from all that are used
+    flow: float  # [kg/s] turns a residual in the model's unit into a flow
+    wider: Callable[[], "Problem"]  # the same problem, all of it used, seen through windows `WIDER` times as wide
+    # (B, K) added to the residual: the difference between an engine learned without the place and the one in use
     offset: Array
     lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
-    held: "tuple[Term, ...]" = ()
+    held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property
     def K(self) -> int:
@@ -201,18 +154,9 @@ def free_map(grid: Grid, q: int, prior_map: float) -> MapPrior:
 def nominal_map(theta: Array, covariance: Array, sensitivity: Array, constants: Array, prior_map: float) -> MapPrior:
     """Return a stored map as what is known before other logs.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s], NaN where not estimated.
-    covariance : ndarray, shape (p, p)
-        [kg^2/s^2], noise and constants together, as stored.
-    sensitivity : ndarray, shape (q, p_2, p_1)
-        [kg/s], NaN where not estimated.
-    constants : ndarray, shape (q, q)
-        Covariance of the relative errors of the constants beside this map.
-    prior_map : float
-        [kg/s], standard deviation of a node that is not estimated.
+    The map theta, shape (p_2, p_1), and its sensitivity, shape (q, p_2, p_1), are in kg/s, NaN where not estimated; its covariance,
+    shape (p, p) [kg^2/s^2], holds noise and constants together, as stored. `constants`, shape (q, q), is the covariance of their
+    relative errors beside this map, `prior_map` [kg/s] the standard deviation of a node that is not estimated.
     """
     known = np.isfinite(theta).ravel()
     S = np.nan_to_num(sensitivity.reshape(len(constants), known.size).T)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.channels import Curve
+from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
@@ -37,7 +37,7 @@ class Accepted:
     p_value: float
     share: float  # of half the sum of squares before any effect
     indistinguishable: tuple[str, ...]  # effects that explain the logs as well
-    curve: Curve | None  # for a channel
+    curve: Shape | None  # for a channel or a component
     standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
 
 
@@ -94,7 +94,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> _Search:
     accepted: list[Named] = []
     for step in range(thresholds.MOST_EFFECTS):
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
-        found, curve = best_of(linear)
+        found, shapes = best_of(linear)
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         if any(_same_place_again(c, accepted) for c in (found[0], best) if is_relevant(c, linear)):
@@ -104,7 +104,7 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> _Search:
         if any(c.id == best.id for c, _ in accepted):
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
-        named, trial = choose_again(trial, best, curve if best.id.startswith("channel:") else None)
+        named, trial = choose_again(trial, best, shapes.get(best.id))
         if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem):
             break
         linear, accepted = choose_all_again(trial, [*accepted, named])
@@ -230,7 +230,7 @@ def _separate_in_time(one: Term, other: Term) -> bool:
 
 
 def _finished(
-    linear: Linear, bare: Linear, index: int, candidate: Candidate, curve: Curve | None, standard_error: float
+    linear: Linear, bare: Linear, index: int, candidate: Candidate, curve: Shape | None, standard_error: float
 ) -> Accepted:
     problem = linear.problem
     term = linear.terms[index]
@@ -244,6 +244,8 @@ def _finished(
     like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # fitted in the same way as the rivals
     indistinguishable = tuple(c.id for c in rivals if _fits_as_well(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
+    if isinstance(curve, FactorSurface):
+        standard_error = float(np.hypot(standard_error, curve.error))
     return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error)
 
 

@@ -134,6 +134,14 @@ KNOTS = (0.0, 0.3333333333333333, 0.6666666666666666, 1.0)
 """[1] Quantiles of a channel that are the knots of its curve. Set by choice: three coefficients."""
 COST = 8.0
 """[1] Gain that each coefficient of a curve must bring. Set by trial; held by run 9."""
+CURVE_SIZES = (0.3, 1.0)
+"""[1] Sizes of a component's curve that are tried, in its deviation before any data. Set by choice: a curve of which
+little shows should not pay for coefficients that a large one needs."""
+LARGEST = 0.5
+"""[1] Largest amplitude of a component's curve. Set by choice: half of a component is no correction of it."""
+CURVE_PASSES = 2
+"""[1] Times that a component's curve is found again beside all the rest. Set by time: the
+second moves it by a tenth of the first."""
 RATE_WINDOW = 11
 """[1] Instants over which a channel's rate is averaged. Set by choice: a second."""
 SHORTLIST = 4

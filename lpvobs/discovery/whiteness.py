@@ -35,15 +35,9 @@ class Whiteness:
 
 
 def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> Whiteness:
-    """Return the structure of a whitened residual.
+    """Return the structure of a whitened residual, shape (B, K).
 
-    Parameters
-    ----------
-    residual : ndarray, shape (B, K)
-    first : ndarray of int, shape (blocks,)
-        The first instant of every block.
-    signals : mapping of str to ndarray, shape (K,)
-        Signals that the residual may be correlated with.
+    `first`, shape (blocks,), is the first instant of every block; the residual may be correlated with the signals, shape (K,) each.
     """
     sums = np.add.reduceat(residual, first, axis=1)
     counts = np.diff(np.append(first, residual.shape[1]))

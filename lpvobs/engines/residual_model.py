@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.healthy import HealthyErrors
+from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.unknowns import Component
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
 
@@ -48,6 +50,34 @@ def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequ
     if unknown:
         raise UsageError(f"[trace.levels]: '{unknown[0]}' is unknown; expected some of {', '.join(units)}")
     return tuple(Level(name, units[name], value) for name, value in day.levels.items())
+
+
+FLAT = 1e3
+"""[1] Multiple of the length of an axis that a curve does not follow."""
+
+
+@dataclass(frozen=True)
+class ComponentCurve:
+    """A component that may be wrong as a curve: a factor over two of its inputs."""
+
+    id: str  # as in the contract
+    carrier: Effect  # the factor, which takes a size per column
+    deviation: float  # standard deviation of the factor before any data
+    axes: Mapping[str, Nodes]  # both inputs by name, with nodes
+    lengths: tuple[float, float]  # over which values are correlated, in the unit of each axis
+    # inputs that are no channels, by name: functions of the engine's constants and the channels
+    computed: Mapping[str, Callable[[Any, Mapping[str, Array]], Array]] = field(default_factory=dict)
+
+    def inputs(self, constants: Any, x: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the inputs, each of the shape of the channels x."""
+        first, second = (self.computed[name](constants, x) if name in self.computed else x[name] for name in self.axes)
+        return first, second
+
+    def correlations(self) -> tuple[Array, Array]:
+        """Return the correlation of the values at the nodes: of a curve over the first input alone, and of a surface."""
+        along, across = self.lengths
+        surface = Component(self.id, "1", "", self.deviation, axes=self.axes, lengths=self.lengths)
+        return replace(surface, lengths=(along, FLAT * across)).correlation(), surface.correlation()
 
 
 @dataclass(frozen=True)
@@ -85,6 +115,7 @@ class ResidualModel:
     # seconds, and a sample says little that its neighbour does not; where constants are known, noise is left, and an
     # instant counts.
     blocks: bool = False
+    curves: tuple[ComponentCurve, ...] = ()  # components that may be wrong as a curve
     levels: tuple[Level, ...] = ()
     # derivatives of the imbalances by the last m of the unknowns, shape (m, B, 2K) or (m, B, K), from constants, signals
     # and blocks; difference quotients give the others
@@ -106,6 +137,10 @@ class ResidualModel:
     def effect(self, name: str) -> Effect | None:
         """Return an effect of the catalogue by its identifier, None where there is none."""
         return next((effect for effect in self.catalogue if effect.id == name), None)
+
+    def curve(self, name: str) -> ComponentCurve | None:
+        """Return the curve of a component by its identifier, None where there is none."""
+        return next((curve for curve in self.curves if curve.id == name), None)
 
     def restarted(self, deviation: Mapping[str, float], covariance: Array) -> "ResidualModel":
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""

@@ -24,7 +24,11 @@ LONGEST_UNIT = 40
 
 def heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
     """Yield the vectors of a file."""
-    found = list(_hdf_heads(path, notes) if _is_hdf(path) else _v5_heads(path))
+    if _is_hdf(path):
+        found = list(_hdf_heads(path, notes))
+    else:
+        vectors = _flat(_document(path), "")
+        found = [Found(name, Head(name, unit, values.size), name) for name, unit, values in vectors]
     _expect_once(item.full for item in found)
     yield from found
 
@@ -63,11 +67,6 @@ def _document(path: Path) -> Mapping[str, Any]:
         warnings.filterwarnings("error", "Unreadable variable")
         _expect_once(name for name, _, _ in whosmat(stream))
         return {name: value for name, value in loadmat(stream, simplify_cells=True).items() if name[:2] != "__"}
-
-
-def _v5_heads(path: Path) -> Iterator[Found]:
-    for name, unit, values in _flat(_document(path), ""):
-        yield Found(name, Head(name, unit, values.size), name)
 
 
 def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, Any]]:

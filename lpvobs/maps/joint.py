@@ -47,15 +47,9 @@ class Joint:
 
 
 def combined(weights: Array, values: Array, covariance: Array) -> Joint:
-    """Return sums of nodes.
+    """Return sums of nodes with weights, shape (K, p), of values, shape (p,), with their covariance, shape (p, p).
 
     Raises DataError where a node that counts has no value.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (K, p)
-    values : ndarray, shape (p,)
-    covariance : ndarray, shape (p, p)
     """
     used = np.flatnonzero(np.any(weights != 0.0, axis=0))
     unknown = int(np.count_nonzero(~np.isfinite(values[used])))

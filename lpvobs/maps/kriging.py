@@ -42,7 +42,7 @@ Process = tuple[tuple[bool, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownNodes:
     """What is known at the estimated nodes, and where all nodes lie, in half widths of the grid."""
 
     place: Array  # (p, 2)
@@ -70,7 +70,7 @@ class Known:
             found = (1.0 + r + r * r / 3.0) * np.exp(-r)  # (4.17)
         return np.asarray(found + (cubic * self.cubes[rows]) @ (cubic * self.cubes[columns]).T)
 
-    def thinned(self, most: int) -> "Known":
+    def thinned(self, most: int) -> "KnownNodes":
         """Return the same with at most so many estimated nodes."""
         kept = np.arange(0, self.chosen.size, -(-self.chosen.size // most))
         own = np.ix_(kept, kept)
@@ -80,7 +80,7 @@ class Known:
 class Weighted:
     """The map under one process and amplitude; both sides are whitened by the covariance of process and noise."""
 
-    def __init__(self, data: Known, process: Process, amplitude: float, correlation: Array):
+    def __init__(self, data: KnownNodes, process: Process, amplitude: float, correlation: Array):
         import scipy.linalg  # takes as long to load as estimating a map
 
         self.data, self.process, self.power = data, process, amplitude**2
@@ -113,21 +113,11 @@ class Weighted:
 def krige(
     grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array, smooth: bool = False
 ) -> quadratic.Filled:
-    """Return the map with every node filled by universal kriging.
+    """Return the map with every node filled by universal kriging; with `smooth` the estimated nodes are replaced as well.
 
-    Raises DataError if the estimated nodes do not determine the six coefficients of Eq. (37).
-
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s]
-    covariance : ndarray, shape (p, p)
-        Of theta, [kg^2/s^2], engine included; read at supported nodes only.
-    supported : ndarray of bool, shape (p_2, p_1)
-    design : ndarray, shape (p, 6)
-        As for `lpvobs.maps.quadratic.fit`.
-    smooth : bool
-        Replace estimated nodes as well by what the model makes of all of them.
+    The map theta, shape (p_2, p_1) [kg/s], and its covariance, shape (p, p) [kg^2/s^2], engine included, are read at supported
+    nodes only; `design`, shape (p, 6), is as for `lpvobs.maps.quadratic.fit`. Raises DataError if the estimated nodes do not
+    determine the six coefficients of Eq. (37).
     """
     data = known_nodes(grid, theta, covariance, supported, design)
     few, size = data.thinned(MOST_NODES), data.size
@@ -193,14 +183,14 @@ class _Mixture:
         return np.asarray(0.5 * (self.square + self.square.T) - np.outer(self.mean, self.mean))
 
 
-def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array) -> Known:
+def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array) -> KnownNodes:
     """Return what `krige` knows, from the same arguments."""
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     trend = quadratic.scaled_terms(grid, u, n).reshape(-1, 6)
     x, y = place = trend[:, 1], trend[:, 3]
     chosen = np.flatnonzero(supported)
     quadratic.refuse_too_few(design[chosen])
-    return Known(
+    return KnownNodes(
         np.stack(place, axis=-1),
         trend,
         np.stack([x**3, x * x * y, x * y * y, y**3], axis=-1),

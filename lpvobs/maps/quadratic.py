@@ -84,22 +84,12 @@ def fit(
 ) -> Filled:
     """Fit Eq. (37) to the supported nodes and fill the others.
 
-    Raises DataError if fewer than seven nodes are supported, or they lie on a conic so that the six coefficients are not
-    determined.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (p_2, p_1)
-        [kg/s]
-    covariance : ndarray, shape (p, p)
-        Of theta, [kg^2/s^2]; read at supported nodes only.
-    supported : ndarray of bool, shape (p_2, p_1)
-    noise : ndarray, shape (p, p), optional
-        The part of the covariance that nodes do not share through the engine's constants; by default all of it. What the
-        residuals have beyond it counts as lack of fit.
-    design : ndarray, shape (p, 6), optional
-        The node values that the estimator would find if the surface were each of `scaled_terms`; by default their values at the
-        nodes. They differ by the curvature of u^2 and n^2 within a cell, up to 0.1 g/s for Eq. (40).
+    The map theta, shape (p_2, p_1) [kg/s], and its covariance, shape (p, p) [kg^2/s^2], are read at supported nodes only. `noise`,
+    shape (p, p), is the part of the covariance that nodes do not share through the engine's constants, by default all of it: what
+    the residuals have beyond it counts as lack of fit. `design`, shape (p, 6), has the node values that the estimator would find if
+    the surface were each of `scaled_terms`, by default their values at the nodes; they differ by the curvature of u^2 and n^2
+    within a cell, up to 0.1 g/s for Eq. (40). Raises DataError if fewer than seven nodes are supported, or they lie on a conic so
+    that the six coefficients are not determined.
     """
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     X_all = scaled_terms(grid, u, n).reshape(-1, 6)
@@ -155,14 +145,8 @@ def outer_coverage(
 
     On each of the four sides in turn the outermost nodes are taken away, the map is filled from the others, and the nodes are
     predicted. A share well under 0.9 says that the surface does not go on as it is taken to. The constants of the engine move
-    both sides of the comparison alike and are left out of its intervals. NaN where no side leaves enough nodes.
-
-    Parameters
-    ----------
-    fill : callable
-        Takes the nodes that may be used, shape (p_2, p_1), and fills the map from them under `noise`.
-    grid, theta, noise, supported
-        As for `fit`.
+    both sides of the comparison alike and are left out of its intervals. NaN where no side leaves enough nodes. `fill` takes the
+    nodes that may be used, shape (p_2, p_1), and fills the map from them under `noise`; the others are as for `fit`.
     """
     n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     inside: list[NDArray[np.bool_]] = []

@@ -55,30 +55,11 @@ def observe(
 ) -> ObserverRun:
     """Run the observer over the segments of a log; the map is carried on, the state is not.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        N samples, n states, r outputs; an output that is NaN at a sample corrects nothing there.
-    time : ndarray, shape (N,)
-        [s]
-    segments : tuple of (start, stop)
-    operating_point : tuple of two ndarrays, shape (N,)
-        Fuel [mg/cycle] and speed [rpm].
-    grid : Grid
-        p nodes.
-    L : ndarray, shape (n, r)
-    gamma : float
-        Gamma = gamma I, [1/s]; zero freezes the map.
-    x_0 : ndarray, shape (S, n)
-        State at the first sample of each of S segments.
-    theta_0 : ndarray, shape (p,)
-    before : float, optional
-        [s]; the first segment goes on from a sample at this time, and the first row of x_0 is the state there. By default it
-        begins: its first sample stands for no time.
-
-    Returns
-    -------
-    ObserverRun
+    The trajectory has N samples, n states, r outputs; an output that is NaN at a sample corrects nothing there. Time, shape (N,),
+    is in s, the operating point fuel [mg/cycle] and speed [rpm], shape (N,) each; L has the shape (n, r). Gamma = gamma I [1/s]
+    and zero freezes the map. x_0, shape (S, n), is the state at the first sample of each of S segments, theta_0, shape (p,), the
+    first map. With `before` [s] the first segment goes on from a sample at this time, and the first row of x_0 is the state there;
+    by default it begins: its first sample stands for no time.
     """
     # Samples last, so that neighbouring ones lie beside each other; no copy where they do already.
     A, C = (np.ascontiguousarray(matrix.transpose(1, 2, 0)) for matrix in (trajectory.A, trajectory.C))

@@ -30,21 +30,9 @@ def smooth(
 ) -> tuple[Array, Array]:
     """Return values and time derivatives of local quadratic fits with biweight window.
 
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-        [s]
-    columns : ndarray, shape (m, N)
-        Signals.
-    segments : tuple of (start, stop)
-        No window reaches across a gap.
-    half_width : float
-        [s]; the window is widened where it would hold fewer than two samples on either side.
-
-    Returns
-    -------
-    values, rates : ndarray, shape (m, N)
-        In the unit of the signals, and per second.
+    Of m signals over time, shapes (m, N) and (N,) [s]; both results have the shape of the signals, in their unit and per second. No
+    window reaches across a gap between segments. The half width [s] grows where a window would hold fewer than two samples on
+    either side.
     """
     columns = np.ascontiguousarray(columns)
     values, rates = np.empty_like(columns), np.empty_like(columns)

@@ -29,16 +29,7 @@ class Sample:
 def rates(x: Array, theta: Array, sample: Sample, L: Array, Gamma: Array, Psi: Array) -> tuple[Array, Array]:
     """Return dx/dt, shape (n,), and dtheta/dt, shape (p,) [kg/s^2], of Eq. (26); all readings are there.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-    theta : ndarray, shape (p,)
-        [kg/s]
-    sample : Sample
-    L : ndarray, shape (n, r)
-    Gamma : ndarray, shape (p, p)
-        [1/s]
-    Psi : ndarray, shape (1, p)
+    x has the shape (n,), theta (p,) [kg/s], L (n, r), Gamma (p, p) [1/s], Psi (1, p).
     """
     A, E, C, y = sample.A, sample.E, sample.C, sample.y
     G = _map_output(sample)
@@ -83,16 +74,7 @@ def local_step(
 ) -> tuple[Array, Array]:
     """Return x and theta after the same step where only the nodes around the operating point move.
 
-    Parameters
-    ----------
-    x, theta, h, sample, L
-        As for `step`.
-    gamma : float
-        [1/s], Gamma_l = gamma I.
-    nodes : ndarray of int, shape (4,)
-        Numbers of the nodes.
-    Psi_l : ndarray, shape (4,)
-        Their weights, Eq. (34).
+    The nodes, shape (4,), are numbers, Psi_l, shape (4,), their weights of Eq. (34), and Gamma_l = gamma I, gamma in 1/s.
     """
     moved = theta.copy()
     x, moved[nodes] = step(x, theta[nodes], h, sample, L, gamma * np.eye(nodes.size), Psi_l[None, :])  # Eq. (36)

@@ -77,7 +77,7 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
     return CalibrateOutput(
         engine=out,
         points=len(benches),
-        inputs=tuple(stored.provenance.inputs),
+        inputs=tuple(stored.provenance.inputs_sha256),
         rows=tuple(_fit(stored, kind, left) for kind, left in stored.left.items()),
         components=tuple(
             ComponentOutput(

@@ -37,7 +37,9 @@ def load(paths: Sequence[Path]) -> Loaded:
     Raises DataError if a file cannot be used, or a log belongs to none of the results.
     """
     first, *further = paths
-    _refuse_absent(further)
+    for path in further:
+        if not path.is_file():
+            raise DataError(f"{path}: no such file; name results, or logs that they were made from")
     inner = [path for path in further if is_hdf5(path)]
     results = tuple(read_result(path) for path in (first, *inner))
     for result in results:
@@ -61,12 +63,6 @@ def air_path_of(result: StoredResult) -> type[AirPath]:
             f"read it with the version of lpvobs that wrote it"
         )
     return ENGINES[result.air_path].air_path
-
-
-def _refuse_absent(paths: Sequence[Path]) -> None:
-    for path in paths:
-        if not path.is_file():
-            raise DataError(f"{path}: no such file; name results, or logs that they were made from")
 
 
 def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> LoadedLog:

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
-from pathlib import Path
 
 import jinja2
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
-from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import figures, surface_figures
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
@@ -35,19 +33,14 @@ _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
 
-def write_page(path: Path, report: Report, regions: Sequence[RegionMean] = ()) -> None:
-    """Write the page with means over regions; at any instant the target is absent, the old file, or the complete new one."""
-    text = page(report, regions)
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
 def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     """Return the page as text; the same content gives the same text."""
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True).from_string(
         (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
     )
     named = [(view.name, view.stored) for view in report.results]
+    widest = max((stored for _, stored in named), key=lambda stored: len(stored.gain.log_bounds))
+    printed = [ENGINES[stored.air_path].published for _, stored in named if stored.extrapolation is not None]
     text = template.render(
         version=__version__,
         verdicts=[
@@ -60,9 +53,9 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
-        bounds=_bounds(report),
+        bounds=bounds_table(widest.gain, widest.logs),
         coefficients=coefficient_tables(named),
-        remarks=_remarks(report),
+        remarks=list(dict.fromkeys(found.remark for found in printed if found is not None)),
         held=[
             (view.name, percent(view.stored.outer_coverage, 0))
             for view in report.results
@@ -121,18 +114,6 @@ def defect_rows(report: Report) -> Table:
             counts = [str(log.samples), str(log.samples_read), str(log.dropped_rows), causes, str(log.gaps)]
             rows[log.sha256] = [log.name, *counts, str(log.repeated), f"{log.duration:.1f}"]
     return header, list(rows.values())
-
-
-def _bounds(report: Report) -> Table:
-    """Return Table 1 for the gain that saw the most logs."""
-    view = max(report.results, key=lambda item: len(item.stored.gain.log_bounds))
-    return bounds_table(view.stored.gain, view.stored.logs)
-
-
-def _remarks(report: Report) -> list[str]:
-    """Return what is to be said of the printed surfaces beside those of the results."""
-    kinds = [ENGINES[view.stored.air_path] for view in report.results if view.stored.extrapolation is not None]
-    return list(dict.fromkeys(kind.published.remark for kind in kinds if kind.published is not None))
 
 
 def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:

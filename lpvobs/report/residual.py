@@ -71,6 +71,12 @@ def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[
     if seen is None:
         return
     yield from _over_time(found, seen, name)
+    for effect in found.content["effects"]:
+        if "surface" in effect:
+            yield picture(
+                figures.component_curve(f"{name}-{effect['id']}", f"{effect['id']}, {result}", effect["surface"]),
+                f"{effect['id']}: what the component passes beyond its model, where the logs went, with its 90 % interval.",
+            )
     if any(item.gain > 0.0 for item in found.ranking):
         yield picture(
             figures.ranking_bars(f"{name}-rank", f"ranking of candidates, {result}", found.ranking),

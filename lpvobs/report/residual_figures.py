@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
@@ -61,6 +62,26 @@ def _mark_effects(axes: Axes, effects: Sequence[Mapping[str, Any]]) -> None:
                 label = "onset, end" if first else None
                 axes.axvline(effect[edge], color=INK, linestyle="--", linewidth=1.0, label=label)
                 first = False
+
+
+@drawn(3.4)
+def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
+    """Draw the factor on a component over its first input, its second as where the factor is farthest from one, with 90 %."""
+    first, second = (np.array(knots) for knots in surface["knots"])
+    row = int(np.abs(second - surface["largest_at"][1]).argmin())
+    factor, error = (100.0 * np.array(surface[name])[:, row] for name in ("factor", "standard_error"))
+    axes = figure.add_subplot()
+    axes.fill_between(
+        first, factor - 100.0 - NINETY * error, factor - 100.0 + NINETY * error, color=AFTER, alpha=0.25, linewidth=0
+    )
+    axes.plot(
+        first, factor - 100.0, color=AFTER, label=f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
+    )
+    axes.axhline(0.0, color=INK, linewidth=0.7)
+    axes.set_xlabel(f"{surface['inputs'][0]} [{surface['units'][0]}]")
+    axes.set_ylabel("more than the model [%]")
+    axes.grid(visible=True)
+    figure.legend(loc="outside upper left")
 
 
 @drawn()

@@ -85,6 +85,11 @@ BY_IDENTIFIER = {
     "turbine.efficiency": Phrase(
         "the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0, 1.0
     ),
+    "eta_vol.curve": Phrase("the cylinders take {} % more", "the cylinders take {} % less", 100.0),
+    "compressor.curve": Phrase("the compressor passes {} % more", "the compressor passes {} % less", 100.0),
+    "egr.curve": Phrase("the EGR passage is {} % wider", "the EGR passage is {} % narrower", 100.0),
+    "turbine.curve": Phrase("the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0),
+    "throttle.curve": Phrase("the throttle passes {} % more", "the throttle passes {} % less", 100.0),
     "exhaust.restriction": Phrase(
         "the exhaust's back pressure is {} % higher", "the exhaust's back pressure is {} % lower", 100.0, 1.0
     ),
@@ -111,7 +116,20 @@ def _what(effect: Mapping[str, Any]) -> str:
     sizes = [sign * phrase.times * (x - phrase.null) for x in (parameter["value"], *parameter["ci90"])]
     value, low, high = with_interval(sizes[0], min(sizes[1:]), max(sizes[1:]))
     words = phrase.above if sign > 0.0 else phrase.below
-    return f"{words.format(value, name='the MAF' if of == 'maf' else of)} (90 %: {low} to {high})"
+    said = words.format(value, name="the MAF" if of == "maf" else of)
+    return f"{said}{_around(effect)} (90 %: {low} to {high})"
+
+
+def _around(effect: Mapping[str, Any]) -> str:
+    """Return where the curve of a component is largest."""
+    if "surface" not in effect:
+        return ""
+    own = effect["surface"]
+    there = (
+        f"{name} = {x:.3g} {unit}".removesuffix(" 1")
+        for name, x, unit in zip(own["inputs"], own["largest_at"], own["units"], strict=True)
+    )
+    return f" around {', '.join(there)}"
 
 
 def _plain(name: str, parameter: Mapping[str, Any]) -> str:

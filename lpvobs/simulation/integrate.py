@@ -146,7 +146,8 @@ def _run(
             while done < samples.step.size and samples.step[done] == action * substeps + part:
                 after = samples.after[done]
                 work[5] = x
-                runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
+                if after > 0.0:
+                    runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
                 record(
                     plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done]
                 )

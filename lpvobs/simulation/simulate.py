@@ -38,18 +38,11 @@ UNITS = {
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """A log as it would be recorded, and the truth behind it.
+    """A log as it would be recorded, and the truth behind it."""
 
-    Attributes
-    ----------
-    channels : mapping of str to ndarray, shape (N,)
-        Readings with noise, and the reference channels.
-    truth : mapping of str to ndarray, shape (N,)
-        Noise-free signals, flows among them; `W_maf` is the noise-free reading with the effects in it.
-    """
-
-    channels: Mapping[str, Array]
+    channels: Mapping[str, Array]  # (N,) readings with noise, and the reference channels
     units: Mapping[str, str]
+    # (N,) noise-free signals, flows among them; `W_maf` is the noise-free reading with the effects in it
     truth: Mapping[str, Array]
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.nominal import LEAST_LEFT, Known, known_from
-from lpvobs.api.search_start import free_start, nominal_start
+from lpvobs.api.search_start import LEAST_LEFT, Known, free_start, known_from, nominal_start
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.thresholds import LIKENESS

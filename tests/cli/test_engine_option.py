@@ -9,8 +9,7 @@ import pytest
 from repository import DIESEL
 
 from lpvobs.api.known_engine import known_engine
-from lpvobs.api.nominal import known_from
-from lpvobs.api.search_start import free_start, nominal_start
+from lpvobs.api.search_start import free_start, known_from, nominal_start
 from lpvobs.api.simulate import plant_of
 from lpvobs.discovery.residual import free_map
 from lpvobs.engines.unknowns import NEGLIGIBLE

@@ -239,7 +239,7 @@ def _with_leak(model, log, area):
         clock=log.time,
         value=log.channels,
         rate={},
-        lacks=np.tile(np.array([[area], [1.0]]), (1, len(log))),
+        lacks=np.tile(np.array([[area], [1.0], [1.0]]), (1, len(log))),
         later=lambda _: log.time,
         slow=lambda _: log.time,
         constants=model.constants,

@@ -19,6 +19,7 @@ from lpvobs.engines.diesel.balances import (
     imbalances,
 )
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
+from lpvobs.engines.diesel.curves import curves
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -136,6 +137,7 @@ def diesel_model(
         further=further,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
+        curves=curves({effect.id: effect for effect in CATALOGUE}),
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
         by_unknowns=None if known is None else partial(by_corrections, modes),
         adding=modes.shape[1],

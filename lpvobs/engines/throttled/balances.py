@@ -38,8 +38,8 @@ LEAST_FLOW = 2e-4
 """[kg/s] Smaller flows count as this, because zero has no logarithm."""
 UNEQUAL = 0.01
 """Scatter of the pressure ratio within a block. Near a ratio of one the throttle's flow depends on it strongly."""
-LACKS = {"leak_intake": 0.0, "eta_vol": 1.0}
-"""Sizes of what the model may lack (a leak in m^2, a factor on the filling) on an engine in order."""
+LACKS = {"leak_intake": 0.0, "eta_vol": 1.0, "throttle": 1.0}
+"""Sizes of what the model may lack (a leak in m^2, factors on filling and throttle) on an engine in order."""
 REMEMBERED = 4
 """Versions of a part that are kept: an effect changes few channels, and the other parts need no new computation."""
 
@@ -60,11 +60,12 @@ class Imbalances:
             return out
         before = part["flow"] - part.get("before", 0.0)
         into = before - part.get("behind", 0.0)
-        leak, filling = s.lacks
+        leak, filling, throttle = s.lacks
         if leak.any():
             into = into + blocks.mean(leak * drawn_per_area(self.engine, s))
         if "throttle" in part:
-            out[0] = _log(before) - _log(part["throttle"])
+            factor = 1.0 if np.all(throttle == 1.0) else blocks.mean(throttle)
+            out[0] = _log(before) - _log(factor * part["throttle"])
         if "filling" in part:
             factor = 1.0 if np.all(filling == 1.0) else blocks.mean(filling)
             out[1] = _log(into) - _log(factor * part["filling"])
@@ -152,12 +153,13 @@ def drawn_per_area(engine: ThrottledEngine, s: Signals) -> Array:
 
 def further(engine: ThrottledEngine, learned: Learned, s: Signals) -> tuple[Array, Array]:
     """Return what the engine lacks adds to the flows of throttle, filling and fuel, (3, N) [kg/s], and to dx/dt, (3, N)."""
-    leak, filling = s.lacks
+    leak, filling, throttle = s.lacks
     extra = leak * drawn_per_area(engine, s)
     less = (filling - 1.0) * relation.cylinder_flow(engine, learned, s.value)
-    none = np.zeros_like(extra)
-    a_im = engine.air.R_a * s["T_ic"] / learned.V_im
-    return np.stack([none, less - extra, -extra]), np.stack([none, a_im * (extra - less), none])
+    more = (throttle - 1.0) * relation.throttle_flow(engine, learned, s.value)
+    a_ic, a_im = (engine.air.R_a * s["T_ic"] / volume for volume in (learned.V_ic, learned.V_im))
+    inputs = -a_ic * more, a_im * (more + extra - less), np.zeros_like(extra)
+    return np.stack([more, less - extra, -extra]), np.stack(inputs)
 
 
 def _needed(blocks: Blocks | None) -> Blocks:

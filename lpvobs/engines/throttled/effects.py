@@ -1,6 +1,6 @@
 """The effects of the contract that a throttled engine may have, each written from physics, and the engine as the loop sees it."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,14 +23,29 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
-from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, blur, by_curves, by_reading, further, shown
+from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
+from lpvobs.engines.throttled.balances import (
+    BALANCES,
+    LACKS,
+    NEEDS,
+    Imbalances,
+    blur,
+    by_curves,
+    by_reading,
+    further,
+    shown,
+)
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.engines.throttled.learning import MOVING
 from lpvobs.engines.throttled.taught import beyond
 from lpvobs.records import Array
 
 CHANNELS = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb", SENSOR)
+SPEED = Nodes(np.arange(600.0, 6601.0, 300.0), "rpm", "engine speed")
+PRESSURE = Nodes(np.array([2e4, 4e4, 6e4, 8e4, 1e5, 1.3e5, 1.6e5, 2e5]), "Pa", "intake manifold pressure")
+OPENING = Nodes(np.array([0.0, 2, 4, 6, 8, 11, 15, 20, 30, 45, 70, 100]), "%", "throttle opening")
+RATIO = Nodes(np.array([0.2, 0.4, 0.6, 0.8, 0.9, 1.0]), "1", "p_im / p_ic")
 BOTTOM = 0.02
 """Share of its largest value that a corrected pressure keeps at least."""
 
@@ -79,6 +94,20 @@ def catalogue(engine: ThrottledEngine) -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
+def curves(effects: Sequence[Effect]) -> tuple[ComponentCurve, ...]:
+    """Return the curves that throttle and filling may have, each driving an effect."""
+    filling = next(effect for effect in effects if effect.id == "eta_vol.factor")
+    area = Effect(
+        "throttle.factor", "factor", "1", 1.0, 0.05, 0.5, 1.8, "throttle", lacking(2, LACKS["throttle"]), STEADY,
+        needs=NEEDS["throttle"],
+    )  # fmt: skip
+    ratio = {"p_im/p_ic": lambda _, x: x["p_im"] / x["p_ic"]}
+    return (
+        ComponentCurve("eta_vol.curve", filling, 0.03, {"n_e": SPEED, "p_im": PRESSURE}, (500.0, 5e4)),
+        ComponentCurve("throttle.curve", area, 0.03, {"alpha_th": OPENING, "p_im/p_ic": RATIO}, (5.0, 0.3), ratio),
+    )
+
+
 def throttled_model(
     engine: ThrottledEngine,
     learned: Learned,
@@ -110,6 +139,7 @@ def throttled_model(
         further=partial(further, engine),
         catalogue=effects,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor"),
+        curves=curves(effects),
         blocks=True,
         levels=levels_of(day, BALANCES, "1", effects),
         by_unknowns=partial(by_curves, engine),

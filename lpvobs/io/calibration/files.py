@@ -10,7 +10,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
 from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import convert
-from lpvobs.io.results.axes import LONG_NAME
+from lpvobs.io.results.extrapolations import LONG_NAME
 from lpvobs.io.results.hdf import creating, write_fields
 from lpvobs.io.results.mapping import Contents, fields
 from lpvobs.io.safety.atomic import replacing

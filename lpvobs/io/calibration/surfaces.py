@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.axes import LONG_NAME, ORIGIN, axes_of
+from lpvobs.io.results.extrapolations import LONG_NAME, ORIGIN, axes_of
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.mapping import Layout, read
 from lpvobs.maps.joint import NORMAL_90, Joint, at_weights, combined, mean_weights

@@ -103,11 +103,6 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         stored.provenance.write(file)
 
 
-def write_unknowns(file: h5py.File, name: str, unknowns: Unknowns) -> None:
-    """Write the unknowns of an engine into a group of their own."""
-    write(file, name, _UnknownsAsStored(unknowns.names, unknowns.mean, unknowns.covariance))
-
-
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
     stored, components = read(group, _UnknownsAsStored), air_path.components
@@ -198,7 +193,8 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     Of a calibrated engine, what the calibration knew is written beside it.
     """
     if found.unknowns.learned:
-        write_unknowns(file, BEFORE, found.before())
+        before = found.before()
+        write(file, BEFORE, _UnknownsAsStored(before.names, before.mean, before.covariance))
     group = write(file, ENGINE_FOUND, stored_engine(found))
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
     write_corrections(group, found.unknowns, found.mean, errors)

@@ -1,14 +1,35 @@
-"""The filled map and its quadratic in a result, in HDF5."""
+"""The error map in a result: its axes, the fuel axis, then the speed axis; and the filled map with its quadratic."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import h5py
 
-from lpvobs.io.results.axes import Axes, grid_layout
 from lpvobs.io.results.hdf import Field, text, write_group
 from lpvobs.io.results.mapping import Layout, fields, layout_of, read
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
+from lpvobs.records import Item
+
+Axes = Mapping[str, Item]
+"""By name: first the fuel axis, then the speed axis."""
+LONG_NAME = "error of the mass air flow sensor, reading minus truth"
+ORIGIN = "where the value comes from"
+
+
+def axes_of(file: h5py.File) -> Axes:
+    """Return the axes of a result's map."""
+    group = file["map"]
+    fuel, speed = str(group.attrs["axes"]).split()
+    return {name: Item(str(group[name].attrs["units"]), str(group[name].attrs["long_name"])) for name in (fuel, speed)}
+
+
+def grid_layout(axes: Axes) -> Layout[Grid]:
+    """Return how the nodes of a map stand in a group."""
+    (fuel, first), (speed, second) = axes.items()
+    return Layout(Grid, {"fuel": replace(first, name=fuel), "speed": replace(second, name=speed)})
+
 
 GROUP = "extrapolation"
 OUTER = "share of outer estimated nodes inside their 90 % interval when fitted without them"

@@ -1,6 +1,5 @@
 """What made a result: inputs, configuration, versions, command line."""
 
-import json
 import platform
 import shlex
 import sys
@@ -13,6 +12,7 @@ import h5py
 
 from lpvobs import __version__
 from lpvobs.errors import DataError
+from lpvobs.io.results.mapping import read, write
 
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
@@ -36,32 +36,18 @@ def versions() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a result comes from; made by this process unless said."""
+    """Where a result comes from, the attributes of `/provenance`; made by this process unless said."""
 
-    inputs: Mapping[str, str]  # file name (without folders) to SHA-256
+    inputs_sha256: Mapping[str, str]  # by file name, without folders
     config: str  # text of the configuration
     command_line: str = field(default_factory=lambda: shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]))
     versions: Mapping[str, str] = field(default_factory=versions)
 
     def write(self, file: h5py.File) -> None:
-        """Write the attributes of `/provenance`."""
-        group = file.create_group("provenance")
-        group.attrs["inputs_sha256"] = json.dumps(dict(self.inputs))
-        group.attrs["config"] = self.config
-        group.attrs["command_line"] = self.command_line
-        group.attrs["versions"] = json.dumps(dict(self.versions))
+        """Write `/provenance`."""
+        write(file, "provenance", self)
 
 
 def read_provenance(file: h5py.File) -> Provenance:
     """Return what a stored result says of its own making."""
-    found = file["provenance"].attrs
-    inputs, libraries = (table_of(found[name]) for name in ("inputs_sha256", "versions"))
-    return Provenance(inputs, str(found["config"]), str(found["command_line"]), libraries)
-
-
-def table_of(text: str) -> dict[str, str]:
-    """Return a JSON object of strings; raises ValueError for anything else."""
-    found = json.loads(text)
-    if not isinstance(found, dict):
-        raise ValueError("expected a table of strings")
-    return {str(key): str(value) for key, value in found.items()}
+    return read(file["provenance"], Provenance)

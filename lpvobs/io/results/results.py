@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.io.results.axes import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout
 from lpvobs.io.results.engines import ENGINE_FOUND, EngineOfMap, write_engine_found
-from lpvobs.io.results.extrapolations import read_extrapolation
+from lpvobs.io.results.extrapolations import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout, read_extrapolation
 from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
 from lpvobs.io.results.log_summaries import LogSummary, write_log

@@ -1,0 +1,141 @@
+"""Candidates that are curves of the engine: a component passes more or less than its model says, smoothly over its own inputs.
+
+A curve is a surface between nodes, as a calibration has them (`engines.unknowns`): small and smooth before any data. Whether it
+follows one input or two, and how large it may be, is chosen by what it gains less the cost of as many coefficients as the data
+determine. Constants of the engine share its level: its standard error contains their tolerance.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.discovery.channels import Curve, following, gradient_and_normal
+from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
+from lpvobs.discovery.fit import linearised
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.thresholds import COST, CURVE_SIZES, LARGEST, RIDGE
+from lpvobs.engines.curves import on_surface, values_at
+from lpvobs.engines.effects import Effect
+from lpvobs.engines.residual_model import ComponentCurve
+from lpvobs.records import Array, Item
+
+
+@dataclass(frozen=True)
+class FactorSurface:
+    """A factor on a component over two of its inputs, between nodes."""
+
+    inputs: tuple[str, str]
+    units: tuple[str, str]
+    first: Annotated[Array, Item("SI", "the first input, in its unit of `units`", name="first")]
+    second: Annotated[Array, Item("SI", "the second input, in its unit", name="second")]
+    values: Annotated[Array, Item("1", "factor less one, at amplitude one", ("first", "second"), "deviation")]
+    errors: Annotated[Array, Item("1", "standard error of the factor", ("first", "second"), "standard_error")]
+    largest: tuple[float, float]  # where on the logs it is largest, and one at amplitude one
+    amplitude: float  # the factor less one there, when it was found
+    cost: float  # what its coefficients must gain
+
+    @cached_property
+    def error(self) -> float:
+        """Standard error of the factor where it is largest."""
+        there = (np.array([x]) for x in self.largest)
+        return float(values_at(on_surface(self.first, self.second, *there), self.errors)[0])
+
+
+Shape = Curve | FactorSurface
+"""What an effect follows that is no single number."""
+
+
+def component_candidates(linear: Linear) -> list[tuple[Candidate, FactorSurface]]:
+    """Return the best curve of every component as a candidate, if it gains more than its coefficients cost."""
+    found = []
+    for curve in linear.problem.model.curves:
+        surface = surface_of(linear, curve)
+        if surface is not None:
+            candidate = fit_candidate(linear, driven_by(curve, surface), size=surface.amplitude)
+            if abs(candidate.term.size) < LARGEST:
+                found.append((replace(candidate, gain=candidate.gain - surface.cost), surface))
+    return found
+
+
+def surface_again(linear: Linear, index: int, surface: FactorSurface) -> FactorSurface | None:
+    """Return the curve of one of the effects of a model, at the map, the constants and the weights that it has there."""
+    problem, term = linear.problem, linear.terms[index]
+    others = tuple(t for i, t in enumerate(linear.terms) if i != index)
+    held = replace(problem, held=(*problem.held, term))
+    around = linearised(held, others, linear.theta, linear.beta, linear.noise, None, linear)
+    return surface_of(around, curve_of(problem, term.effect.id), term.size * surface.values)
+
+
+def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None) -> FactorSurface | None:
+    """Return the best curve of a component, None where it gains too little or its inputs are not recorded.
+
+    `known` is the curve that the model has already, shape (first, second).
+    """
+    problem = linear.problem
+    if any(channel not in problem.signals.value for channel in curve.carrier.needs):
+        return None
+    inputs = curve.inputs(problem.model.constants, {name: problem.along(name) for name in problem.signals.value})
+    (first, second), (x, y) = curve.axes.items(), inputs
+    shape = first[1].values.size, second[1].values.size
+    nodes, share = on_surface(first[1].values, second[1].values, x, y)
+    hats = np.zeros((shape[0] * shape[1], problem.K))
+    np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
+    seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
+    columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
+    gradient, normal = gradient_and_normal(linear, columns)
+    sizes = [size * curve.deviation for size in CURVE_SIZES]
+    if known is not None:
+        gradient = gradient - normal @ known.reshape(-1)[seen]
+        sizes = [max(sizes[-1], float(np.abs(known).max()))]
+    fits = [
+        _smooth(gradient, normal, size, correlation, seen) for correlation in curve.correlations() for size in sizes
+    ]
+    net, cost, values, errors = max(fits, key=lambda each: each[0])
+    along = (share * values[nodes]).sum(1)
+    at = int(np.argmax(np.abs(along) * problem.used))
+    if net <= 0.0 or along[at] == 0.0:
+        return None
+    return FactorSurface(
+        inputs=(first[0], second[0]),
+        units=(first[1].unit, second[1].unit),
+        first=first[1].values,
+        second=second[1].values,
+        values=(values / along[at]).reshape(shape),
+        errors=errors.reshape(shape),
+        largest=(float(x[at]), float(y[at])),
+        amplitude=float(along[at]),
+        cost=cost,
+    )
+
+
+def curve_of(problem: Problem, name: str) -> ComponentCurve:
+    """Return the curve of a component by its identifier, which must be one of the model's."""
+    return next(curve for curve in problem.model.curves if curve.id == name)
+
+
+def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:
+    """Return the effect of a curve, which follows its inputs wherever they are known; its parameter is the amplitude."""
+
+    def shape(constants: Any, x: Mapping[str, Array]) -> Array:
+        return values_at(on_surface(surface.first, surface.second, *curve.inputs(constants, x)), surface.values)
+
+    return following(curve.id, curve.carrier, shape, curve.deviation, LARGEST)
+
+
+def _smooth(
+    gradient: Array, normal: Array, deviation: float, correlation: Array, seen: NDArray[np.bool_]
+) -> tuple[float, float, Array, Array]:
+    """Return what a curve gains less its cost, that cost, and its values at all nodes with their standard errors."""
+    root = np.linalg.cholesky(correlation[np.ix_(seen, seen)] + RIDGE * np.eye(int(np.count_nonzero(seen))))
+    strength, modes = np.linalg.eigh(root.T @ normal @ root)
+    strength, along = np.maximum(strength, 0.0), modes.T @ root.T @ gradient
+    precision = strength + deviation**-2.0
+    gain = float((along**2 / precision - 0.5 * strength * (along / precision) ** 2).sum())
+    cost = COST * float((strength / precision).sum())
+    everywhere = correlation[:, seen] @ np.linalg.inv(root).T @ modes
+    return gain - cost, cost, -everywhere @ (along / precision), np.sqrt((everywhere**2 / precision).sum(1))

@@ -1,0 +1,90 @@
+"""Curves of the engine's components: found where an engine breathes otherwise than its model, quiet where it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery.components import FactorSurface, driven_by, surface_of
+from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import free_map
+from lpvobs.engines.diesel.balances import Lacks
+from lpvobs.report.spoken import in_words
+
+BUMP = 0.05
+CYLINDERS = Lacks._fields.index("eta_vol")
+
+
+def bump(n_e):
+    return BUMP * np.exp(-0.5 * ((n_e - 2000.0) / 350.0) ** 2)
+
+
+@pytest.fixture(scope="module")
+def wrong(plant):
+    """Return a model that lacks a bump of its cylinders: on its own plant's logs they take that much more."""
+
+    def imbalances(constants, s, blocks):
+        lacks = s.lacks.copy()
+        lacks[CYLINDERS] /= 1.0 + bump(s["n_e"])
+        return plant.imbalances(constants, replace(s, lacks=lacks), blocks)
+
+    return replace(plant, imbalances=imbalances)
+
+
+@pytest.fixture(scope="module")
+def found(wrong, config, clean):
+    return refine(wrong, config.grid(), free_map(config.grid(), len(wrong.names), 0.1), [clean])
+
+
+def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
+    (finding,) = found.trace.findings
+    assert finding.id == "eta_vol.curve"
+    low, high = finding.parameters["amplitude"].ci90
+    assert low < BUMP < high
+    assert finding.surface.largest_at[0] == pytest.approx(2000.0, abs=200.0)  # rpm; a distance of nodes
+    assert found.trace.comparison.ratio_ci90[1] < 1.0
+
+
+def test_the_curve_is_that_of_the_engine(found, clean):
+    (finding,) = found.trace.findings
+    own = finding.surface
+    factor = np.array(own.factor) - 1.0
+    first, second = (np.array(knots) for knots in own.knots)
+    row = int(np.abs(second - own.largest_at[1]).argmin())
+    along = np.interp(clean["n_e"], first, factor[:, row])
+    error = np.sqrt(np.mean((along - bump(clean["n_e"])) ** 2))
+    assert error < 0.25 * BUMP  # the requirement
+
+
+def test_words_say_how_much_and_where(found):
+    said = in_words(found.trace.as_json(refined=True)["effects"])
+    assert said.startswith("the cylinders take 5")
+    assert "around n_e = 2" in said
+
+
+def test_the_stored_effect_is_the_found_one(found, wrong, clean):
+    """A term made from what is stored corrects the signals as the accepted one does."""
+    (known,), problem = found.known_effects, found.after.problem
+    term = term_on(known, problem, [clean])
+    own = found.terms[0].effect.apply(problem.signals, found.terms[0].size)
+    np.testing.assert_allclose(term.effect.apply(problem.signals, known.value).lacks, own.lacks)
+
+
+def test_a_clean_log_pays_for_no_curve(linear, plant):
+    assert all(surface_of(linear, curve) is None for curve in plant.curves)
+
+
+def test_a_curve_without_its_channels_is_no_candidate(linear, plant):
+    signals = linear.problem.signals
+    curve = plant.curves[0]
+    blind = replace(curve, carrier=replace(curve.carrier, needs=("boost",)))
+    assert surface_of(linear, blind) is None
+    assert driven_by(curve, _flat(curve)).apply(signals, 0.1).lacks[CYLINDERS] == pytest.approx(1.1)
+
+
+def _flat(curve):
+    first, second = (axis.values for axis in curve.axes.values())
+    ones = np.ones((first.size, second.size))
+    names, units = tuple(curve.axes), tuple(axis.unit for axis in curve.axes.values())
+    return FactorSurface(names, units, first, second, ones, ones, (0.0, 0.0), 0.1, 0.0)
