@@ -37,7 +37,7 @@ class Lacks(NamedTuple):
 
 
 IN_ORDER = Lacks()
-T_EM, W_MAF = CHANNELS.index("T_em"), CHANNELS.index("W_maf")
+T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("T_em", "T_amb", "W_maf"))
 COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, W_MAF_LAG = range(5)
 PARTS = {
     "compressor": COMPRESSOR,
@@ -136,7 +136,8 @@ def imbalances(found: DieselAsFound, s: Signals, _: Blocks | None = None) -> Arr
 def _imbalances(found: DieselAsFound, s: Signals, changes: Array) -> Array:
     """Return the balances with changes of `PARTS`, shape (5, C)."""
     x, dx = _stacked(s.value), _stacked(s.rate)
-    x[T_EM] += changes[T_EM_LAG] * dx[T_EM]
+    # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
+    x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
     x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
     return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
 
