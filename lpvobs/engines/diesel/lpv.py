@@ -70,6 +70,7 @@ class Diesel:
     components: ClassVar[tuple[Component, ...]] = correction.COMPONENTS
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = correction.MEASURED_PARTS
     component_maps: ClassVar[Mapping[str, ComponentMap]] = COMPONENT_MAPS
+    volumes: ClassVar[tuple[str, ...]] = ("V_im",)
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
         SPEED_AXIS,
