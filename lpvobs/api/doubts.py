@@ -60,10 +60,12 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
                 f"{check.says} for {100 * share:.0f} % of the time, which no healthy engine does; "
                 f"see whether the two are exchanged, or one has another unit or reference"
             )
-    reads = float(sums.reading.sum() / sums.flow[:, 0].sum()) if sums.flow.shape[1] else 1.0
+    reads = _reads(sums)
     if not READS <= reads <= 1.0 / READS:
-        sensor = config.kind.air_path.sensor
-        yield f"{sensor} reads {reads:.2g} times the flow of the balances; g/s called kg/h would read 0.28 times: see to its unit"
+        yield (
+            f"{config.kind.air_path.sensor} reads {reads:.2g} times the flow of the balances; see to its unit: g/s called kg/h "
+            f"reads 0.28 times, kg/h called g/s 3.6 times"
+        )
     mistake = sums.mended_by()
     if mistake is not None:
         yield f"{config.kind.suspects.mix_ups[mistake].says}? Without that the balances would agree far better; mend the log"
@@ -73,6 +75,13 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
             f"the balances differ by {own.ratio:.1f} times what noise and tolerances allow, most at {place}; "
             f"a constant of [engine] is wrong, the log is of another engine, or the engine has a fault"
         )
+
+
+def _reads(sums: BalanceSums) -> float:
+    """Return what the sensor reads over the flow of the first pair of balances, 1 where there is none."""
+    if not sums.flow.shape[1] or not (flow := float(sums.flow[:, 0].sum())) > 0.0:
+        return 1.0
+    return float(sums.reading @ (sums.pairs[:, 0] / np.maximum(sums.blocks, 1.0))) / flow
 
 
 def _too_small(volumes: Sequence[str], found: EngineFound | None) -> Iterable[str]:
@@ -91,8 +100,8 @@ def _too_small(volumes: Sequence[str], found: EngineFound | None) -> Iterable[st
         sure, larger = moved / np.sqrt(gained), moved * before / gained
         if sure > SURE and larger > LARGER:
             yield (
-                f"{name}: the transients ask for one that is {100 * larger:.0f} % larger, by {sure:.0f} times what noise and tolerance "
-                f"allow; see to it in [engine]"
+                f"{name}: the transients ask for one that is {100 * larger:.0f} % larger, by {sure:.0f} times what noise "
+                f"and tolerance allow; see to it in [engine]"
             )
 
 

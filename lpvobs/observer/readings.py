@@ -53,7 +53,12 @@ def _earlier(held: Held, ready: int, name: str, sensor: Sensor, half_width: floa
     """Return what a sensor would show at the samples that are ready; behind the end of a segment it shows its last."""
     time, start = held.time, held.done
     stop = min(int(np.searchsorted(time, time[ready - 1] + sensor.late)) + 1, time.size) if sensor.late else ready
-    shown = held.channels[name][start:stop]
-    if sensor.tau:
-        shown = shown + sensor.tau * held.through(half_width, (name,), start, stop)[1][0]
-    return np.interp(time[start:ready] + sensor.late, time[start:stop], shown) if sensor.late else shown
+    shown, rate = held.channels[name][start:stop], held.through(half_width, (name,), start, stop)[1][0]
+    shown = shown + sensor.tau * rate
+    if not sensor.late:
+        return np.asarray(shown)
+    # From the nearest sample and its rate: between two samples noise would be another than at them.
+    when = np.minimum(time[start:ready] + sensor.late, time[stop - 1])
+    after = np.clip(np.searchsorted(time[start:stop], when), 1, stop - start - 1)
+    nearest = after - (when - time[start + after - 1] < time[start + after] - when)
+    return np.asarray(shown[nearest] + (when - time[start + nearest]) * rate[nearest])

@@ -1,0 +1,64 @@
+"""What speaks against a log: a sensor whose unit is another, a volume that transients do not know."""
+
+import numpy as np
+import pytest
+from repository import DIESEL
+
+from lpvobs.api.doubts import LARGER, READS, SURE, _said, _too_small
+from lpvobs.engines.unknowns import Unknowns
+from lpvobs.io.configuration.config import load_config
+from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums
+from lpvobs.observer.estimate import EngineFound
+
+NAMES = ("V_im", "R_c")
+
+
+def sums(reads):
+    """Return sums of four cells in which the sensor reads so many times the flow of the balances."""
+    one = np.ones((4, 1))
+    W, still, cell = reads * 0.03 * one[:, 0], np.ones((4, 1, 3)), one[:, 0]
+    return BalanceSums(cell, W, one, 0.03 * one, 0 * one, np.ones((1, 5)), one[:, :, None], still, np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("reads", "said"), [(1 / 3.6, True), (3.6, True), (0.53, False), (1.06, False), (1 / 1.9, False)]
+)
+def test_a_sensor_in_another_unit_is_named(reads, said):
+    config = load_config(DIESEL)[0]
+    words = list(_said(config, sums(reads), BalanceAgreement(ratio=0.5, where={})))
+    assert bool(words) == said
+    assert all("W_maf" in text and "unit" in text for text in words)
+    assert READS < 0.53
+
+
+def found(moved, left, name="V_im"):
+    """Return an engine of which the logs moved a constant, known to 0.006, and left so much of its spread."""
+    prior, own = np.array([0.006, 0.006]), NAMES.index(name)
+    after = prior.copy()
+    after[own] *= left
+    mean = np.zeros(2)
+    mean[own] = moved
+    return EngineFound(Unknowns(NAMES, (), np.zeros(2), np.diag(prior**2)), {}, mean, np.diag(after**2))
+
+
+def test_a_volume_that_transients_want_larger_is_named_with_its_size():
+    # by hand: of a variance of 3.6e-5 a share of 1 - 0.98^2 is gained; alone the logs ask for 0.0108 / 0.0396 more
+    (text,) = _too_small(("V_im",), found(0.0108, 0.98))
+    assert text.startswith("V_im: ")
+    assert "27 % larger" in text
+    assert "by 9 times" in text
+
+
+@pytest.mark.parametrize(
+    ("moved", "left", "name"),
+    [(-0.0108, 0.98, "V_im"), (0.0108, 0.98, "R_c"), (0.001, 0.98, "V_im"), (0.0108, 0.2, "V_im"), (0.0, 1.0, "V_im")],
+    ids=["smaller", "no volume", "unsure", "a little", "nothing learned"],
+)
+def test_nothing_else_is_said(moved, left, name):
+    assert not list(_too_small(("V_im",), found(moved, left, name)))
+    assert SURE > 2.0
+    assert LARGER > 0.0173  # a constant at the edge of its tolerance, known exactly: 0.01
+
+
+def test_an_engine_without_unknowns_is_not_judged():
+    assert not list(_too_small(("V_im",), None))
