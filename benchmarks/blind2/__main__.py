@@ -55,7 +55,7 @@ def main() -> None:
     drives = [drawn_drive(bank.seed, number) for number in given.only or range(given.first, given.last)]
     drives = [drive for drive in drives if not given.kind or drive.kind in given.kind]
     print(f"seed {bank.seed}", file=sys.stderr)
-    begin, done = time.time(), 0
+    begin, done, text = time.time(), 0, ""
     for start in range(0, len(drives), given.batch):
         if time.time() - begin > 60.0 * given.minutes:
             break
@@ -69,7 +69,10 @@ def main() -> None:
     if given.out == "-":
         print((bank.home / "page.md").read_text(encoding="utf-8"))
     else:
-        publish(given.out, "The second bank", f"Seed {bank.seed}.\n\n{text}", "make blind2")
+        call = ["git", "-C", str(given.judge_with), "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(call, capture_output=True, text=True, check=False).stdout.strip()
+        head = f"Seed {bank.seed}, drawn after commit {commit}, whose code judged. Rules: `benchmarks/blind2/rules.md`."
+        publish(given.out, "The second bank", f"{head}\n\n{text}", "make blind2")
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ def main(code: Path, config: Path, folder: Path, verdicts: Path, names: list[str
             known = known_engine(config, folder, verdicts, gain, name.split("_")[0])
             begin = time.process_time()
             found = judged(known, folder / f"{name}.parquet", verdicts / f"{name}.h5", name.endswith("_trace"))
-        except lpvobs.errors.LpvobsError as error:
-            found = {"verdict": "refused", "effects": [], "p_value": None, "said": str(error)}
+        except Exception as error:  # a verb that refuses or fails is a miss, and no end of the bank
+            found = {"verdict": "refused", "effects": [], "p_value": None, "said": f"{type(error).__name__}: {error}"}
         part = own.with_suffix(".part")
         part.write_text(json.dumps(found | {"seconds": time.process_time() - begin}), encoding="utf-8")
         part.rename(own)
