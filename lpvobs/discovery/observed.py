@@ -27,7 +27,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import calmed, steps_of
 from lpvobs.observer.parts import Observed, operating_point, signals_for
 from lpvobs.observer.recursion import observe
-from lpvobs.observer.smoothing import CALM, smooth
+from lpvobs.observer.smoothing import CALM, CALM_LEAST, roughness, smooth
 from lpvobs.records import Array, Log
 
 LAGS = ("maf.lag",)
@@ -74,8 +74,8 @@ def observed(refined: Refined, log: Log) -> Observed:
     calmer = _calmer(air_path, right, CALM * refined.smoothing)
     _, further = added(refined, seen, rates)
     z = right[air_path.sensor] - (air_path.balances(seen, rates, (), calmer).flow + further)
-    taken = {name: right[name] - column for name, column in calmer.items()}
-    signals = signals_for(air_path).stacked(seen.channels, rates, taken, steps_of(log))
+    rough = {name: roughness(right[name], log.segments) for name in air_path.smoothed}
+    signals = signals_for(air_path).stacked(seen.channels, rates, rough, steps_of(log))
     found = Observed(log.time, steps_of(log), trajectory.parameters, point, z, signals)
     return _behind_sensor(refined, right, found) if refined.lags else found
 
@@ -85,7 +85,7 @@ def _calmer(air_path: AirPath, log: Log, half_width: float) -> dict[str, Array]:
     if not air_path.calmed:
         return {}
     columns = np.stack([log[name] for name in air_path.calmed])
-    return dict(zip(air_path.calmed, smooth(log.time, columns, log.segments, half_width)[0], strict=True))
+    return dict(zip(air_path.calmed, smooth(log.time, columns, log.segments, half_width, CALM_LEAST)[0], strict=True))
 
 
 def corrected(refined: Refined, log: Log) -> Log:

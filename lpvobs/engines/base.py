@@ -62,7 +62,6 @@ class AirPath(Protocol):
     smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
     # of these, those that go through a wider window, too: a steep relation reads them, or their noise counts
     calmed: ClassVar[tuple[str, ...]]
-    noisy: ClassVar[tuple[str, ...]]  # of these, those whose noise moves a flow and its slopes alike
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
     measured_parts: ClassVar[tuple[MeasuredPart, ...]]  # flows inside the engine that a bench may measure
@@ -140,7 +139,6 @@ class AsKnown:
     """What an engine whose balances need no correction offers of these."""
 
     calmed: ClassVar[tuple[str, ...]] = ()
-    noisy: ClassVar[tuple[str, ...]] = ()
     components: ClassVar[tuple[Component, ...]] = ()
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}

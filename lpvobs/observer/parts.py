@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, Trajectory
@@ -18,13 +19,17 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.observer.smoothing import SmoothStretch, noise_left, stretches
-from lpvobs.observer.windows import Columns, Moments, Slopes, Windows, no_moments
+from lpvobs.observer.smoothing import CALM_LEAST, SmoothStretch, kernel, stretches
+from lpvobs.observer.windows import LENGTH, Columns, Moments, Slopes, Windows, no_moments
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 from lpvobs.synthesis.region import Region
 
 SETTLED = 0.25
 """Of the constants' prior spread that is left where they have been found once."""
+ROUGH = 1.94
+"""Second differences of white noise that say as much as one that is alone: one and twice the sum of 4/9 and 1/36."""
+SOURCES = 16
+"""Windows after which signs of noise repeat, one more than there may be sources: over so many, each is free of all others."""
 
 
 @dataclass(frozen=True)
@@ -71,39 +76,39 @@ class Observed:
 
 @dataclass(frozen=True)
 class SlopeSignals:
-    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what windows took out, steps."""
+    """What the slopes of the balances are computed from, as rows: channels, rates, squares of what is rough in them, steps."""
 
     channels: tuple[str, ...]
-    rates: tuple[str, ...]
-    calmed: tuple[str, ...]
+    smoothed: tuple[str, ...]
 
     @property
     def count(self) -> int:
         """Number of rows."""
-        return sum(map(len, vars(self).values())) + 1
+        return len(self.channels) + 2 * len(self.smoothed) + 1
 
     def stacked(
         self,
         channels: Mapping[str, Array],
         rates: Mapping[str, Array],
-        taken: Mapping[str, Array],
+        rough: Mapping[str, Array],
         steps: Array,
     ) -> Array:
-        """Return the rows, shape (s, N); `taken` is what the wider window took out of each calmed channel."""
-        squares = [taken[name] ** 2 for name in self.calmed]
-        flows = (*(channels[name] for name in self.channels), *(rates[name] for name in self.rates))
-        return np.stack([*flows, *squares, steps])
+        """Return the rows, shape (s, N)."""
+        squares = [rough[name] ** 2 for name in self.smoothed]
+        return np.stack(
+            [*(channels[name] for name in self.channels), *(rates[name] for name in self.smoothed), *squares, steps]
+        )
 
     def parted(self, rows: Array) -> tuple[list[dict[str, Array]], Array]:
         """Return channels, rates and squares, and the steps, again from rows of shape (n, s)."""
         columns = iter(np.ascontiguousarray(rows.T))
-        parts = [{name: next(columns) for name in names} for names in vars(self).values()]
+        parts = [{name: next(columns) for name in names} for names in (self.channels, self.smoothed, self.smoothed)]
         return parts, next(columns)
 
 
 def signals_for(air_path: AirPath) -> SlopeSignals:
     """Return what the slopes of an engine's balances are computed from."""
-    return SlopeSignals(tuple(air_path.channels), air_path.smoothed, air_path.calmed)
+    return SlopeSignals(tuple(air_path.channels), air_path.smoothed)
 
 
 class Sums:
@@ -111,7 +116,7 @@ class Sums:
 
     def __init__(self, air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings):
         self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
-        self.half_width = settings.calm
+        self.half_widths = settings.smoothing, settings.calm
         constants = unknowns.covariance.diagonal()[: len(unknowns.constants)]
         self.spread = float(np.sqrt(constants.mean())) if constants.size else 0.0
         if unknowns.mean.any():  # seen from where the logs have the engine
@@ -126,16 +131,23 @@ class Sums:
     def slopes(self, stay: Array, means: Array) -> Slopes:
         """Return what mean signals of windows of some stay say of the slopes."""
         (channels, rates, squares), steps = self.signals.parted(means)
-        step = float(np.median(steps))
-        left = noise_left(step, self.half_width)
-        noise = {name: np.full(stay.size, left * np.sqrt(square.mean())) for name, square in squares.items()}
-        caution = self.air_path.caution(_log(np.arange(float(stay.size)), channels), noise, self.spread)
+        n, step = stay.size, float(np.median(steps))
+        narrow, wide = self.half_widths
+        (_, by_rate), (by_value, _) = kernel(step, narrow), kernel(step, wide, CALM_LEAST)
+        # A window's mean of squares has about so many degrees of freedom; their median, which transients do not raise, lies lower.
+        degrees = np.maximum(np.median(stay) / step / ROUGH, 1.0)
+        noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}
+        calm = {name: np.full(n, noise[name] * np.linalg.norm(by_value)) for name in self.air_path.calmed}
+        caution = self.air_path.caution(_log(np.arange(float(n)), channels), calm, self.spread)
         J, flow = self._at(channels, rates)
-        shaken = []
-        for name in self.air_path.noisy:  # transients raise the mean of the squares, not their median
-            sd = np.sqrt(np.median(squares[name]) * (1.0 + left**2) * step / stay)
-            J_moved, flow_moved = self._at({**channels, name: channels[name] + sd}, rates)
-            shaken.append((np.nan_to_num(J_moved - J), np.nan_to_num(flow - flow_moved)))
+        box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
+        in_rate = float(np.linalg.norm(np.convolve(box, by_rate)))
+        signs = iter(np.resize(scipy.linalg.hadamard(SOURCES), (n, SOURCES)).T[1:])
+        moved = {name: channels[name] + next(signs) * sd * np.sqrt(step / stay) for name, sd in noise.items()}
+        J_moved, flow_moved = self._at(
+            {**channels, **moved}, {name: rates[name] + next(signs) * sd * in_rate for name, sd in noise.items()}
+        )
+        shaken = np.nan_to_num(J_moved - J), np.nan_to_num(flow - flow_moved)
         return Slopes(J, caution.trust.T, caution.bias.T, shaken)
 
     def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -229,8 +241,7 @@ class _Walk:
         trajectory = air_path.trajectory(log, self.gain.outputs)
         seen = {**log.channels, **self._states(stretch, log, trajectory)}
         flow = air_path.balances(_log(stretch.time, seen), stretch.rates, (), stretch.calm).flow
-        taken = {name: stretch.channels[name] - calm for name, calm in stretch.calm.items()}
-        signals = self.signals.stacked(seen, stretch.rates, taken, stretch.steps)
+        signals = self.signals.stacked(seen, stretch.rates, stretch.rough, stretch.steps)
         z = stretch.channels[air_path.sensor] - flow
         point = operating_point(air_path, log)
         return Observed(stretch.time, stretch.steps, trajectory.parameters, point, z, signals)

@@ -8,11 +8,11 @@ Psi being the mean regressor of the map (Eq. 23), beta the engine's unknowns, an
 at the mean signals of the window. The sums of products of these rows are all that a log leaves behind: they hold no weights and no
 amplitudes, so both can change without the log.
 
-Signals are noisy, and J and z are made of the same signals, so their products hold a part that is noise alone. It is computed from
-the noise that smoothing took out, and subtracted.
+Signals are noisy, and J and z are made of the same signals and their rates, so their products hold a part that is noise alone. It
+is computed from how rough the signals are from sample to sample, and subtracted.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,7 +101,9 @@ class Slopes:
     J: Array  # (n, B, q) [kg/s]
     weight: Array  # (n, B)
     correction: Array  # (n, B) [kg/s], to be added to z
-    shaken: Sequence[tuple[Array, Array]]  # what one standard deviation of the noise of a channel adds to J and z
+    # what noise adds to J and z where each of its sources is as large as its standard deviation, with signs that are
+    # independent over a few windows
+    shaken: tuple[Array, Array]
 
 
 class Windows:
@@ -164,11 +166,10 @@ class Windows:
         self.windows += says.sum(axis=1)
         _add_products(self.total.products, rows)
         _add_products(self.total.slow, summed)
-        for J, z in found.shaken:
-            counted = (
-                np.sqrt(seen.stay[:, None]) * found.weight * says.T
-            )  # a slope counts once more as far as it is trusted
-            self._subtract(J * counted[:, :, None], z * counted, own)
+        J, z = found.shaken
+        # a slope counts once more as far as it is trusted
+        counted = np.sqrt(seen.stay[:, None]) * found.weight * says.T
+        self._subtract(J * counted[:, :, None], z * counted, own)
 
     def _subtract(self, J: Array, z: Array, own: slice) -> None:
         """Take what noise makes of the products of J and z out of all sums; it is independent from window to window."""

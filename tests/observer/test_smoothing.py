@@ -171,11 +171,16 @@ def test_pieces_of_any_size_give_the_bits_of_the_whole(width, cuts):
     edges = [0, *cuts, 250]
     parts = [slice(start, stop) for start, stop in pairwise(edges)]
     pieces = [Piece(time[part], {"p": signal[part]}, begins[part]) for part in parts]
-    found = list(stretches(pieces, ("p",), width))
-    values, rates = smooth(time, signal[None, :], ((0, 100), (100, 102), (102, 250)), width)
+    found = list(stretches(pieces, ("p",), width, ("p",)))
+    segments = ((0, 100), (100, 102), (102, 250))
+    values, rates = smooth(time, signal[None, :], segments, width)
+    calm, _ = smooth(time, signal[None, :], segments, smoothing.CALM * width, smoothing.CALM_LEAST)
     np.testing.assert_array_equal(np.concatenate([item.time for item in found]), time)
     np.testing.assert_array_equal(np.concatenate([item.values["p"] for item in found]), values[0])
     np.testing.assert_array_equal(np.concatenate([item.rates["p"] for item in found]), rates[0])
+    np.testing.assert_array_equal(np.concatenate([item.calm["p"] for item in found]), calm[0])
+    rough = smoothing.roughness(signal, segments)
+    np.testing.assert_array_equal(np.concatenate([item.rough["p"] for item in found]), rough)
     starts = np.cumsum([0, *(item.time.size for item in found)])[:-1]
     assert [int(at) for at, item in zip(starts, found, strict=True) if item.begins] == [0, 100, 102]
     for at, item in zip(starts, found, strict=True):
@@ -191,3 +196,26 @@ def test_only_samples_whose_window_is_open_are_held_back():
     # Read to the sample of number 39 by then; all but the last window's four samples came while reading.
     assert len(passed) == 36 + 1
     assert passed[-1] == time[-1]
+
+
+def test_roughness_is_the_noise_and_no_transient():
+    time = 0.05 * np.arange(4000.0)
+    noise = 150.0 * np.random.default_rng(12).standard_normal(time.size)
+    transient = 2e5 + 1e4 * np.sin(1.5 * time)  # 15 kPa/s at most, 20 samples a second
+    found = smoothing.roughness(transient + noise, ((0, 1500), (1500, 4000)))
+    # 4000 second differences say as much as 2060 independent ones: 1.6 % is one standard deviation
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(150.0, rel=0.05)
+    assert np.all(found[[0, 1499, 1500, 3999]] == 0.0)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.05])
+@pytest.mark.parametrize("least", [smoothing.LEAST, smoothing.CALM_LEAST])
+def test_the_kernel_is_what_a_window_does_to_one_sample(step, least):
+    time = step * np.arange(101.0)
+    one = np.zeros((1, 101))
+    one[0, 50] = 1.0
+    values, rates = smooth(time, one, whole(time), 0.052, least)
+    found = smoothing.kernel(step, 0.052, least)
+    side = found.shape[1] // 2
+    np.testing.assert_allclose(values[0, 50 - side : 51 + side][::-1], found[0], atol=1e-12)
+    np.testing.assert_allclose(rates[0, 50 - side : 51 + side][::-1], found[1], atol=1e-9)

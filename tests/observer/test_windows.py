@@ -33,8 +33,9 @@ def slopes(stay, means, noise=0.0, even=False):
     J = np.einsum("ns,bqs->nbq", means, SLOPES)
     trust = np.stack([np.ones(len(means)) if even else 1.0 / (1.0 + means[:, 0] ** 2), np.ones(len(means))], axis=1)
     moved = noise * np.sqrt(0.01 / stay)[:, None, None] * SLOPES.transpose(2, 0, 1)[:, None]
-    shaken = [(each, -each.sum(axis=-1)) for each in moved] if noise else []
-    return Slopes(J, trust, 1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1), shaken)
+    signs = np.stack([np.ones(len(means)), np.where(np.floor(1e3 * means[:, 0]) % 2 == 0, 1.0, -1.0)])[:, :, None, None]
+    dJ = (signs * moved).sum(axis=0)
+    return Slopes(J, trust, 1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1), (dJ, -dJ.sum(axis=-1)))
 
 
 def drive(seed, beta=(0.0, 0.0), seconds=60.0, noise=0.0, own=0.0):
@@ -90,14 +91,14 @@ def twin(log, noise):
             ]
         )
         rows.append(row)
-        for dJ, dz in found.shaken:
-            moved = np.zeros_like(row)
-            moved[:, 9:11], moved[:, LAYOUT.z] = dJ[0], dz[0]
-            moved *= np.sqrt(stay) * trust[0][:, None]
-            both = np.einsum("ai,bj->abij", moved, moved)
-            both[:, :, : LAYOUT.z, : LAYOUT.z] = 0.0
-            both[:, :, LAYOUT.z, LAYOUT.z] = 0.0
-            taken = taken + both
+        dJ, dz = found.shaken
+        moved = np.zeros_like(row)
+        moved[:, 9:11], moved[:, LAYOUT.z] = dJ[0], dz[0]
+        moved *= np.sqrt(stay) * trust[0][:, None]
+        both = np.einsum("ai,bj->abij", moved, moved)
+        both[:, :, : LAYOUT.z, : LAYOUT.z] = 0.0
+        both[:, :, LAYOUT.z, LAYOUT.z] = 0.0
+        taken = taken + both
         groups[number // GROUP] = groups.get(number // GROUP, 0.0) + row
     products = sum(np.einsum("ai,bj->abij", row, row) for row in rows)
     slow = sum(np.einsum("ai,bj->abij", row, row) for row in groups.values()) / GROUP

@@ -62,10 +62,6 @@ class Diesel:
     rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
     smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     calmed: ClassVar[tuple[str, ...]] = ("p_im", "omega_t", "p_em")
-    noisy: ClassVar[tuple[str, ...]] = (
-        "p_im",
-        "p_em",
-    )  # omega_t moves the compressor alone, whose rows `caution` covers
     balance_names: ClassVar[tuple[str, ...]] = BALANCES
     components: ClassVar[tuple[Component, ...]] = correction.COMPONENTS
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = correction.MEASURED_PARTS

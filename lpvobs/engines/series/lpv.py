@@ -48,7 +48,6 @@ class Series(AsKnown):
     temperature_names: ClassVar[tuple[str, ...]] = ("T_im",)
     rate_names: ClassVar[tuple[str, ...]] = ("a_im",)
     calmed: ClassVar[tuple[str, ...]] = ("p_im", "u_delta", "lambda_e")
-    noisy: ClassVar[tuple[str, ...]] = ("p_im", "u_delta", "lambda_e")
     smoothed: ClassVar[tuple[str, ...]] = ("n_e", "u_delta", "p_im", "T_im", "lambda_e")
     balance_names: ClassVar[tuple[str, ...]] = flows.BALANCES
     components: ClassVar[tuple[Component, ...]] = flows.COMPONENTS
