@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lpvobs.api.simulate_bench import simulate_bench
     from lpvobs.api.synth_gain import synth_gain
     from lpvobs.api.trace import trace
+    from lpvobs.api.track import track
     from lpvobs.api.verify import verify
     from lpvobs.api.write_report import write_report
 
@@ -43,6 +44,7 @@ __all__ = [
     "simulate_bench",
     "synth_gain",
     "trace",
+    "track",
     "verify",
     "write_report",
 ]

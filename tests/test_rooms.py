@@ -12,7 +12,7 @@ from repository import ROOT
 
 ROOT = ROOT / "lpvobs"
 ROOMS = (
-    "errors", "kinds", "compiled", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "simulation",
+    "errors", "kinds", "compiled", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "tracking", "simulation",
     "io", "ingest", "report", "api", "selftest", "cli",
 )  # fmt: skip
 FORBIDDEN = {"selftest": {"report"}}
@@ -147,7 +147,7 @@ def inside_at_import(module):
 
 @pytest.mark.parametrize(
     "module",
-    [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "calibration", "records")],
+    [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "calibration", "tracking", "records")],
 )
 def test_the_numerical_core_knows_no_files(module):
     """The core runs on NumPy, SciPy and Numba alone."""

@@ -126,14 +126,14 @@ def estimate_fleet(
         task = PartTask(
             Path(), point, grid, gain, config.reading, frozenset(), workplace == Workplace(), config.kind.suspects
         )
-        task, outcomes = _linearised(workers, task, sorted(paths, key=lambda path: path.stem), progress)
+        task, outcomes = linearised(workers, task, sorted(paths, key=lambda path: path.stem), progress)
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
         store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
         for outcome in outcomes.values():
             store.keep(outcome)
         rest = [path for path in paths if path not in outcomes]
         task = replace(task, done=store.done())
-        outcomes |= _outcomes(workers, task, rest, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f))
+        outcomes |= outcomes_of(workers, task, rest, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f))
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
@@ -164,7 +164,7 @@ def estimate_fleet(
     )
 
 
-def _linearised(
+def linearised(
     workers: Workers, task: PartTask, paths: Sequence[Path], progress: Callable[[float], None]
 ) -> tuple[PartTask, dict[Path, PartOutcome]]:
     """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
@@ -176,7 +176,7 @@ def _linearised(
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
-            found |= _outcomes(workers, opening, waiting[:lack], None, partial(_told, progress, turn))
+            found |= outcomes_of(workers, opening, waiting[:lack], None, partial(_told, progress, turn))
             waiting = waiting[lack:]
         parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
         if not parts:
@@ -194,7 +194,7 @@ def _told(progress: Callable[[float], None], turn: int, done: float) -> None:
     progress(OPENING_SHARE * (turn + done) / PASSES)
 
 
-def _outcomes(
+def outcomes_of(
     workers: Workers,
     task: PartTask,
     paths: Sequence[Path],

@@ -7,6 +7,7 @@ from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
+from lpvobs.io.logs.origins import own_origin
 from lpvobs.io.logs.parquet import write_log
 from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Seconds
@@ -33,6 +34,8 @@ def simulate(
     engine: File | None = None,
     rate: float = 100.0,
     seed: int = 1,
+    vehicle: str | None = None,
+    date: str | None = None,
     progress: Progress | None = None,
 ) -> SimulatedLog:
     """Drive the simulated diesel over a cycle and write the log that its sensors record.
@@ -56,6 +59,8 @@ def simulate(
         [Hz]
     seed : int
         Of noise and road.
+    vehicle, date : str, optional
+        Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
@@ -70,6 +75,7 @@ def simulate(
     """
     with writing(out, [config, cycle, effects, engine]) as target:
         configuration, plant = plant_of(config, engine)
+        origin = own_origin(vehicle, date, configuration.air_path)
         wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
         log = plant.run(
             configuration.engine,
@@ -83,7 +89,7 @@ def simulate(
             auxiliary=wanted.auxiliary,
             sensors=configuration.sensors,
         )
-        write_log(target, log.channels, log.units)
+        write_log(target, log.channels, log.units, origin)
     return log
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, needed, option
+from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
@@ -29,9 +29,7 @@ def estimate(
     ),
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
-    scheduler: str | None = option(
-        "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
-    ),
+    scheduler: str | None = SCHEDULER,
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import JSON, PROFILES, argument, needed
+from lpvobs.cli.options import DATE, JSON, PROFILES, VEHICLE, argument, needed
 
 
 @guarded
@@ -13,6 +13,8 @@ def ingest(
         "NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES
     ),
     out: Path = needed("LOG.parquet", "The log to write."),
+    vehicle: str | None = VEHICLE,
+    date: str | None = DATE,
     as_json: bool = JSON,
 ) -> None:
     """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.
@@ -22,7 +24,7 @@ def ingest(
     from lpvobs.api.ingest_log import ingest_log
     from lpvobs.report.tables import ingest_notes, ingest_rows
 
-    record = ingest_log(sources, profile, out)
+    record = ingest_log(sources, profile, out, vehicle=vehicle, date=date)
     if as_json:
         print_json("ingest", {"log": str(out), **record})
         return

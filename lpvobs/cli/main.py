@@ -36,6 +36,7 @@ VERBS = {
     "refine": "Add what is proven, estimate again, error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
     "compare": "How two maps differ, and where that is more than their errors.",
+    "track": "Follow the maps of many vehicles over time.",
     "report": "Tables, gates and the HTML report.",
     "selftest": "Try the installed package on cases with known answers.",
 }

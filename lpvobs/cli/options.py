@@ -16,6 +16,7 @@ CONSTANTS = ("joint", "consider")
 FORMATS = ("dcm", "csv", "netcdf", "c99", "fmu")
 MAP_GAINS = ("falling", "constant")
 PROFILES = ("kit-obd", "liu-ice")
+PERIODS = ("day", "week", "month", "year")
 
 
 def offer(names: tuple[str, ...]) -> Callable[[str], list[str]]:
@@ -53,6 +54,11 @@ CONFIG = option(
     "--config",
 )
 GAIN = option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
+SCHEDULER = option(
+    "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
+)
+VEHICLE = option("NAME", "Whose log it is, kept in the log; track asks for it.")
+DATE = option("YYYY-MM-DD", "When it was driven, kept in the log; track asks for it.")
 LOGS = argument("LOG...", "Parquet logs, patterns, or folders of logs.")
 REGION = option("AXIS=FROM:TO,...", "Mean over this part of the map; a second axis follows after a comma.")
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say
-from lpvobs.cli.options import CONFIG, CYCLES, JSON, needed, option
+from lpvobs.cli.options import CONFIG, CYCLES, DATE, JSON, VEHICLE, needed, option
 from lpvobs.errors import UsageError
 
 
@@ -26,6 +26,8 @@ def simulate(
     ),
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
     seed: int = option("N", "Of sensor noise, road, points; same seed, same bytes.", default=1),
+    vehicle: str | None = VEHICLE,
+    date: str | None = DATE,
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
@@ -43,7 +45,7 @@ def simulate(
 
     config = chosen_config(config)
     if bench is not None:
-        of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate}
+        of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate, "--vehicle": vehicle, "--date": date}
         if given := [name for name, value in of_cycle.items() if value is not None]:
             raise UsageError(
                 f"--bench goes without {' and '.join(given)}: what belongs to a cycle has no place at rest; leave it out"
@@ -56,7 +58,10 @@ def simulate(
     else:
         with progress(f"simulating {cycle}") as report:
             speed = 100.0 if rate is None else rate
-            log = drive(config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, progress=report)
+            log = drive(
+                config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, vehicle=vehicle, date=date,
+                progress=report,
+            )  # fmt: skip
         time = log.channels["time"]
         channels, samples, duration = tuple(log.channels), time.size, float(time[-1] - time[0])
         told = f"{samples} samples, {duration:.0f} s"

@@ -247,9 +247,9 @@ class _Solved:
 
     def map_alone(self, S: Array) -> tuple[Array, Array]:
         """Return the map's covariance where the engine is known, and its answers to unknowns and terms of Eq. (37)."""
-        p, q, z = self.layout.nodes, self.layout.unknowns, self.layout.z
+        p, q = self.layout.nodes, self.layout.unknowns
         (N, answers, _), _, _ = self.without_map(S)
-        return N, np.column_stack([answers[:, :q], N @ self.normal(S)[:p, z + 1 :]])
+        return N, np.column_stack([answers[:, :q], N @ self.normal(S)[:p, self.layout.terms]])
 
 
 def considered(solution: Solution, moments: Moments, node: float, unknowns: Unknowns) -> Solution:

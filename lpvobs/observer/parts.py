@@ -148,7 +148,7 @@ class Sums:
             {**channels, **moved}, {name: rates[name] + next(signs) * sd * in_rate for name, sd in noise.items()}
         )
         shaken = np.nan_to_num(J_moved - J), np.nan_to_num(flow - flow_moved)
-        return Slopes(J, caution.trust.T, caution.bias.T, shaken)
+        return Slopes(J, channels[self.air_path.sensor], caution.trust.T, caution.bias.T, shaken)
 
     def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return J (n, B, q) and the flows (n, B) [kg/s]."""

@@ -35,7 +35,7 @@ LEAST_STAY = 0.02
 
 @dataclass(frozen=True)
 class Columns:
-    """Which column is what: the map, the engine's unknowns, levels of the day, z, the terms of Eq. (37)."""
+    """Which column is what: the map, the engine's unknowns, levels of the day, z, the terms of Eq. (37), the flow."""
 
     nodes: int
     unknowns: int
@@ -54,7 +54,12 @@ class Columns:
     @property
     def size(self) -> int:
         """Number of all columns."""
-        return self.solved + 1 + len(COEFFICIENTS)
+        return self.solved + 2 + len(COEFFICIENTS)
+
+    @property
+    def terms(self) -> slice:
+        """The columns of the terms; the flow follows them."""
+        return slice(self.solved + 1, self.solved + 1 + len(COEFFICIENTS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +104,7 @@ class Slopes:
     """What mean signals of n windows say beside z."""
 
     J: Array  # (n, B, q) [kg/s]
+    reading: Array  # (n,) [kg/s], of the sensor
     weight: Array  # (n, B)
     correction: Array  # (n, B) [kg/s], to be added to z
     # what noise adds to J and z where each of its sources is as large as its standard deviation, with signs that are
@@ -158,7 +164,8 @@ class Windows:
             row[:, own] = found.J[:, b]
             row[:, layout.nodes + layout.unknowns + b] = 1.0
             row[:, layout.z] = seen.z[:, b] + found.correction[:, b]
-            row[:, layout.z + 1 :] = seen.terms
+            row[:, layout.terms] = seen.terms
+            row[:, -1] = found.reading - row[:, layout.z]
         says = np.isfinite(rows).all(axis=2)
         rows[~says] = 0.0
         rows *= np.sqrt(seen.stay * found.weight.T)[:, :, None]

@@ -15,6 +15,7 @@ from lpvobs.api.refine import RefineOutput
 from lpvobs.api.simulate import SimulateOutput
 from lpvobs.api.synth_gain import SynthGainOutput
 from lpvobs.api.trace import TraceOutput
+from lpvobs.api.track import TrackOutput
 from lpvobs.api.verify import VerifyOutput
 from lpvobs.discovery.outcome import StoredOutcome
 from lpvobs.ingest.record import IngestOutput, IngestRecord
@@ -37,6 +38,7 @@ RECORDS: Mapping[str, Any] = {
     "trace": TraceOutput,
     "refine": RefineOutput,
     "export": ExportOutput,
+    "track": TrackOutput,
     "report": ReportOutput,
     "selftest": SelftestOutput,
 }

@@ -28,19 +28,26 @@ Contents = dict[str, Field | Attribute]
 
 ENDS = {0: "lower", 1: "upper"}
 AXES = {
+    "aspect": Item("1", "level and shape in kg/s, gain as a share of the flow"),
     "axis": Item("1", "fuel, then speed"),
     "balance": Item("1", "balance"),
     "bell": Item("1", "bell of a regression"),
     "bin": Item("1", "bin of the regressor"),
     "bound": Item("1", "which end", meanings=ENDS),
+    "cell": Item("1", "cell of the map"),
+    "change": Item("1", "change of a vehicle"),
     "coefficient": Item("1", "coefficient of Eq. (37)"),
     "constant": Item("1", "uncertain constant of the engine"),
+    "coordinate": Item("1", "coordinate of the engine's unknowns"),
+    "corner": Item("1", "node of a cell"),
     "end": Item("1", "which end", meanings=ENDS),
     "extreme": Item("1", "which extreme", meanings={0: "smallest", 1: "largest"}),
     "feature": Item("1", "bells, then lines"),
     "input": Item("1", "channels, then rates"),
     "lag": Item("1", "lag in blocks, positive where the residual is later"),
     "log": Item("1", "log"),
+    "map": Item("1", "map of a vehicle in a period"),
+    "mode": Item("1", "terms of Eq. (37), flow"),
     "mean": Item("1", "mean regressor, mean residual, standard error of the mean residual"),
     "node": Item("1", "node in the order of Eq. (23): speed by speed"),
     "output": Item("1", "output"),
@@ -52,7 +59,9 @@ AXES = {
     "state": Item("1", "state"),
     "stretch": Item("1", "stretch with much power, strongest first"),
     "term": Item("1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
+    "summed": Item("1", "nodes, coordinates of the engine, reading, z"),
     "transience": Item("1", "class of transience"),
+    "unknown": Item("1", "unknown of the engine"),
 }
 """Axes that are no field of their record, and what stands on them; numbered from zero where no labels are given. What stands on
 `state` stands on `other_state`, too."""

@@ -24,7 +24,7 @@ from lpvobs.io.results.mapping import element_of
 from lpvobs.observer.balance_agreement import BalanceSums
 from lpvobs.observer.parts import LogInformation, StateGain
 
-FORMAT = 6
+FORMAT = 7
 ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")

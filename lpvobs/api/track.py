@@ -1,0 +1,275 @@
+"""`track`: maps by vehicle and time, from sums that add up without the logs."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta
+
+from lpvobs.api.estimate import gain_for, used_engine, workplace_for
+from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
+from lpvobs.api.fleet import PartOutcome, PartTask, Workplace, linearised, outcomes_of
+from lpvobs.api.jobs import Workers
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.finding import find_logs
+from lpvobs.io.logs.origins import PERIODS, Origins, date_of, day_of
+from lpvobs.io.results.fleets import FleetSums, StoredFleet, expect_key, read_fleet, write_fleet, write_table
+from lpvobs.io.results.parts import PartsFolder, run_key
+from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.safety.atomic import file_digest
+from lpvobs.kinds import Count, Refused
+from lpvobs.observer.estimate import Point, merged
+from lpvobs.observer.parts import StateGain, added_up
+from lpvobs.observer.windows import Columns
+from lpvobs.records import Item
+from lpvobs.tracking.fleet import Change, NextCell, Standing, Tracked
+from lpvobs.tracking.fleet import track as tracked
+from lpvobs.tracking.sums import Basis, basis_of, kept, weighed
+
+FIRST_VEHICLES, FIRST_LOGS = 2, 2
+"""By name and by date: they show where the engine is linearised, and how rows are weighed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackOutput:
+    """What is known of a fleet; trends and sizes are level [kg/s], gain [1] and shape [kg/s]."""
+
+    fleet: str
+    logs: Count
+    new: Annotated[int, Meta(description="Logs that were not in the fleet before.")]
+    refused: Refused
+    periods: Sequence[str]
+    vehicles: Sequence[Standing]
+    changes: Sequence[Change]
+    next: Sequence[NextCell]
+
+
+@dataclass(frozen=True)
+class _Whose:
+    """A log that can be told whose it is."""
+
+    path: Path
+    vehicle: str
+    kind: str
+    day: float
+
+
+def track(
+    config: File,
+    logs: File | Iterable[File] = (),
+    *,
+    out: File,
+    by: str = "vehicle",
+    every: str = "month",
+    path: str | None = None,
+    origins: File | None = None,
+    gain: File | None = None,
+    engine: File | None = None,
+    table: File | None = None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> tuple[StoredFleet, TrackOutput]:
+    """Follow the map of every vehicle over time, and write what is found beside the sums of all logs.
+
+    Parameters
+    ----------
+    config : path
+    logs : path or several
+        Parquet logs, patterns or folders. Those that `out` knows by their digest are not read again; none: `out` as it is, anew.
+    out : path
+        The fleet to write, or to go on with.
+    by : str
+        The field that says whose a log is.
+    every : str
+        Period of a map: day, week, month or year.
+    path : str, optional
+        Pattern of the logs' paths, such as `{vehicle}/{month}.parquet`.
+    origins : path, optional
+        A table, CSV or Parquet, with a column `log` and others such as `vehicle`, `engine` (its type) and `date`.
+    gain, engine, jobs, scheduler, progress
+        As for `estimate`.
+    table : path, optional
+        Parquet file to write with a row for each vehicle, period and node.
+
+    Returns
+    -------
+    StoredFleet, TrackOutput
+        The fleet as written, and the object that `lpvobs track --json` prints.
+
+    Raises
+    ------
+    UsageError
+        For an unknown period, a path that does not follow the pattern, or logs that are there twice.
+    DataError
+        If no log can be used, or `out` was made with another configuration.
+    NotProven
+        If the certificate of the gain does not hold.
+    """
+    if every not in PERIODS:
+        raise UsageError(f"--every {every}: expected one of {', '.join(PERIODS)}")
+    configuration, text = load_config(as_path(config))
+    found = find_logs(as_paths(logs))
+    refuse_copies(found)
+    given = None if gain is None else as_path(gain)
+    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
+    with writing(out, [config, *found, given, calibrated, origins, table]) as target:
+        if not found and not target.is_file():
+            raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
+        before = read_fleet(target) if target.is_file() else None
+        known = frozenset() if before is None else frozenset(log.sha256 for log in before.kept.logs)
+        fresh = [each for each in found if not (known and each.is_file() and file_digest(each) in known)]
+        whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
+        sums = None if before is None else before.kept
+        if whose:
+            stored = gain_for(configuration, found, given, "observer")
+            state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+            workplace = workplace_for("observer", len(whose), jobs, scheduler)
+            adding = _Adding(configuration, text, state, target, workplace)
+            sums, more = adding.to(sums, whose, _point(configuration, calibrated), every, progress or silent)
+            refused += more
+        if sums is None:
+            raise DataError("; ".join(refused))
+        periods = {log.sha256: date_of(log.date).strftime(PERIODS[every]) for log in sums.logs}
+        sums = replace(sums, every=every)
+        result = _solved(configuration, sums, periods)
+        air_path = configuration.engine_path()
+        axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
+        provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
+        write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance)
+        PartsFolder(target, "").remove()
+        fleet = read_fleet(target)
+        if table is not None:
+            write_table(as_path(table), fleet)
+    return fleet, output_of(fleet, len(sums.logs) - len(known), refused)
+
+
+def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutput:
+    """Return what is printed of a fleet."""
+    found = fleet.found
+    periods = sorted({each.period for each in found.maps})
+    return TrackOutput(
+        fleet=str(fleet.path),
+        logs=len(fleet.kept.logs),
+        new=new,
+        refused=tuple(refused),
+        periods=periods,
+        vehicles=found.worst_first(),
+        changes=found.changes,
+        next=found.cells,
+    )
+
+
+def _point(config: Config, engine: Path | None) -> Point:
+    """Return where the engine is linearised at first; raises UsageError for an engine that learns its curves."""
+    air_path = config.engine_path()
+    if air_path.learns:
+        raise UsageError(f"air_path = '{air_path.name}': learns from the logs themselves; track needs known constants")
+    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
+    start = used_engine(config, engine, "observer")
+    return point if start is None else replace(point, deviation=start.stored.deviation, known=start.stored.unknowns)
+
+
+def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
+    """Return whose each log is, and why others are left out."""
+    found: list[_Whose] = []
+    refused: list[str] = []
+    for path, origin in origins.of(paths).items():
+        try:
+            if not origin.get(by):
+                if not path.is_file():
+                    raise DataError(f"{path}: no such log; name a Parquet file")
+                raise DataError(f"{path}: nothing says its {by}; give --path or --origins, or record it with --vehicle")
+            kind = origin.get("engine") or config.air_path
+            found.append(_Whose(path, origin[by], kind, day_of(path, origin)))
+        except DataError as error:
+            refused.append(str(error))
+    return found, refused
+
+
+def _solved(config: Config, sums: FleetSums, periods: Mapping[str, str]) -> Tracked:
+    by_vehicle = {each.vehicle: [log for log in sums.logs if log.vehicle == each.vehicle] for each in sums.sums}
+    settings = config.estimate
+    return tracked(
+        config.grid(), sums.basis, sums.sums, by_vehicle, periods, settings.prior_map, settings.least_information
+    )
+
+
+@dataclass(frozen=True)
+class _Adding:
+    """How logs are added to a fleet."""
+
+    config: Config
+    text: str
+    gain: StateGain
+    out: Path
+    workplace: Workplace
+
+    def key(self, point: Point) -> str:
+        """Return a digest of all that the sums of a log depend on beside it."""
+        known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
+        return run_key(self.text + repr((sorted(point.deviation.items()), known)), self.gain)
+
+    def to(
+        self, before: FleetSums | None, whose: Sequence[_Whose], point: Point, every: str, progress: Progress
+    ) -> tuple[FleetSums | None, list[str]]:
+        """Return a fleet with the logs that can be used, and why others cannot."""
+        grid = self.config.grid()
+        with Workers(min(self.workplace.jobs, len(whose)), self.workplace.scheduler) as workers:
+            alone, suspects = self.workplace == Workplace(), self.config.kind.suspects
+            task = PartTask(Path(), point, grid, self.gain, self.config.reading, frozenset(), alone, suspects)
+            outcomes: dict[Path, PartOutcome] = {}
+            if before is None:
+                opening = [each.path for logs in _first(whose) for each in logs]
+                others = [each.path for each in whose if each.path not in opening]
+                task, outcomes = linearised(workers, task, [*opening, *others], progress)
+            else:
+                task = replace(task, point=replace(point, deviation=before.deviation))
+            key = self.key(task.point)
+            if before is not None:
+                expect_key(self.out, before, key)
+            folder = PartsFolder(self.out, key)
+
+            def keep(outcome: PartOutcome) -> None:
+                if outcome.stored is not None:
+                    folder.keep(outcome.stored)
+
+            for outcome in outcomes.values():
+                keep(outcome)
+            task = replace(task, done=folder.found())
+            outcomes |= outcomes_of(
+                workers, task, [each.path for each in whose if each.path not in outcomes], keep, progress
+            )
+        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
+        used = {outcomes[each.path].sha256: each for each in whose if outcomes[each.path].refusal is None}
+        if not used:
+            return before, refused
+        layout = Columns(grid.size, task.point.unknowns.size, len(task.point.configured.balance_names))
+        basis = before.basis if before is not None else self.basis(folder, used, task.point, layout)
+        logs = {} if before is None else {log.sha256: log for log in before.logs}
+        sums = {} if before is None else {each.vehicle: each for each in before.sums}
+        cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
+        for sha256 in sorted(used):
+            part, its = folder.read(sha256).part, used[sha256]
+            products = weighed(part, layout, basis)
+            logs[sha256], own = kept(part, products, basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
+            sums[its.vehicle] = sums[its.vehicle].plus(own) if its.vehicle in sums else own
+        total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
+        return FleetSums(key, every, task.point.deviation, basis, total, in_order), refused
+
+    def basis(self, folder: PartsFolder, used: Mapping[str, _Whose], point: Point, layout: Columns) -> Basis:
+        """Return how rows are weighed, from the first logs."""
+        grid, digests = self.config.grid(), {each: sha256 for sha256, each in used.items()}
+        first = [[folder.read(digests[each]).part for each in logs] for logs in _first(list(digests))]
+        solutions = [merged(grid, parts, point)[1] for parts in first]
+        return basis_of(grid, solutions, [added_up(grid, layout, parts) for parts in first], point.unknowns)
+
+
+def _first(whose: Sequence[_Whose]) -> list[list[_Whose]]:
+    """Return the first logs of the first vehicles."""
+    in_order = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
+    by_vehicle = [list(logs)[:FIRST_LOGS] for _, logs in groupby(in_order, lambda each: each.vehicle)]
+    return by_vehicle[:FIRST_VEHICLES]

@@ -1,0 +1,55 @@
+"""`lpvobs track`."""
+
+from pathlib import Path
+
+from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
+from lpvobs.cli.estimate import SIDE_BY_SIDE
+from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, SCHEDULER, argument, flag, needed, option
+
+
+@guarded
+def track(
+    logs: list[Path] | None = argument(
+        "[LOG]...", "Parquet logs, patterns, or folders; none: the fleet as it is, anew.", None
+    ),
+    out: Path = needed("FLEET.h5", "The fleet to write, or to go on with: logs that it knows are not read again."),
+    by: str = option("KEY", "The field that says whose a log is.", default="vehicle"),
+    every: str = option("PERIOD", "day, week, month or year: a map for each.", offers=PERIODS, default="month"),
+    path: str | None = option("PATTERN", 'Fields in the paths of logs, such as "{vehicle}/{month}.parquet".'),
+    origins: Path | None = option(
+        "TABLE", "CSV or Parquet with a column log, and others such as vehicle, engine, date."
+    ),
+    gain: Path | None = GAIN,
+    engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
+    to_table: Path | None = option("FILE.parquet", "A row for each vehicle, period and node.", "--table"),
+    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    scheduler: str | None = SCHEDULER,
+    verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),
+    config: Path | None = CONFIG,
+    as_json: bool = JSON,
+) -> None:
+    """Follow the map of every vehicle over time: trends, changes with their dates, what to drive next.
+
+    Whose a log is and when it was driven stands in the log (simulate and ingest --vehicle --date), its path, or a table.
+
+    Example: lpvobs track logs/ --path "{vehicle}/{month}.parquet" --gain gain.h5 --out fleet.h5
+    """
+    load_compiler()
+    from lpvobs.api.track import track as follow
+    from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
+
+    config = chosen_config(config)
+    with progress("tracking") as report:
+        fleet, content = follow(
+            config, logs or (), out=out, by=by, every=every, path=path, origins=origins, gain=gain, engine=engine,
+            table=to_table, jobs=jobs, scheduler=scheduler, progress=report,
+        )  # fmt: skip
+    if as_json:
+        print_json("track", content)
+    else:
+        print(fleet_summary(fleet))
+        for rows in (vehicle_rows(fleet, verbose), change_rows(fleet)):
+            if rows[1]:
+                print("\n" + table(*rows))
+        say(f"{out}: {content.new} new logs, {content.logs - content.new} known before")
+    leave(content.refused)

@@ -1,0 +1,121 @@
+"""A fleet in one HDF5 file: the sums of all logs, by which it goes on without them, and what was found from them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from lpvobs.errors import DataError
+from lpvobs.io.results.axes import Axes, axes_of, grid_layout
+from lpvobs.io.results.hdf import creating, reading, write_group
+from lpvobs.io.results.mapping import fields, read, read_rows, rows, write
+from lpvobs.io.results.provenance import Provenance, read_provenance
+from lpvobs.io.safety.atomic import replacing
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Item
+from lpvobs.tracking.fleet import Change, NextCell, PeriodMap, Standing, Tracked
+from lpvobs.tracking.maps import TypeMap
+from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums
+from lpvobs.tracking.timeline import Fleetwide
+
+KIND = "fleet"
+REMEDY = "make it with `lpvobs track`"
+LABELS = {"aspect": ("level", "gain", "shape")}
+
+
+@dataclass(frozen=True)
+class FleetSums:
+    """What all logs of a fleet leave, and what it depends on."""
+
+    key: str  # digest of everything but the logs
+    every: str
+    deviation: Mapping[str, float]  # of the engine's constants, where it is linearised
+    basis: Annotated[Basis, Item("1", "how rows are weighed")]
+    sums: Annotated[tuple[VehicleSums, ...], Item("1", "sums of a vehicle", name="vehicle")] = ()  # by name
+    logs: Annotated[tuple[TrackedLog, ...], Item("1", "logs", ("log",))] = field(default=())  # by digest
+
+
+@dataclass(frozen=True)
+class StoredFleet:
+    """A fleet as read back."""
+
+    path: Path
+    air_path: str
+    axes: Axes
+    grid: Grid
+    kept: FleetSums
+    found: Tracked
+    provenance: Provenance
+
+
+def write_fleet(
+    path: Path, air_path: str, axes: Axes, grid: Grid, kept: FleetSums, found: Tracked, provenance: Provenance
+) -> None:
+    """Write a fleet; at any instant the target is absent, the old file, or the complete new one."""
+    with creating(path) as file:
+        file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", air_path
+        write_group(file, "map", fields(grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
+        write(file, "sums", kept)
+        write(file, "sizes", found.sizes)
+        for name, row, records in (
+            ("types", "type", found.types),
+            ("vehicles", "vehicle", found.vehicles),
+            ("changes", "change", found.changes),
+            ("maps", "map", found.maps),
+            ("next", "cell", found.cells),
+        ):
+            write_group(file, name, rows(records, row, LABELS))
+        provenance.write(file)
+
+
+def read_fleet(path: Path) -> StoredFleet:
+    """Return a stored fleet; raises DataError if the file is no complete one."""
+    with reading(path, KIND, REMEDY) as file:
+        found = Tracked(
+            sizes=read(file["sizes"], Fleetwide),
+            types=read_rows(file["types"], TypeMap, "type"),
+            vehicles=read_rows(file["vehicles"], Standing, "vehicle"),
+            changes=read_rows(file["changes"], Change, "change"),
+            maps=read_rows(file["maps"], PeriodMap, "map"),
+            cells=read_rows(file["next"], NextCell, "cell"),
+        )
+        axes = axes_of(file)
+        grid, kept = read(file["map"], grid_layout(axes)), read(file["sums"], FleetSums)
+        return StoredFleet(path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file))
+
+
+def expect_key(path: Path, kept: FleetSums, key: str) -> None:
+    """Raise DataError unless the fleet was made with the same configuration, gain and engine."""
+    if kept.key != key:
+        raise DataError(
+            f"{path}: was made with another configuration, gain, engine or version; its sums do not add up with new ones: "
+            f"give what it was made with, or name another file in --out and all logs"
+        )
+
+
+def write_table(path: Path, fleet: StoredFleet) -> None:
+    """Write the maps as a Parquet file in long form: a row for each vehicle, period and node; units are in the metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    maps, nodes = fleet.found.maps, fleet.grid.size
+    speed, fuel = (axis.ravel() for axis in np.meshgrid(fleet.grid.speed, fleet.grid.fuel, indexing="ij"))
+    types = {each.vehicle: each.type for each in fleet.found.vehicles}
+    columns = {
+        "type": np.repeat([types[each.vehicle] for each in maps], nodes),
+        "vehicle": np.repeat([each.vehicle for each in maps], nodes),
+        "period": np.repeat([each.period for each in maps], nodes),
+        **{name: np.tile(axis, len(maps)) for name, axis in zip(fleet.axes, (fuel, speed), strict=True)},
+        "delta_W_c": np.concatenate([each.theta for each in maps]),
+        "standard_error": np.concatenate([each.standard_error for each in maps]),
+    }
+    units = {name: item.unit for name, item in fleet.axes.items()} | dict.fromkeys(
+        ("delta_W_c", "standard_error"), "kg/s"
+    )
+    kinds = [pa.array(column.tolist()).type for column in (values[:1] for values in columns.values())]
+    metadata = [{"unit": units[name]} if name in units else None for name in columns]
+    schema = pa.schema([pa.field(*item) for item in zip(columns, kinds, [True] * len(columns), metadata, strict=True)])
+    with replacing(path) as temporary:
+        pq.write_table(pa.table([pa.array(column) for column in columns.values()], schema=schema), temporary)

@@ -1,0 +1,52 @@
+"""A fleet in words and tables."""
+
+from lpvobs.io.logs.origins import date_of
+from lpvobs.io.results.fleets import StoredFleet
+from lpvobs.report.tables import Table, grams
+from lpvobs.tracking.fleet import Aspects, Standing
+
+Z90 = 1.645
+
+
+def fleet_summary(fleet: StoredFleet) -> str:
+    """Return what there is, in a few lines."""
+    found = fleet.found
+    periods = sorted({each.period for each in found.maps})
+    unusual = sum(each.stands_out for each in found.vehicles)
+    return (
+        f"{len(found.vehicles)} vehicles, {len(fleet.kept.logs)} logs, {periods[0]} to {periods[-1]}\n"
+        f"{unusual} stand out, {len(found.changes)} changes found"
+    )
+
+
+def vehicle_rows(fleet: StoredFleet, verbose: bool) -> Table:
+    """Return a row per vehicle, worst first; without `verbose` only of those that stand out."""
+    header = ["vehicle", "logs", "verdict", "level g/s a month", "90 %", "gain % a month", "90 %", "unlike its type"]
+    return header, [
+        [each.vehicle, str(each.logs), each.verdict, *trend_cells(each), f"{each.unlike:+.1f} sd"]
+        for each in fleet.found.worst_first()
+        if verbose or each.stands_out
+    ]
+
+
+def trend_cells(each: Standing) -> list[str]:
+    """Return level and gain with half the width of their intervals."""
+    return _cells(each.trend, each.trend_error)
+
+
+def change_rows(fleet: StoredFleet) -> Table:
+    """Return a row per change: date with interval, level and gain."""
+    header = ["vehicle", "change", "date", "earliest", "latest", "level g/s", "90 %", "gain %", "90 %"]
+    return header, [
+        [
+            each.vehicle,
+            each.kind,
+            *(date_of(day).isoformat() for day in (each.date, each.earliest, each.latest)),
+            *_cells(each.size, each.size_error),
+        ]
+        for each in fleet.found.changes
+    ]
+
+
+def _cells(size: Aspects, error: Aspects) -> list[str]:
+    return [grams(size[0]), f"+-{grams(Z90 * error[0])}", f"{100 * size[1]:+.3f}", f"+-{100 * Z90 * error[1]:.3f}"]

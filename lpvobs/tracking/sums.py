@@ -1,0 +1,164 @@
+"""The sums of logs as tracking keeps them: weighed once, small, added up by vehicle.
+
+A log leaves sums without weights (`observer.parts`). With the weights of the first logs, and the engine's unknowns in coordinates
+that a drive can tell, they become one matrix of products over the columns
+
+    nodes of the map | engine | flow | z.
+
+A map changes as a whole by few modes: the six terms of Eq. (37), a level and five shapes, and the reading, which is a gain. All are
+maps themselves, so that nothing but a difference between days can tell of them; the flow at a node is that of the log, for boost
+differs from drive to drive. Their products stay with each log, which has its day; all else adds up over a vehicle's logs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.unknowns import Unknowns
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
+from lpvobs.observer.information import Solution
+from lpvobs.observer.parts import LogInformation
+from lpvobs.observer.windows import Columns, Moments
+from lpvobs.records import Array, Item
+
+MODES = len(COEFFICIENTS) + 1
+"""Number of the modes: Eq. (37), and in proportion to the flow."""
+TOLD = 1e-4
+"""A direction of the engine's unknowns counts if it moves the rows by more than this share of their noise, squared and summed."""
+LEAST_SHARE = 0.01
+"""Of what the usual node has seen, from which a node tells its flow itself."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """How the rows of logs are weighed, and what of the engine counts; found once, from the first logs."""
+
+    weights: Annotated[
+        Array, Item("s/kg^2", "inverse covariance of the errors new in every window", ("balance", "other_balance"))
+    ]
+    engine: Annotated[
+        Array, Item("1", "the engine's unknowns in coordinates with prior N(0, 1)", ("unknown", "coordinate"))
+    ]
+    mean: Annotated[Array, Item("1", "mean of the unknowns before any log", ("unknown",))]
+    flow: Annotated[Array, Item("kg/s", "flow at the nodes", ("node",))]
+    error: Annotated[Array, Item("kg/s", "error of the sensor at the nodes", ("node",))]
+    terms: Annotated[Array, Item("1", "terms of Eq. (37) at the nodes", ("node", "term"))]
+    lasting: Annotated[float, Item("1", "variance of all errors over that of errors new in every window")]
+
+    @property
+    def size(self) -> int:
+        """Number of nodes and coordinates of the engine."""
+        return len(self.flow) + len(self.engine.T)
+
+    def modes(self, flow: Array) -> Array:
+        """Return the maps of which a change is made, shape (p, k), with a flow at the nodes."""
+        return np.column_stack([self.terms, flow + self.error])
+
+    def columns(self, layout: Columns) -> Array:
+        """Return what every column of the sums is in columns of tracking, shape (C, p + r + 2)."""
+        p = layout.nodes
+        found = np.zeros((layout.size, self.size + 2))
+        unknowns = slice(p, p + layout.unknowns)
+        found[:p, :p] = np.eye(p)
+        found[unknowns, p:-2], found[unknowns, -1] = self.engine, -self.mean
+        found[layout.terms.stop, -2] = found[layout.z, -1] = 1.0
+        return found
+
+
+@dataclass(frozen=True)
+class TrackedLog:
+    """What tracking keeps of a log."""
+
+    sha256: Annotated[str, Item("1", "SHA-256 of the log", name="log")]
+    name: Annotated[str, Item("1", "name of its file")]
+    vehicle: Annotated[str, Item("1", "whose it is")]
+    date: Annotated[float, Item("d", "days since 1970-01-01")]
+    duration: Annotated[float, Item("s", "duration without gaps")]
+    modes: Annotated[Array, Item("1", "products of modes and all columns", ("mode", "summed"))]
+    own: Annotated[Array, Item("1", "products of modes", ("mode", "other_mode"))]
+
+
+@dataclass(frozen=True)
+class VehicleSums:
+    """The sums of the logs of a vehicle, in the columns that they touch."""
+
+    vehicle: str
+    kind: str  # of engine: vehicles of a kind have a map in common
+    columns: Annotated[NDArray[np.int64], Item("1", "columns that the logs touch", name="column")]
+    products: Annotated[Array, Item("1", "weighed products of columns", ("column", "other_column"))]
+    gram: Annotated[
+        Array, Item("s", "integral of Psi_l^T Psi_l over the stay in each cell", ("cell", "corner", "other_corner"))
+    ]
+
+    def whole(self, size: int) -> Array:
+        """Return the products over all columns, which are `size` and two."""
+        full = np.zeros((size + 2, size + 2))
+        full[np.ix_(self.columns, self.columns)] = self.products
+        return full
+
+    def plus(self, other: "VehicleSums") -> "VehicleSums":
+        """Return the sums of both."""
+        columns = np.union1d(self.columns, other.columns)
+        both = [np.searchsorted(columns, each.columns) for each in (self, other)]
+        products = np.zeros((columns.size, columns.size))
+        for at, each in zip(both, (self, other), strict=True):
+            products[np.ix_(at, at)] += each.products
+        return VehicleSums(self.vehicle, self.kind, columns, products, self.gram + other.gram)
+
+
+def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments], unknowns: Unknowns) -> Basis:
+    """Return how rows are weighed after the first logs of some vehicles, each solved by itself."""
+    fast = np.mean([each.fast for each in solutions], axis=0)
+    weights, own = np.linalg.inv(fast), solutions[0].engine
+    seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, own, own]) for total in totals)
+    amplitudes = np.exp(np.mean(np.log([each.amplitudes for each in solutions]), axis=0))
+    covariance = unknowns.scaled(amplitudes.tolist())
+    root = np.linalg.cholesky(covariance + np.diag(1e-9 * np.diag(covariance) + 1e-18))
+    told, axes = np.linalg.eigh(root.T @ seen @ root)
+    lasting = float(np.mean([np.trace(each.errors @ weights) for each in solutions])) / weights.shape[0]
+    p, terms = grid.size, np.asarray(scaled_terms(grid, *np.meshgrid(grid.fuel, grid.speed)).reshape(grid.size, -1))
+    seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, :p]) for total in totals)
+    error = np.mean([each.theta for each in solutions], axis=0)
+    smooth = [
+        np.linalg.lstsq(terms.T @ seen[:, :p] @ terms, terms.T @ right, rcond=None)[0]
+        for right in (seen[:, -1], seen[:, :p] @ error)
+    ]
+    flow, error = (terms @ each for each in smooth)
+    flow = flow_at_nodes(seen[:, :p], seen[:, -1], flow)
+    return Basis(weights, root @ axes[:, told > TOLD][:, ::-1], unknowns.mean, flow, error, terms, max(lasting, 1.0))
+
+
+def flow_at_nodes(products: Array, with_flow: Array, usual: Array) -> Array:
+    """Return the flow at the nodes, shape (p,) [kg/s], from products of nodes with nodes and with the flow.
+
+    Where hardly anybody drove it is the usual one.
+    """
+    stay = np.diag(products)[np.diag(products) > 0.0].mean()
+    beyond = np.linalg.solve(products + LEAST_SHARE * stay * np.eye(usual.size), with_flow - products @ usual)
+    return np.asarray(np.maximum(usual + beyond, 0.0))
+
+
+def weighed(part: LogInformation, layout: Columns, basis: Basis) -> Array:
+    """Return the products of a log over the columns of tracking."""
+    normal = np.einsum("ab,abij->ij", basis.weights, part.products)
+    onto = basis.columns(layout)[part.columns]
+    return np.asarray(onto.T @ normal @ onto)
+
+
+def kept(
+    part: LogInformation, products: Array, basis: Basis, origin: tuple[str, str, str, float], cells: int
+) -> tuple[TrackedLog, VehicleSums]:
+    """Return what stays of a log, and what is added to the sums of its vehicle; of its origin name, vehicle, kind, date."""
+    name, vehicle, kind, date = origin
+    p = basis.flow.size
+    maps = basis.modes(flow_at_nodes(products[:p, :p], products[:p, -2], basis.flow))
+    modes = maps.T @ products[:p]
+    log = TrackedLog(part.run.sha256, name, vehicle, date, part.run.duration, modes, modes[:, :p] @ maps)
+    gram = np.zeros((cells, 4, 4))
+    gram[part.cells] = part.gram
+    columns = np.flatnonzero(np.diag(products))
+    return log, VehicleSums(vehicle, kind, columns, products[np.ix_(columns, columns)], gram)

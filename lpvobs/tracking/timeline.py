@@ -1,0 +1,160 @@
+"""One vehicle over time: its sums as a Gaussian likelihood of how its map stands on the day of each log.
+
+On the day of log l the map is theta + Phi m_l, theta being the vehicle's map and Phi the modes of `sums`. Map and engine are
+the same in all logs; eliminated with their prior, and so the mean of m, they leave for m, stacked over L logs,
+
+    log likelihood = h^T m - m^T G m / 2.
+
+m is a Gaussian process: what differs from day to day (variance by mode), a random walk, and what happens to the vehicle: a trend
+from the first log on, a step, a new slope. `Fleetwide` holds the variances, found from all vehicles together.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from lpvobs.records import Array, Item
+from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums
+
+CHANGE = np.array([1e-3] * (MODES - 1) + [0.05])
+"""[kg/s] and of the reading: standard deviation of a change that is worth a name, at once or in a year, before any data. A hot film
+is replaced when it reads 5 to 10 % wrong; levels are of the size of the flow's error there at idle."""
+YEAR = 365.25
+FLAT = 1e-3
+"""Information before any log about what all days of a vehicle have in common, beside which one log has about 1e4."""
+
+
+@dataclass(frozen=True)
+class Fleetwide:
+    """Standard deviations that all vehicles share, over those of `CHANGE`."""
+
+    level: Annotated[float, Item("1", "of the level between days")]
+    shape: Annotated[float, Item("1", "of each shape between days")]
+    gain: Annotated[float, Item("1", "of the gain between days")]
+    walk: Annotated[float, Item("1", "of every mode after a year of random walk")]
+
+    def uneasy(self, factor: float) -> "Fleetwide":
+        """Return them for a vehicle whose days differ more than those of others."""
+        return replace(self, level=factor * self.level, shape=factor * self.shape, gain=factor * self.gain)
+
+    @property
+    def daily(self) -> Array:
+        """Variance of every mode between days, shape (k,)."""
+        return np.array([self.shape] * (MODES - 2) + [self.level, self.gain]) ** 2
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happens to a vehicle: a `trend` from the first log on, a `step`, or a `renewal`, a step to another slope."""
+
+    kind: str
+    day: float = 0.0  # [years]
+    earliest: float = 0.0  # 90 % of the evidence lie between
+    latest: float = 0.0
+
+    def terms(self, day: Array) -> Array:
+        """Return its terms on some days, shape (N, 1) or (N, 2)."""
+        after = (day >= self.day).astype(float)
+        slope = after * (day - self.day)
+        return np.column_stack({"trend": [day], "step": [after], "renewal": [after, slope]}[self.kind])
+
+    def slopes(self) -> Array:
+        """Return the slope of each term at the end."""
+        return np.array({"trend": [1.0], "step": [0.0], "renewal": [0.0, 1.0]}[self.kind])
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """The likelihood of a vehicle with L logs, and what it is made of; days in years since the first log, modes in `CHANGE`."""
+
+    name: str
+    kind: str
+    logs: tuple[TrackedLog, ...]  # by date
+    day: Array  # (L,)
+    G: Array  # (L k, L k)
+    h: Array  # (L k,)
+
+    def design(self, events: Sequence[Event], day: Array) -> Array:
+        """Return what each term of the events is on some days, shape (N, terms)."""
+        return np.column_stack([np.zeros((day.size, 0)), *(event.terms(day) for event in events)])
+
+    def process(self, fleet: Fleetwide, events: Sequence[Event], day: Array, other: Array) -> Array:
+        """Return the covariance between days of all that lasts, shape (N k, M k)."""
+        over_time = fleet.walk**2 * np.minimum.outer(day, other)
+        over_time += self.design(events, day) @ self.design(events, other).T
+        return np.asarray(np.kron(over_time, np.eye(MODES)))
+
+    def prior(self, fleet: Fleetwide, events: Sequence[Event]) -> Array:
+        """Return the covariance of m."""
+        return self.process(fleet, events, self.day, self.day) + np.diag(np.tile(fleet.daily, self.day.size))
+
+    def evidence(self, fleet: Fleetwide, events: Sequence[Event] = ()) -> float:
+        """Return the logarithm of the marginal likelihood, up to what no prior changes."""
+        root = np.linalg.cholesky(self.prior(fleet, events) + 1e-12 * np.eye(self.h.size))
+        factor = np.linalg.cholesky(np.eye(self.h.size) + root.T @ self.G @ root)
+        fit = np.linalg.solve(factor, root.T @ self.h)
+        return float(0.5 * fit @ fit - np.log(np.diag(factor)).sum())
+
+    def explained(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
+        """Return information and right side for what comes on top of a prior: R = (I + G K)^-1 G and (I + G K)^-1 h."""
+        K = self.prior(fleet, events)
+        found = np.linalg.solve(np.eye(self.h.size) + self.G @ K, np.column_stack([self.G, self.h]))
+        return np.asarray(0.5 * (found[:, :-1] + found[:, :-1].T)), np.asarray(found[:, -1])
+
+
+def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Vehicle:
+    """Return the likelihood of a vehicle over time; `prior` [kg/s] is the standard deviation of a node before any log."""
+    p, on = basis.flow.size, sums.columns[:-2]
+    by_date = sorted(logs, key=lambda log: (log.date, log.sha256))
+    M = sums.whole(basis.size)
+    A = M[np.ix_(on, on)] + np.diag(np.where(on < p, prior**-2, 1.0))
+    modes = CHANGE[:, None] * np.stack([log.modes for log in by_date])
+    across = modes[:, :, on].reshape(-1, on.size)
+    found = np.linalg.solve(np.linalg.cholesky(A), np.column_stack([across.T, M[on, -1]]))
+    G = -found[:, :-1].T @ found[:, :-1]
+    for i, log in enumerate(by_date):
+        at = slice(i * MODES, (i + 1) * MODES)
+        G[at, at] += CHANGE[:, None] * log.own * CHANGE
+    h = modes[:, :, -1].ravel() - found[:, :-1].T @ found[:, -1]
+    day = np.array([log.date for log in by_date])
+    common = np.tile(np.eye(MODES), (day.size, 1))  # is the vehicle's map
+    onto = np.linalg.solve(common.T @ G @ common + FLAT * np.eye(MODES), common.T @ np.column_stack([G, h]))
+    G, h = G - G @ common @ onto[:, :-1], h - G @ common @ onto[:, -1]
+    return Vehicle(sums.vehicle, sums.kind, tuple(by_date), (day - day[0]) / YEAR, 0.5 * (G + G.T), h)
+
+
+START = Fleetwide(level=0.03, shape=0.03, gain=0.03, walk=0.03)
+FACTORS = (3.0, 3.0, 1.7, 1.3)
+"""By which the standard deviations are moved up and down, one after the other, as long as the likelihood grows."""
+LEAST = 1e-3
+"""Below it a standard deviation is none."""
+MOST_VEHICLES = 40
+"""By name, that they are found from: more do not move them by the last factor."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """What has happened to a vehicle, and how much more than those of others its days differ."""
+
+    factor: float = 1.0
+    events: tuple[Event, ...] = ()
+
+
+def fleetwide(start: Fleetwide, vehicles: Mapping[Vehicle, Story]) -> Fleetwide:
+    """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
+    chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.name)[:MOST_VEHICLES]
+
+    def likelihood(sizes: Fleetwide) -> float:
+        return sum(each.evidence(sizes.uneasy(vehicles[each].factor), vehicles[each].events) for each in chosen)
+
+    best, height = start, likelihood(start)
+    for factor in FACTORS:
+        for name in vars(start):
+            for by in (factor, 1.0 / factor):
+                tried = replace(best, **{name: max(getattr(best, name) * by, LEAST)})
+                if (reached := likelihood(tried)) > height:
+                    best, height = tried, reached
+                    break
+    return best

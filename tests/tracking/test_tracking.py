@@ -1,0 +1,142 @@
+"""A fleet of rows that are drawn here: what is known of it is known exactly, and a dense twin says what the numerics must find."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import scaled_terms
+from lpvobs.tracking.changes import history
+from lpvobs.tracking.fleet import track
+from lpvobs.tracking.sums import MODES, Basis, kept
+from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, vehicle_of
+
+GRID = Grid(np.linspace(0.0, 30.0, 4), np.linspace(1000.0, 2500.0, 4))
+FUEL, SPEED = (axis.ravel() for axis in np.meshgrid(GRID.fuel, GRID.speed))
+FLOW = 1e-5 * SPEED + 2e-4 * FUEL
+TERMS = scaled_terms(GRID, FUEL, SPEED)
+BASIS = Basis(np.eye(1), np.eye(2), np.zeros(2), FLOW, np.zeros(FLOW.size), TERMS, 1.0)
+NOISE = 2e-4
+PRIOR = 0.1
+MONTH = 365.25 / 12
+SIZES = Fleetwide(0.01, 0.01, 0.01, 0.001)
+MONTHS = np.arange(24) / 2
+
+
+def log_of(seed, vehicle, months, gain=0.0, level=0.0, noise=NOISE):
+    """Return what is kept of a log whose sensor reads a share and a level more than its map says, and its rows."""
+    rng = np.random.default_rng(seed)
+    n, p = 300, FLOW.size
+    fuel, speed = rng.uniform(0.0, 30.0, n), rng.uniform(1000.0, 2500.0, n)
+    nodes, weights = GRID.regressors(fuel, speed)
+    Psi = np.zeros((n, p))
+    np.put_along_axis(Psi, nodes, weights, axis=1)
+    J = 1e-3 * rng.standard_normal((n, 2)) + 2e-3
+    theta = 1e-3 * np.sin(FUEL / 9.0) + gain * FLOW + level
+    z = Psi @ theta + J @ (0.7, -0.4) + noise * rng.standard_normal(n)
+    rows = np.column_stack([Psi, J, Psi @ FLOW, z]) / NOISE
+    run = SimpleNamespace(sha256=f"{vehicle}{seed:04}", duration=300.0)
+    part = SimpleNamespace(run=run, cells=np.arange(9), gram=np.tile(np.eye(4), (9, 1, 1)))
+    return *kept(part, rows.T @ rows, BASIS, ("log", vehicle, "one", 20000.0 + MONTH * months), 9), rows
+
+
+def sums_of(made):
+    total = made[0][1]
+    for _, own, _ in made[1:]:
+        total = total.plus(own)
+    return total
+
+
+def vehicle(made):
+    return vehicle_of(sums_of(made), [log for log, _, _ in made], BASIS, PRIOR)
+
+
+def drives(seed, name="a", gain=lambda _: 0.0, **more):
+    return [log_of(100 * seed + i, name, month, gain(month), **more) for i, month in enumerate(MONTHS)]
+
+
+def test_the_evidence_is_that_of_a_dense_twin():
+    made = drives(1, gain=lambda month: 0.002 * month)[:5]
+    found = vehicle(made)
+    p, rows = FLOW.size, [each for *_, each in made]
+    modes = np.column_stack([TERMS, FLOW]) * CHANGE
+    dense = np.vstack([each[:, : p + 2] for each in rows])
+    moving = np.zeros((dense.shape[0], 5 * MODES))
+    begin = 0
+    for i, each in enumerate(rows):
+        moving[begin : begin + len(each), i * MODES : (i + 1) * MODES] = each[:, :p] @ modes
+        begin += len(each)
+    z = np.concatenate([each[:, -1] for each in rows])
+    K = found.prior(SIZES, (Event("trend"),))
+    shared = np.diag(np.where(np.arange(p + 2) < p, PRIOR**2, 1.0))
+    common = np.tile(np.eye(MODES), (5, 1)) @ np.tile(np.eye(MODES), (5, 1)).T * 1e3
+
+    def logarithm(prior):
+        full = np.eye(z.size) + dense @ shared @ dense.T + moving @ (prior + common) @ moving.T
+        return -0.5 * z @ np.linalg.solve(full, z) - 0.5 * np.linalg.slogdet(full)[1]
+
+    expected = logarithm(K) - logarithm(0.0 * K)
+    assert found.evidence(SIZES, (Event("trend"),)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_healthy_vehicle_has_no_history():
+    assert [history(vehicle(drives(seed)), SIZES).events for seed in range(2, 6)] == [()] * 4
+
+
+@pytest.mark.parametrize("month", [3.25, 8.25])
+def test_a_step_is_found_where_it_is(month):
+    (event,) = history(vehicle(drives(7, gain=lambda now: 0.03 * (now > month))), SIZES).events
+    assert event.kind == "step"
+    assert event.day * 12 == pytest.approx(month, abs=0.01)
+    assert event.earliest * 12 <= month <= event.latest * 12
+
+
+def test_a_drift_is_no_step_and_a_new_sensor_ends_it():
+    (event,) = history(vehicle(drives(8, gain=lambda now: 0.005 * now)), SIZES).events
+    assert event.kind == "trend"
+    events = history(vehicle(drives(9, gain=lambda now: 0.007 * now * (now < 7.25))), SIZES).events
+    assert [each.kind for each in events] == ["trend", "renewal"]
+    assert events[1].day * 12 == pytest.approx(7.25, abs=0.01)
+
+
+def fleet():
+    made = {f"v{i}": drives(20 + i, f"v{i}") for i in range(5)}
+    made["v0"] = drives(30, "v0", gain=lambda now: 0.004 * now)
+    made["v1"] = drives(31, "v1", gain=lambda now: 0.03 * (now > 5.25))
+    made["v4"] = made["v4"][:1]
+    return made
+
+
+def tracked(made):
+    logs = {name: [log for log, *_ in own] for name, own in made.items()}
+    periods = {log.sha256: f"{log.date // MONTH:.0f}" for own in logs.values() for log in own}
+    return track(GRID, BASIS, [sums_of(own) for own in made.values()], logs, periods, PRIOR, 0.1)
+
+
+def test_a_fleet_has_trends_changes_and_maps():
+    found = tracked(fleet())
+    standing = {each.vehicle: each for each in found.vehicles}
+    assert [standing[f"v{i}"].verdict for i in range(5)] == ["drifts", "changed", "steady", "steady", "steady"]
+    assert standing["v0"].trend[1] == pytest.approx(0.004, abs=3 * standing["v0"].trend_error[1])
+    (change,) = found.changes
+    assert (change.vehicle, change.kind) == ("v1", "step")
+    assert change.size[1] == pytest.approx(0.03, abs=3 * change.size_error[1])
+    assert {each.vehicle for each in found.worst_first()[:2]} == {"v0", "v1"}
+    last = [each for each in found.maps if each.vehicle == "v1"][-1]
+    truth = 1e-3 * np.sin(FUEL / 9.0) + 0.03 * FLOW
+    assert np.all(np.abs(last.theta - truth) < 4 * last.standard_error + 1e-5)
+
+
+def test_a_member_of_a_type_knows_more_than_it_drove():
+    made = fleet()
+    together = [each for each in tracked(made).maps if each.vehicle == "v4"][-1]
+    alone = [each for each in tracked({"v4": made["v4"]}).maps if each.vehicle == "v4"][-1]
+    assert together.standard_error.mean() < 0.9 * alone.standard_error.mean()
+
+
+def test_sums_add_up_in_pieces():
+    made = drives(40)
+    whole = sums_of(made)
+    parts = sums_of(made[:10]).plus(sums_of(made[10:]))
+    np.testing.assert_allclose(parts.whole(BASIS.size), whole.whole(BASIS.size), rtol=1e-12)
