@@ -12,8 +12,8 @@ from repository import ROOT
 
 ROOT = ROOT / "lpvobs"
 ROOMS = (
-    "errors", "kinds", "compiled", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery", "tracking", "simulation",
-    "io", "ingest", "report", "api", "selftest", "cli",
+    "errors", "kinds", "compiled", "records", "engines", "maps", "synthesis", "observer", "calibration", "discovery",
+    "tracking", "simulation", "io", "ingest", "report", "api", "selftest", "cli",
 )  # fmt: skip
 FORBIDDEN = {"selftest": {"report"}}
 ASKED = {"api", "selftest", "report", "errors", "cli"}
@@ -147,7 +147,11 @@ def inside_at_import(module):
 
 @pytest.mark.parametrize(
     "module",
-    [module for module in SOURCES if room_of(module) in ("engines", "maps", "observer", "calibration", "tracking", "records")],
+    [
+        module
+        for module in SOURCES
+        if room_of(module) in ("engines", "maps", "observer", "calibration", "tracking", "records")
+    ],
 )
 def test_the_numerical_core_knows_no_files(module):
     """The core runs on NumPy, SciPy and Numba alone."""

@@ -22,7 +22,7 @@ STANDS_OUT = 3.0
 LEAST = 0.002
 """Of the mean flow: what comes in a year or at once and is less is no news; a hot film repeats its reading no better."""
 LACK = 0.02
-"""Of a change, standard deviation of what its modes cannot say: drives whose maps changed by 8 % in the simulation were 1 to 2 % off."""
+"""Of a change, standard deviation of what modes cannot say: trends of simulated sensors that drifted by 8 % were 1 to 2 % off."""
 UNITS = "kg/s, 1, kg/s"
 ASPECTS = ("aspect",)
 Aspects = tuple[float, float, float]

@@ -57,6 +57,8 @@ def outputs(config, chain, other_engine, tmp_path_factory):
     cycle = folder / "short.csv"
     cycle.write_text("time_s,speed_kmh\n0,0\n5,0\n20,30\n30,30\n40,0\n", encoding="utf-8")
     refined, log = folder / "refined.h5", folder / "log.parquet"
+    (folder / "whose.csv").write_text(f"log,vehicle,date\n{chain.log},a,2025-01\n{slow},b,2025-02\n", encoding="utf-8")
+    fleet = ("--origins", folder / "whose.csv")
     calls = {
         "ingest": (
             "ingest",
@@ -82,6 +84,18 @@ def outputs(config, chain, other_engine, tmp_path_factory):
         "export unit": ("export", chain.gain, result, "--format", "c99", "--out", folder / "unit"),
         "report": ("report", refined, result),
         "selftest": ("selftest",),
+        "track": (
+            "track",
+            chain.log,
+            slow,
+            *fleet,
+            "--config",
+            config,
+            "--gain",
+            chain.gain,
+            "--out",
+            folder / "fleet.h5",
+        ),
     }
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lpvobs.selftest.cases, "CASES", {"units": lpvobs.selftest.cases.units})

@@ -85,7 +85,9 @@ def twin(log, noise):
         means = z[:, own] @ share
         row = np.array(
             [
-                np.concatenate((Psi, J[0, b], np.eye(2)[b], [means[b] + bias[0, b]], terms, found.reading - means[b] - bias[0, b]))
+                np.concatenate(
+                    (Psi, J[0, b], np.eye(2)[b], [means[b] + bias[0, b]], terms, found.reading - means[b] - bias[0, b])
+                )
                 * np.sqrt(stay * trust[0, b])
                 for b in range(2)
             ]

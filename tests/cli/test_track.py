@@ -1,0 +1,130 @@
+"""A fleet from the command line: whose logs they are, a month more, any order, what cannot be used."""
+
+import json
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+ROWS = 2400
+
+
+@pytest.fixture(scope="module")
+def fleet(once, chain):
+    """Return a folder with a log of two vehicles in each of four months: pieces of one drive, the sensor of b low from March on."""
+
+    def make(folder):
+        table = pq.read_table(chain.log)
+        at = table.column_names.index("W_maf")
+        for vehicle in "ab":
+            (folder / vehicle).mkdir()
+            for month in range(1, 5):
+                piece = table.slice((month - 1) * ROWS + 10 * (vehicle == "b"), ROWS)
+                low = 0.95 if vehicle == "b" and month > 2 else 1.0
+                piece = piece.set_column(at, table.schema.field("W_maf"), [low * piece["W_maf"].to_numpy()])
+                pq.write_table(piece, folder / vehicle / f"2025-0{month}.parquet")
+
+    return once("fleet", make)
+
+
+@pytest.fixture(scope="module")
+def track(lpvobs, config, chain):
+    def run(out, logs, *more):
+        pattern = ("--path", "{vehicle}/{month}.parquet")
+        return lpvobs(
+            "track", "--config", config, "--gain", chain.gain, *logs, "--out", out, *pattern, "--jobs", 1, *more
+        )
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def whole(fleet, track, tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole") / "fleet.h5"
+    done = track(out, [fleet], "--table", out.with_suffix(".parquet"), "--verbose")
+    assert done.code == 0, done.err
+    return out, done
+
+
+def contents(path):
+    """Return every dataset of a fleet."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def test_names_alike_are_no_obstacle_and_whose_they_are_stands_in_the_path(whole):
+    out, done = whole
+    assert "2 vehicles, 8 logs, 2025-01 to 2025-04" in done.out
+    kept = contents(out)
+    assert sorted(name.decode() for name in kept["sums/name"]) == sorted([f"2025-0{m}" for m in range(1, 5)] * 2)
+
+
+def test_the_table_has_a_row_for_each_vehicle_period_and_node(whole):
+    table = pq.read_table(whole[0].with_suffix(".parquet"))
+    assert table.num_rows == 8 * 255
+    assert table.column_names == ["type", "vehicle", "period", "u_delta", "n_e", "delta_W_c", "standard_error"]
+    assert table.schema.field("n_e").metadata == {b"unit": b"rpm"}
+    assert set(table["period"].to_pylist()) == {f"2025-0{m}" for m in range(1, 5)}
+
+
+def test_the_order_of_the_logs_does_not_matter_to_a_bit(whole, fleet, track, tmp_path):
+    done = track(
+        tmp_path / "fleet.h5", sorted(fleet.rglob("*.parquet"), key=lambda path: path.name[::-1], reverse=True)
+    )
+    assert done.code == 0, done.err
+    again, before = contents(tmp_path / "fleet.h5"), contents(whole[0])
+    assert again.keys() == before.keys()
+    assert all(np.array_equal(again[name], before[name], equal_nan=before[name].dtype.kind == "f") for name in before)
+
+
+def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_path):
+    out = tmp_path / "fleet.h5"
+    assert track(out, [fleet / "?" / f"2025-0{m}.parquet" for m in range(1, 4)]).code == 0
+    done = track(out, [fleet / "?" / "2025-04.parquet", fleet / "a" / "2025-01.parquet"])
+    assert "2 new logs, 6 known before" in done.err
+    added, at_once = contents(out), contents(whole[0])
+    for name in ("maps/delta_W_c", "maps/standard_error", "vehicles/trend"):
+        np.testing.assert_allclose(added[name], at_once[name], rtol=1e-4, atol=1e-7)
+
+
+def test_nothing_says_whose_a_log_is(lpvobs, config, chain, tmp_path):
+    done = lpvobs("track", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "fleet.h5")
+    assert done.code == 3
+    assert "nothing says its vehicle; give --path or --origins" in done.err
+
+
+def test_a_bad_log_is_left_out_and_said(whole, fleet, track, tmp_path):
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "2025-01.parquet").write_bytes(b"PAR1 and nothing more")
+    done = track(tmp_path / "fleet.h5", [fleet / "a", tmp_path / "c"], "--json")
+    assert done.code == 3
+    content = json.loads(done.out)
+    assert content["logs"] == 4
+    assert "2025-01.parquet" in content["refused"][0]
+
+
+def test_another_configuration_is_refused(whole, fleet, track, config, tmp_path):
+    out, other = tmp_path / "fleet.h5", tmp_path / "other.toml"
+    out.write_bytes(whole[0].read_bytes())
+    other.write_text(config.read_text(encoding="utf-8") + "\n# another\n", encoding="utf-8")
+    (tmp_path / "a").mkdir()
+    log = tmp_path / "a" / "2025-05.parquet"
+    pq.write_table(pq.read_table(fleet / "a" / "2025-01.parquet").slice(5), log)
+    done = track(out, [log], "--config", other)
+    assert done.code == 3
+    assert "another configuration" in done.err
+
+
+def test_origins_come_from_metadata_and_dates_are_checked(lpvobs, config, chain, tmp_path):
+    cycle = tmp_path / "short.csv"
+    cycle.write_text("time_s,speed_kmh\n0,0\n5,0\n20,30\n30,30\n40,0\n", encoding="utf-8")
+    drive = ("simulate", "--config", config, "--cycle", cycle, "--rate", 10, "--out", tmp_path / "log.parquet")
+    assert lpvobs(*drive, "--vehicle", "V1", "--date", "2025-01-31").code == 0
+    metadata = pq.read_schema(tmp_path / "log.parquet").metadata
+    assert (metadata[b"vehicle"], metadata[b"date"], metadata[b"engine"]) == (b"V1", b"2025-01-31", b"diesel")
+    done = lpvobs(*drive, "--date", "31.1.2025")
+    assert done.code == 2
+    assert "--date 31.1.2025: expected for example 2025-01-31" in done.err
