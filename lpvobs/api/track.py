@@ -25,7 +25,7 @@ from lpvobs.observer.estimate import Point, merged
 from lpvobs.observer.parts import StateGain, added_up
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Item
-from lpvobs.tracking.fleet import Change, NextCell, Standing, Tracked
+from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
 from lpvobs.tracking.sums import Basis, basis_of, kept, weighed
 
@@ -43,7 +43,7 @@ class TrackOutput:
     refused: Refused
     periods: Sequence[str]
     vehicles: Sequence[Standing]
-    changes: Sequence[Change]
+    changes: Sequence[MapChange]
     next: Sequence[NextCell]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvobs.records import Array
 from lpvobs.tracking.sums import MODES
-from lpvobs.tracking.timeline import Event, Fleetwide, Story, Vehicle
+from lpvobs.tracking.timeline import Event, Fleetwide, Story, Timeline
 
 SURPRISE = 1000.0
 """To one: one healthy vehicle of a thousand may be accused by chance."""
@@ -25,7 +25,7 @@ UNEASY = (1.0, 2.0, 4.0)
 """Times more than those of other vehicles the days of one may differ: else its scatter would be taken for changes."""
 
 
-def history(vehicle: Vehicle, fleet: Fleetwide) -> Story:
+def history(vehicle: Timeline, fleet: Fleetwide) -> Story:
     """Return what has happened to a vehicle, the most evident first, and whether its days differ more than those of others."""
     tried = []
     for factor in UNEASY:
@@ -41,7 +41,7 @@ def _against(event: Event, places: int) -> float:
     return float(np.log(SURPRISE) + np.log(places) * (event.kind != "trend"))
 
 
-def _events(vehicle: Vehicle, fleet: Fleetwide) -> tuple[Event, ...]:
+def _events(vehicle: Timeline, fleet: Fleetwide) -> tuple[Event, ...]:
     events: tuple[Event, ...] = ()
     days = np.unique(vehicle.day)
     middles = 0.5 * (days[1:] + days[:-1])
@@ -71,7 +71,7 @@ def _moves(events: Sequence[Event], middles: Array) -> Iterator[tuple[Event, ...
             yield (*before, Event("renewal", day))
 
 
-def _gain(vehicle: Vehicle, explained: tuple[Array, Array], added: Sequence[Event]) -> float:
+def _gain(vehicle: Timeline, explained: tuple[Array, Array], added: Sequence[Event]) -> float:
     """Return what events add to the logarithm of the evidence, less what speaks against them beforehand."""
     R, r = explained
     X = np.kron(vehicle.design(added, vehicle.day), np.eye(MODES))

@@ -12,7 +12,7 @@ from lpvobs.records import Array, Item
 from lpvobs.tracking.changes import history
 from lpvobs.tracking.maps import OverTime, TypeMap, alone, type_map
 from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums, flow_at_nodes
-from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Vehicle, fleetwide, vehicle_of
+from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
 
 ROUNDS = 2
 """Between what has happened to each vehicle and the variances of all; a third changes nothing."""
@@ -50,7 +50,7 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Change:
+class MapChange:
     """A change of a vehicle's map at once."""
 
     vehicle: Annotated[str, Item("1", "vehicle")]
@@ -89,7 +89,7 @@ class Tracked:
     sizes: Fleetwide
     types: tuple[TypeMap, ...]
     vehicles: tuple[Standing, ...]  # by name
-    changes: tuple[Change, ...]
+    changes: tuple[MapChange, ...]
     maps: tuple[PeriodMap, ...]
     cells: tuple[NextCell, ...]
 
@@ -128,7 +128,7 @@ class Fleet:
     driven: Mapping[str, Driven]  # by vehicle
     sizes: Fleetwide
 
-    def sizes_of(self, vehicle: Vehicle, factor: float, events: Sequence[Event]) -> list[tuple[Aspects, Aspects]]:
+    def sizes_of(self, vehicle: Timeline, factor: float, events: Sequence[Event]) -> list[tuple[Aspects, Aspects]]:
         """Return level, gain and shape of the change in a month, then of each event at once, with their standard errors."""
         R, r, reported = *vehicle.explained(self.sizes.uneasy(factor), events), self.driven[vehicle.name].reported
         design = vehicle.design(events, vehicle.day)
@@ -142,7 +142,7 @@ class Fleet:
             found.append(((*(across @ r).tolist(),), (*error.tolist(),)))
         return found
 
-    def worth_a_name(self, vehicle: Vehicle, story: Story) -> Story:
+    def worth_a_name(self, vehicle: Timeline, story: Story) -> Story:
         """Return a story without events that are small, however sure they are."""
         sizes = self.sizes_of(vehicle, story.factor, story.events)[1:] if story.events else []
         driven = self.driven[vehicle.name]
@@ -152,7 +152,7 @@ class Fleet:
             story, events=tuple(each for each, (size, _) in known if max(abs(size[0]), abs(size[2])) > least)
         )
 
-    def part(self, vehicle: Vehicle, story: Story, unlike: float) -> tuple[Standing, list[Change]]:
+    def part(self, vehicle: Timeline, story: Story, unlike: float) -> tuple[Standing, list[MapChange]]:
         """Return how a vehicle stands and has changed."""
         events = story.events
         kinds = {each.kind for each in events}
@@ -165,7 +165,7 @@ class Fleet:
             return begin + YEAR * event.day, begin + YEAR * event.earliest, begin + YEAR * event.latest
 
         found = [
-            Change(vehicle.name, each.kind, *dates(each), *size)
+            MapChange(vehicle.name, each.kind, *dates(each), *size)
             for each, size in zip(events, changes, strict=False)
             if each.kind != "trend"
         ]
@@ -174,7 +174,7 @@ class Fleet:
         return Standing(vehicle.name, vehicle.kind, len(vehicle.logs), begin, last, verdict, *trend, unlike), found
 
     def maps(
-        self, vehicle: Vehicle, sums: VehicleSums, story: Story, periods: Sequence[str]
+        self, vehicle: Timeline, sums: VehicleSums, story: Story, periods: Sequence[str]
     ) -> tuple[list[str], OverTime]:
         """Return the periods in which a vehicle was driven, and its own maps in the middle of each."""
         own = list(dict.fromkeys(periods))
@@ -239,7 +239,7 @@ def track(
         members = [maps for each, (_, maps) in zip(sums, own, strict=True) if each.kind == kind]
         types[kind] = type_map(kind, members, basis.modes(basis.flow), prior)
     standings: list[Standing] = []
-    changes: list[Change] = []
+    changes: list[MapChange] = []
     maps: list[PeriodMap] = []
     cells: list[NextCell] = []
     for vehicle, each, (names, over_time) in zip(vehicles, sums, own, strict=True):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES, Basis, VehicleSums
-from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Vehicle
+from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline
 
 SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
 """Over `CHANGE`, and over 1 g/s of a node: what is tried of how vehicles differ."""
@@ -33,7 +33,7 @@ class OverTime:
 
 
 def alone(
-    vehicle: Vehicle,
+    vehicle: Timeline,
     sums: VehicleSums,
     basis: Basis,
     prior: float,

@@ -66,7 +66,7 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class Vehicle:
+class Timeline:
     """The likelihood of a vehicle with L logs, and what it is made of; days in years since the first log, modes in `CHANGE`."""
 
     name: str
@@ -104,7 +104,7 @@ class Vehicle:
         return np.asarray(0.5 * (found[:, :-1] + found[:, :-1].T)), np.asarray(found[:, -1])
 
 
-def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Vehicle:
+def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
     """Return the likelihood of a vehicle over time; `prior` [kg/s] is the standard deviation of a node before any log."""
     p, on = basis.flow.size, sums.columns[:-2]
     by_date = sorted(logs, key=lambda log: (log.date, log.sha256))
@@ -122,7 +122,7 @@ def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prio
     common = np.tile(np.eye(MODES), (day.size, 1))  # is the vehicle's map
     onto = np.linalg.solve(common.T @ G @ common + FLAT * np.eye(MODES), common.T @ np.column_stack([G, h]))
     G, h = G - G @ common @ onto[:, :-1], h - G @ common @ onto[:, -1]
-    return Vehicle(sums.vehicle, sums.kind, tuple(by_date), (day - day[0]) / YEAR, 0.5 * (G + G.T), h)
+    return Timeline(sums.vehicle, sums.kind, tuple(by_date), (day - day[0]) / YEAR, 0.5 * (G + G.T), h)
 
 
 START = Fleetwide(level=0.03, shape=0.03, gain=0.03, walk=0.03)
@@ -142,7 +142,7 @@ class Story:
     events: tuple[Event, ...] = ()
 
 
-def fleetwide(start: Fleetwide, vehicles: Mapping[Vehicle, Story]) -> Fleetwide:
+def fleetwide(start: Fleetwide, vehicles: Mapping[Timeline, Story]) -> Fleetwide:
     """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
     chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.name)[:MOST_VEHICLES]
 

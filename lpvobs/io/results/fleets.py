@@ -15,7 +15,7 @@ from lpvobs.io.results.provenance import Provenance, read_provenance
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
-from lpvobs.tracking.fleet import Change, NextCell, PeriodMap, Standing, Tracked
+from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
 from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
@@ -77,7 +77,7 @@ def read_fleet(path: Path) -> StoredFleet:
             sizes=read(file["sizes"], Fleetwide),
             types=read_rows(file["types"], TypeMap, "type"),
             vehicles=read_rows(file["vehicles"], Standing, "vehicle"),
-            changes=read_rows(file["changes"], Change, "change"),
+            changes=read_rows(file["changes"], MapChange, "change"),
             maps=read_rows(file["maps"], PeriodMap, "map"),
             cells=read_rows(file["next"], NextCell, "cell"),
         )
