@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.axes import Axes, axes_of, grid_layout
+from lpvobs.io.results.extrapolations import Axes, axes_of, grid_layout
 from lpvobs.io.results.hdf import creating, reading, write_group
 from lpvobs.io.results.mapping import fields, read, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance
