@@ -35,7 +35,9 @@ def slopes(stay, means, noise=0.0, even=False):
     moved = noise * np.sqrt(0.01 / stay)[:, None, None] * SLOPES.transpose(2, 0, 1)[:, None]
     signs = np.stack([np.ones(len(means)), np.where(np.floor(1e3 * means[:, 0]) % 2 == 0, 1.0, -1.0)])[:, :, None, None]
     dJ = (signs * moved).sum(axis=0)
-    return Slopes(J, means[:, 0], trust, 1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1), (dJ, -dJ.sum(axis=-1)))
+    return Slopes(
+        J, means[:, 0], trust, 1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1), (dJ, -dJ.sum(axis=-1))
+    )
 
 
 def drive(seed, beta=(0.0, 0.0), seconds=60.0, noise=0.0, own=0.0):
