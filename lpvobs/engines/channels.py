@@ -48,6 +48,9 @@ class Recorded:
     units: tuple[str, ...]  # what recordings write it in, where they do not say
     strong: str  # regular expression for names in lower-case words that mean this channel alone
     weak: str = r"(?!)"  # the same for names that may mean it
+    # regular expression for the short names of control units, as they are written: a part, `_`, a letter of the quantity,
+    # and what is meant of it. Names of wanted, limited or controlled values are none.
+    codes: str = r"(?!)"
 
 
 PRESSURE, TEMPERATURE, SPEED, SHARE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC"), ("rpm", "rad/s"), ("%", "1")
@@ -58,36 +61,47 @@ COMMON: dict[str, Recorded] = {
         "rpm",
         (500, 5000),
         SPEED,
-        r"n e|ne|n eng|n mot|nmot|engine (speed|rpm)|motordrehzahl",
-        r"n|rpm|drehzahl|speed|eng speed",
+        r"n e|ne|n eng|n mot|nmot( w)?|eng(ine)? (speed|rpm)|motordrehzahl|rpm|drehzahl|(engine )?revs|dzm nmit",
+        r"n|speed|engine.*(speed|rpm).*|.*motordrehzahl.*",
+        r"(Epm|Eng|CoEng|EngSpd|EngN|CrS)\w*_n(Eng|Avrg|EngAvrg|Act)?\w*",
     ),
     "p_im": Recorded(
         "Pa",
         (2e4, 4e5),
         PRESSURE,
-        r"p im|intake manifold (absolute )?press(ure)?|manifold absolute pressure|map|saugrohrdruck",
-        r"p ?(2|22|int|man|boost).*|boost pressure|ladedruck",
+        r"p im|(eng(ine)? )?(intake|inlet) mani(fold)? ?1? ?(abs(olute)? )?press(ure)?( a)?|map|ps w|ldm p llin|"
+        r"manifold (absolute )?press(ure)?|(saugrohr|ladeluft)druck( (ist|absolut|abs))*|ladedruck (ist|absolut)",
+        r"p ?(2|22|int|man|boost).*|.*(boost|charge).*press.*|.*ladedruck.*|.*manifold.*press.*|pvdkd?s( w)?|map .*",
+        r"Air_p(IntkV|IntkMnf|IntMnf|CACDs)\w*|(PIntk|IntMnf|IntkMnf|IntkP|BstP|BoostP|PBst|BPS|ChrgP)\w*_p\w*|"
+        r"PCR_pAct\w*",
     ),
     "p_amb": Recorded(
         "Pa",
         (5.5e4, 1.1e5),
         PRESSURE,
-        r"p amb|(ambient|barometric|atmospheric) press(ure)?|umgebungsdruck|baro",
-        r"p ?(0|atm|env).*",
+        r"p amb|(abs(olute)? )?(ambient|baro(metric)?|atmospheric) pres(s(ure)?)?( from vehicle)?|"
+        r"(umgebungs|luft|atmosphären|atmosphaeren)druck|baro|pu( w)?",
+        r"p ?(0|atm|env).*|.*baro.*|.*(ambient|atmos).*pres.*|.*(umgebung|atmosph).*druck.*",
+        r"Env(P|Prs)?\w*_p\w*",
     ),
     "T_amb": Recorded(
         "K",
         (220, 330),
         TEMPERATURE,
-        r"t amb|(ambient|outside) (air )?temp(erature)?|umgebungstemperatur",
-        r"t ?(0|1|env).*",
+        r"t amb|(ambient|outside) (air )?temp(erature)?|(umgebungs|aussen|außen)(luft)?temp(eratur)?|tumg( w)?",
+        r"t ?(0|1|env).*|.*(ambient|outside).*temp.*|.*(umgebung|au(ss|ß)en).*temp.*|t at maf|.*\bafs\b.*temp.*",
+        r"Env(T|Tmp)?\w*_t(?!i)\w*|Air_tEnv\w*",
     ),
     "W_maf": Recorded(
         "kg/s",
         (5e-4, 0.5),
         ("kg/s", "g/s", "kg/h"),
-        r"w maf|maf|(mass air|air mass) ?flow|air flow rate( from mass flow sensor)?|luftmasse(nstrom)?|hfm",
-        r".*\b(maf|air ?flow|airmass|luft)\b.*",
+        r"w maf|maf( air)?( flow)?( rate)?|(mass air|(inlet |intake )?air mass) ?flow( rate| sensor)?|hfm|"
+        r"ml( hfm)?( w)?|mshfm( w)?|"
+        r"air flow rate( from mass (air )?flow sensor)?|(eng(ine)? )?(inlet|intake) air mass flow( rate)?|"
+        r"luftmassen?(strom|durchsatz|fluss)?( ist)?|luftmassenmesser",
+        r".*\b(maf|air ?flow|airmass|luft)\b.*|.*luftmasse.*|.*air mass.*",
+        r"(AFS|AFSCD|HFM|MAF|Hfm)\w*_dm\w*",
     ),
 }
 """Channels of every engine."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvobs.ingest.clocks import Stamps, stamps
 from lpvobs.ingest.formats import open_recording, sniff
-from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised
+from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised, own_names
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head, as_numbers
@@ -43,31 +43,33 @@ class Clues:
     clocks: list[Clock]
     columns: Mapping[str, Array]
     steps: Mapping[str, float]
+    own: Mapping[str, str]  # the user's channels by name
 
 
-def draft_profile(path: Path) -> str:
+def draft_profile(path: Path, names: Path | None = None) -> str:
     """Return the text of a profile for a recording; every line that is not a comment is meant to be right.
 
-    Raises DataError if the recording cannot be read.
+    `names` is a user's own table of names, which comes first. Raises DataError if the recording cannot be read.
     """
+    own = {} if names is None else own_names(names)
     with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
-        seen = _look(path)
+        seen = _look(path, own)
         guesses = [found for name, head in seen.recording.heads.items() for found in _guesses(name, head, seen)]
     sure = _sure(guesses)
     blocks = [_head(path), _source(seen), _time(seen), _raster(seen, sure)]
     blocks += [
-        _channel(found, seen, sure)
+        _channel(found, seen, sure, [item for item in guesses if item.channel == found.channel])
         for found in sorted(guesses, key=lambda item: list(known_channels()).index(item.channel))
         if _told(found, sure)
     ]
     return "\n\n".join([*blocks, _rest(seen, guesses)]) + "\n"
 
 
-def _look(path: Path) -> Clues:
+def _look(path: Path, own: Mapping[str, str]) -> Clues:
     kind = sniff(path)
     rules, layout = csv_layout(path) if kind == "csv" else (SourceRules(format=kind), ["its first bytes"])
     recording = open_recording(path, rules)
-    names = _worth_reading(recording, kind)
+    names = _worth_reading(recording, kind, own)
     columns = recording.read(names)
     clocks = (
         []
@@ -85,10 +87,10 @@ def _look(path: Path) -> Clues:
                 f"{100 * share:.1f} % of all changes stand in the one row of {len(turns)} that is their column's turn",
             ]
     steps = {name: median_step(column.time) for name, column in columns.items() if column.time is not None}
-    return Clues(recording, rules, layout, clocks, numbers, steps)
+    return Clues(recording, rules, layout, clocks, numbers, steps, own)
 
 
-def _worth_reading(recording: ForeignRecording, kind: str) -> list[str]:
+def _worth_reading(recording: ForeignRecording, kind: str, own: Mapping[str, str]) -> list[str]:
     """Return the columns to read: all of a small table, of a large one those that a name speaks for."""
     names = list(recording.heads)
     if kind != "mdf" and len(names) <= MOST_COLUMNS:
@@ -98,7 +100,7 @@ def _worth_reading(recording: ForeignRecording, kind: str) -> list[str]:
         name
         for name, head in recording.heads.items()
         if TIMES.fullmatch(normalised(head.name))
-        or any(guess(channel, name, head, nothing) for channel in known_channels())
+        or any(guess(channel, name, head, nothing, own) for channel in known_channels())
     ]
     return speaks[:MOST_COLUMNS]
 
@@ -130,7 +132,9 @@ def _guesses(name: str, head: Head, seen: Clues) -> list[Guess]:
     values = seen.columns.get(name)
     if values is None:
         return []
-    return [found for channel in known_channels() if (found := guess(channel, name, head, values)) is not None]
+    return [
+        found for channel in known_channels() if (found := guess(channel, name, head, values, seen.own)) is not None
+    ]
 
 
 def _sure(guesses: Sequence[Guess]) -> dict[str, Guess]:
@@ -209,11 +213,13 @@ def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
     return f"[raster]\n# {what}; any other will do\nrate = {1.0 / min(known):.6g}"
 
 
-def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess]) -> str:
+def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess], rivals: Sequence[Guess]) -> str:
     """Return a channel's table: as it is if sure, as a comment if not."""
     certain = sure.get(found.column) is found
     mark = "" if certain else "# "
     lines = [f"# {'; '.join(map(_comment, found.reasons))}"]
+    if certain and (others := [item.column for item in rivals if item.column != found.column]):
+        lines.append(f"# the name of these may mean it, too: {', '.join(map(_comment, others))}")
     if not certain:
         lines.append("# not sure: other columns or channels fit as well, or name, unit and range do not agree")
     lines += [f"{mark}[channels.{found.channel}]", f"{mark}source = {_text(found.column)}"]

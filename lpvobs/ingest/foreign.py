@@ -1,5 +1,6 @@
 """Foreign recordings to a log: names, units, stamps and raster, with every repair counted."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from lpvobs.ingest.clocks import MOST_BACKWARD, TimeBase, forward, time_base, ti
 from lpvobs.ingest.formats import open_recording
 from lpvobs.ingest.placing import on_raster
 from lpvobs.ingest.profiles import Profile
-from lpvobs.ingest.record import SCHEMA, Done, RasterDone, SourceDone, TimeDone
+from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, SourceDone, TimeDone
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import RecordedSamples, samples_of
 from lpvobs.io.safety.atomic import file_digest
@@ -45,6 +46,23 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     if profile.time.from_zero:
         samples = {name: replace(item, time=item.time - start) for name, item in samples.items()}
     time, values, channels = on_raster(samples, profile)
+    units = {"time": "s"} | {name: profile.channels[name].unit for name in values}
+    for name, item in profile.computed.items():
+        lacking = [
+            other
+            for other in profile.channels
+            if other not in values and re.search(rf"\b{re.escape(other)}\b", item.formula)
+        ]
+        if lacking:
+            raise DataError(
+                f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave one of them out"
+            )
+        values[name], units[name] = item.values(values), item.unit
+        count = int(np.count_nonzero(np.isfinite(values[name])))
+        said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
+        channels[name] = ChannelDone(
+            "", said, item.unit, item.unit, item.unit, item.meaning, count, {}, rule="computed"
+        )
     done = Done(
         schema=SCHEMA,
         description=profile.description,
@@ -54,7 +72,6 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
         channels=channels,
         missing=[name for name in profile.channels if name not in samples],
     )
-    units = {"time": "s"} | {name: profile.channels[name].unit for name in values}
     return Ingested({"time": time} | values, units, asdict(done))
 
 
@@ -72,9 +89,23 @@ def _find_all(recordings: Sequence[ForeignRecording], profile: Profile) -> list[
                 f"{', '.join(str(recording.path) for recording in recordings)}: channel '{name}' is missing, expected "
                 f"{' or '.join(repr(item) for item in rules.names)}; {hints}; mend the name in the profile or set optional = true"
             )
+    for recording, names in zip(recordings, found, strict=True):
+        _refuse_twice(recording.path, names)
     if not any(found):
         raise DataError(f"{recordings[0].path}: holds no channel of the profile; {nearest(recordings[0].heads, [])}")
     return found
+
+
+def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
+    """Raise for a column that two channels are read from."""
+    by_column: dict[str, str] = {}
+    for name, full in names.items():
+        if full in by_column:
+            raise DataError(
+                f"{path}: '{full}' is used twice, for channel '{by_column[full]}' and for '{name}', expected once; "
+                f"take one of them out of the profile, or compute it from the other in [computed]"
+            )
+        by_column[full] = name
 
 
 def _read(

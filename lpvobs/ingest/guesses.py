@@ -3,16 +3,22 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from lpvobs.engines.channels import COMMON, Recorded
 from lpvobs.engines.registry import ENGINES
+from lpvobs.errors import UsageError
 from lpvobs.ingest.recordings import Head
+from lpvobs.io.configuration.strict import read_text
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
+NOT_MEASURED = re.compile(r"(Des|Set|Req|Lim|Max|Min|Dvt|Gov|Soll|Nom|Mon)(?!UnBal)")
+"""What short names of control units call wanted, limited and controlled values."""
 
 
 def known_channels() -> Mapping[str, Recorded]:
@@ -41,21 +47,65 @@ def normalised(name: str) -> str:
     >>> normalised("EngineSpeed_filt"), normalised("meas.p_im"), normalised("W_maf")
     ('engine speed filt', 'p im', 'w maf')
     """
-    last = name.rsplit(".", 1)[-1].rsplit(":", 1)[-1]
-    split = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", last)
-    return " ".join(re.sub(r"[^0-9a-zäöü]+", " ", split.lower()).split())
+    last = bare(name).rsplit(".", 1)[-1].rsplit(":", 1)[-1]
+    split = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=\d)(?=[A-Z][a-z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", last)
+    words = " ".join(re.sub(r"[^0-9a-zäöüß]+", " ", split.lower()).split())
+    return re.sub(r"^(s\d+ )?pid [0-9a-f]{2} ", "", words)
 
 
-def guess(channel: str, column: str, head: Head, values: Array) -> Guess | None:
+def bare(name: str) -> str:
+    """Return a name without what measurement systems add: the device behind a backslash, an index in brackets.
+
+    Examples
+    --------
+    >>> bare("AFS_dm" + chr(92) + "XCP:1"), bare("LSU_rLam_[0]"), bare("EnvP_p")
+    ('AFS_dm', 'LSU_rLam', 'EnvP_p')
+    """
+    return re.sub(r"(\\[^\\]*|_?\[\d+\])+$", "", name.strip())
+
+
+def own_names(path: Path) -> dict[str, str]:
+    """Return a user's own channels by name: lines `NAME;CHANNEL` in either order, of a CSV table or of an INCA `.lab` file.
+
+    Headings in brackets, comments and what names no channel are passed over. Raises UsageError for a file without any, or a name
+    that stands for two channels.
+    """
+    found: dict[str, str] = {}
+    for line in read_text(path).lstrip("\ufeff").splitlines():
+        cells = [cell.strip().strip('"') for cell in re.split(r"[;,\t]", line)]
+        channel = next((cell for cell in cells if cell in known_channels()), None)
+        name = next((cell for cell in cells if cell and cell != channel), None)
+        if channel is None or name is None or line.startswith(("[", "#", "*")):
+            continue
+        if found.setdefault(bare(name), channel) != channel:
+            raise UsageError(
+                f"{path}: '{name}' is {found[bare(name)]} and {channel}; expected one channel; mend the table"
+            )
+    if not found:
+        raise UsageError(
+            f"{path}: names no channel; expected lines such as 'AFS_dm;W_maf' with one of {', '.join(known_channels())}"
+        )
+    return found
+
+
+def guess(
+    channel: str, column: str, head: Head, values: Array, own: Mapping[str, str] = MappingProxyType({})
+) -> Guess | None:
     """Return why a column may be a channel, None where its name does not say so or its unit is of another kind.
 
-    The channel is one of `known_channels`; values, shape (N,), are as recorded, NaN where there is none.
+    The channel is one of `known_channels`; values, shape (N,), are as recorded, NaN where there is none. What `own_names` says of
+    a name comes first.
     """
     known, name = known_channels()[channel], normalised(head.name)[:LONGEST_NAME]
-    strong = re.fullmatch(known.strong, name) is not None
-    if not strong and not re.fullmatch(known.weak, name):
+    code = bare(head.name).rsplit(".", 1)[-1][:LONGEST_NAME]
+    short = re.fullmatch(known.codes, code) is not None
+    strong = re.fullmatch(known.strong, name) is not None or (short and NOT_MEASURED.search(code) is None)
+    said = own.get(bare(head.name))
+    strong = said == channel if said else strong and channel not in own.values()
+    if not strong and (said or not (short or re.fullmatch(known.strong, name) or re.fullmatch(known.weak, name))):
         return None
-    reasons = [f"the name '{head.name}' {'means' if strong else 'may mean'} that"]
+    how = "means that by your own table" if said else "means that" if strong else "may mean that"
+    reasons = [f"the name '{head.name}' {how}"]
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return Guess(channel, column, False, bool(head.unit), head.unit, (*reasons, "but it holds no number"))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lpvobs.engines.registry import usual_engine
 from lpvobs.errors import UsageError
+from lpvobs.ingest.computed import Computed
 from lpvobs.io.configuration.strict import convert, parse, read_text
 from lpvobs.simulation.cycles import shipped_folder
 
@@ -120,6 +121,7 @@ class Profile:
     source: SourceRules = field(default_factory=SourceRules)
     time: TimeRules = field(default_factory=TimeRules)
     raster: Raster = field(default_factory=Raster)
+    computed: Mapping[str, Computed] = field(default_factory=dict)  # from the channels, in order
 
 
 def shipped() -> dict[str, Path]:
@@ -152,9 +154,16 @@ def profile_of(text: str, path: Path) -> Profile:
     if not profile.channels:
         sensor = usual_engine().air_path.sensor
         raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.{sensor}]")
-    for name in profile.channels:
+    units = {name: rules.unit for name, rules in profile.channels.items()}
+    for name, item in profile.computed.items():
+        try:
+            if name in units:
+                raise ValueError("is in [channels] as well; call one of them otherwise")
+            item.checked(units)
+        except ValueError as error:
+            raise UsageError(f"{path}: computed.{name}: {error}") from None
+        units[name] = item.unit
+    for name in units:
         if name == "time" or name.startswith("ref_"):
-            raise UsageError(
-                f"{path}: channels.{name}: the name is taken; time has its own table, and no recording knows truth"
-            )
+            raise UsageError(f"{path}: {name}: the name is taken; time has its own table, and no recording knows truth")
     return profile

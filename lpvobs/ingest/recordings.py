@@ -105,7 +105,9 @@ def split_unit(header: str) -> tuple[str, str]:
     (('Engine RPM', 'RPM'), ('p_im', 'kPa'), ('time', ''))
     """
     found = _WITH_UNIT.fullmatch(header)
-    return (found.group(1), found.group(2).strip()) if found else (header.strip(), "")
+    if not found or found.group(2).strip().isdigit():  # the index of an array
+        return header.strip(), ""
+    return found.group(1), found.group(2).strip()
 
 
 def one_line(error: object) -> str:

@@ -99,6 +99,17 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
         raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'") from None
 
 
+def unit_of(unit: str) -> "Unit":
+    """Return a unit as pint knows it; raises ValueError for one that nobody knows."""
+    known = canonical(unit)
+    if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:
+        raise ValueError(f"unit '{unit}' is not known")
+    try:
+        return _registry().Unit("dimensionless" if known == "1" else known)
+    except Exception:
+        raise ValueError(f"unit '{unit}' is not known") from None
+
+
 def _is_angular(unit: "Unit") -> bool:
     return "radian" in str((1 * unit).to_root_units().units)
 
