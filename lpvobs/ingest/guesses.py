@@ -83,7 +83,7 @@ def own_names(path: Path) -> dict[str, str]:
             )
     if not found:
         raise UsageError(
-            f"{path}: names no channel; expected lines such as 'AFS_dm;W_maf' with one of {', '.join(known_channels())}"
+            f"{path}: names no channel; expected lines NAME;CHANNEL with one of {', '.join(known_channels())}"
         )
     return found
 
