@@ -22,7 +22,7 @@ def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
     term = linear.terms[index]
     others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
     off = residual_with(linear, others)
-    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf)])
+    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf, only=None)])
     place = linear.noise.pointwise()
     plain_off, plain_on = place.whiten(off), place.whiten(on)
     gain = 0.5 * ((plain_off[0] ** 2 - plain_off[1] ** 2).sum(0) - (plain_on[0] ** 2 - plain_on[1] ** 2).sum(0))

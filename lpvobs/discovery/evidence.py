@@ -41,7 +41,9 @@ class Candidate:
 
     @property
     def changes(self) -> int:
-        """The number of its ends that lie inside the log."""
+        """The number of its ends that lie inside the log, or of the parameters of its course."""
+        if self.term.course is not None:
+            return self.term.course.changes
         return int(np.isfinite(self.term.begin)) + int(np.isfinite(self.term.end))
 
 
@@ -92,10 +94,19 @@ def ends_of(linear: Linear, first: int, last: int) -> tuple[float, float]:
 
 
 def fit_candidate(
-    linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf, size: float | None = None
+    linear: Linear,
+    effect: Effect,
+    begin: float = -np.inf,
+    end: float = np.inf,
+    size: float | None = None,
+    like: Term | None = None,
 ) -> Candidate:
-    """Return the effect at its best size in an interval, by Gauss-Newton steps with map and constants projected out."""
-    on = within(linear, begin, end)
+    """Return the effect at its best size in an interval, by Gauss-Newton steps with map and constants projected out.
+
+    `like` is a term whose course it has.
+    """
+    term = Term(effect, effect.null, begin, end) if like is None else replace(like, effect=effect)
+    on = term.acts(linear.problem.clock).astype(float)
     size = effect.null if size is None else size
     best: tuple[float, float, Array, Array, Array] = (-np.inf, float(size), on, on, on)
     for _ in range(SIZE_PASSES):
@@ -124,7 +135,7 @@ def fit_candidate(
         if abs(new - size) * np.sqrt(information) < 1e-2:
             break
         size = new
-    return _judged(linear, Term(effect, best[1], begin, end), best[0], *best[2:])
+    return _judged(linear, replace(term, size=best[1]), best[0], *best[2:])
 
 
 def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:

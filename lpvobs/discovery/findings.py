@@ -11,7 +11,7 @@ from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.components import FactorSurface
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
-from lpvobs.discovery.outcome import Finding, Followed, LogPart, OverInputs, Parameter
+from lpvobs.discovery.outcome import Finding, Followed, Following, LogPart, OverInputs, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.select import Accepted
@@ -27,11 +27,17 @@ def parameter_of(term: Term, standard_error: float) -> Parameter:
 def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
     """Return an accepted effect for people and programs."""
     term = item.candidate.term
+    course = term.course
+    begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
     return Finding(
         id=term.effect.id,
         parameters={term.effect.parameter: parameter_of(term, item.standard_error)},
-        onset=place_in_logs(logs, term.begin),
-        end=place_in_logs(logs, term.end),
+        onset=place_in_logs(logs, begin),
+        end=place_in_logs(logs, end),
+        course=plain_course(begin, end) if course is None else course.name,
+        follows=UNSET
+        if course is None
+        else Following(course.time_constant, course.input, course.low, course.high, course.intervals),
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
@@ -39,6 +45,11 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         curve=_followed(item.curve) if isinstance(item.curve, Curve) else UNSET,
         surface=_over_inputs(item.curve, term.size) if isinstance(item.curve, FactorSurface) else UNSET,
     )
+
+
+def plain_course(begin: float, end: float) -> str:
+    """Return the contract's name of what begins and ends once at most."""
+    return "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
 
 
 def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> KnownEffect:
@@ -53,7 +64,8 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
         value=parameter.value,
         ci90=parameter.ci90,
         spans=spans_of(term, logs),
-        lasting=not np.isfinite(term.end),
+        lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
+        course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),
         curve=stored_curve(item.curve, problem) if isinstance(item.curve, Curve) else None,
         surface=item.curve if isinstance(item.curve, FactorSurface) else None,
     )
@@ -79,6 +91,9 @@ def log_part(
     for finding, known_effect in zip(findings, found, strict=True):
         span = known_effect.span_on(log)
         if span.acts:
+            if known_effect.course is not None:
+                acting.append(finding)
+                continue
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"

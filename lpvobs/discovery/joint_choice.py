@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvobs.discovery.components import FactorSurface, Shape, curve_of, driven_by, surface_again
+from lpvobs.discovery.course_choice import best_course, finer
 from lpvobs.discovery.episodes import sharpened
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
@@ -28,7 +29,12 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
     """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
     problem, newest = linear.problem, len(linear.terms) - 1
     if isinstance(curve, FactorSurface):
-        return _curve_again(linear, candidate, curve)
+        simpler = _simpler(linear, candidate, curve)
+        if simpler is None:
+            return _curve_again(linear, candidate, curve)
+        return choose_again(fit(problem, [*linear.terms[:newest], simpler.term], start=linear), simpler, None)
+    if linear.terms[newest].course is not None:
+        return (in_place(linear, newest, candidate), curve), linear
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
@@ -36,14 +42,32 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
         rivals = [again, with_best_interval(bare, again, not absorbed)]
         taken = {term.effect.id for term in bare.terms}
         others = [effect for effect in problem.catalogue if effect.id not in taken]
-        for rival in rank(bare, others, intervals=False)[:SHORTLIST]:
+        ranked = rank(bare, others, intervals=False)[:SHORTLIST]
+        for rival in ranked:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
         again = _joint_best(linear, again, sorted(rivals, key=score, reverse=True))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
+        on_course, driven = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id != again.id])
+        if on_course is not again:
+            linear = fit(problem, [*bare.terms, on_course.term], start=linear)
+            nearer = finer(without(linear, newest), on_course)
+            if nearer is not on_course:
+                linear = fit(problem, [*bare.terms, nearer.term], start=linear)
+            return (in_place(linear, newest, nearer), driven), linear
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
     return (in_place(linear, newest, again), curve), linear
+
+
+def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
+    """Return an effect of the catalogue that explains more than a component's curve less its cost, on whatever course."""
+    newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
+    own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
+    taken = {term.effect.id for term in bare.terms}
+    ranked = rank(bare, [effect for effect in linear.problem.catalogue if effect.id not in taken])[:SHORTLIST]
+    best, _ = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
+    return best if score(best) > own.gain - surface.cost else None
 
 
 def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Named, Linear]:

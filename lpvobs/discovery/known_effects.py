@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.channels import Curve, along_channel, rate_of
 from lpvobs.discovery.components import FactorSurface, driven_by
+from lpvobs.discovery.courses import GRADED, TracedCourse, on_course
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
@@ -65,6 +66,7 @@ class KnownEffect:
     lasting: Annotated[bool, Item("1", "whether it acts on logs that took no part, from first to last sample")]
     curve: Annotated[Curve | None, Item()]
     surface: Annotated[FactorSurface | None, Item()] = None
+    course: Annotated[TracedCourse | None, Item()] = None  # times on the time axis of the log of its first span
 
     @property
     def standard_deviation(self) -> float:
@@ -103,11 +105,32 @@ def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) ->
     Raises DataError if the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
     effect = _effect(known_effect, problem.model, _on_places(problem, logs))
+    on, course = active(known_effect, problem, logs), known_effect.course
+    if course is not None:
+        share = np.concatenate(
+            [course_on(known_effect, log, own_time(problem, logs)[problem.of_log == i]) for i, log in enumerate(logs)]
+        )
+        on = on & (share > 0.0)
+        if course.name in GRADED:
+            effect = on_course(effect, problem.over_columns(share))
     if not known_effect.took_part(logs):
         spread = max(known_effect.standard_deviation, 1e-9 * effect.size)
         effect = replace(effect, null=known_effect.value, size=spread / WIDEST)
-    on = active(known_effect, problem, logs)
-    return Term(effect, known_effect.value, only=None if on.all() else on)
+    return Term(effect, known_effect.value, only=None if on.all() else on, course=course)
+
+
+def course_on(known_effect: KnownEffect, log: Log, time: Array) -> Array:
+    """Return the share of an effect at times of a log, shape (n,); on other logs than its own it has grown, or is over."""
+    course, own = known_effect.course, known_effect.spans[0]
+    if course is None or (course.in_time and (own.log, own.sha256) != (log.name, log.sha256)):
+        return np.full(time.size, float(course is None or course.name in GRADED))
+    return course.share(time, lambda name: np.interp(time, log.time, _channel(log, name)), float(log.time[-1]))
+
+
+def _channel(log: Log, name: str) -> Array:
+    if name in log.channels or name in log.auxiliary:
+        return log.channels[name] if name in log.channels else log.auxiliary[name]
+    raise DataError(f"{log.name}: channel '{name}' is missing, and an effect of the model follows it; record it")
 
 
 def active(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
@@ -153,7 +176,12 @@ def effect_along(known_effect: KnownEffect, model: ResidualModel, log: Log) -> t
     """Return the effect as it acts on every sample of one log, seen once, and where it acts, shape (N,)."""
     span = known_effect.span_on(log)
     on = (log.time >= span.begin) & (log.time < span.end)
-    return _effect(known_effect, model, lambda curve: channel_at(log, curve, log.time)), on
+    effect = _effect(known_effect, model, lambda curve: channel_at(log, curve, log.time))
+    if known_effect.course is None:
+        return effect, on
+    share = course_on(known_effect, log, log.time)
+    graded = known_effect.course.name in GRADED
+    return (on_course(effect, share) if graded else effect), on & (share > 0.0)
 
 
 def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:

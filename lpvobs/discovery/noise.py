@@ -49,6 +49,10 @@ class Scatter:
         total = np.concatenate([[0.0], np.cumsum(power)])
         return np.asarray(total[None] - total[:, None])
 
+    def powers(self, direction: Array, whitened: Array, first: NDArray[np.int64], shares: Array) -> Array:
+        """Return the power of a direction with each of m shares by stretch, (m, stretches), shape (m,)."""
+        return shares**2 @ np.add.reduceat((whitened[0] ** 2 - whitened[1] ** 2).sum(0), first)
+
     @property
     def dual(self) -> Callable[[Array], Array]:
         """The product of whitened values with the transposed root."""
@@ -111,14 +115,21 @@ class Remembered:
 
     def ranges(self, direction: Array, whitened: Array, first: NDArray[np.int64]) -> Array:
         """Return the quadratic form of the precision with a direction, summed over square parts of the matrix."""
+        power = np.zeros((first.size + 1, first.size + 1))
+        power[1:, 1:] = np.cumsum(np.cumsum(self._power(direction, first), axis=0), axis=1)
+        own = np.diag(power)
+        return np.asarray(own[None] + own[:, None] - 2.0 * power)
+
+    def powers(self, direction: Array, whitened: Array, first: NDArray[np.int64], shares: Array) -> Array:
+        """Return the power of a direction with each of m shares by stretch, (m, stretches), shape (m,)."""
+        return np.asarray(np.einsum("ms,ms->m", shares @ self._power(direction, first), shares))
+
+    def _power(self, direction: Array, first: NDArray[np.int64]) -> Array:
+        """Return the products of a direction in any two stretches, shape (stretches, stretches)."""
         entries, _ = self._entries
         along = direction[0].T.ravel()[entries]
         begin = np.searchsorted(entries, first * self.shape[0])
-        rows = _sums(self.precision * along, begin, 1) * along[:, None]
-        power = np.zeros((first.size + 1, first.size + 1))
-        power[1:, 1:] = np.cumsum(np.cumsum(_sums(rows, begin, 0), axis=0), axis=1)
-        own = np.diag(power)
-        return np.asarray(own[None] + own[:, None] - 2.0 * power)
+        return _sums(_sums(self.precision * along, begin, 1) * along[:, None], begin, 0)
 
     @property
     def dual(self) -> Callable[[Array], Array]:

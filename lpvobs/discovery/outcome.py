@@ -50,6 +50,21 @@ class OverInputs:
 
 
 @dataclass(frozen=True)
+class Following:
+    """What a course beyond from an onset to an end goes by; zero or empty where it does not."""
+
+    time_constant: Finite  # [s]
+    input: str  # a channel
+    low: Finite  # of the input, below which a hysteresis ends; of its state, at which there is nothing of an effect
+    high: Finite  # of the input, above which a hysteresis begins; of its state, at which all of an effect is there
+    intervals: tuple[tuple[Finite, Finite], ...]  # [s] since the start of the log
+
+
+COURSES = ("always", "step", "interval", "intermittent", "ramp", "saturating", "hysteresis", "lagged")
+"""How an effect is there over time, as the contract has them."""
+
+
+@dataclass(frozen=True)
 class Finding:
     """One effect."""
 
@@ -62,6 +77,8 @@ class Finding:
     explained: Fraction
     p_value: float | None  # corrected for all effects and intervals that were tried
     indistinguishable: tuple[str, ...]  # effects that explain these logs as well
+    course: Annotated[str, Meta(extra_json_schema={"enum": list(COURSES)})] | UnsetType = UNSET
+    follows: Following | UnsetType = UNSET
     drive: str | UnsetType = UNSET  # what kind of drive would tell them apart
     curve: Followed | UnsetType = UNSET  # for a channel
     surface: OverInputs | UnsetType = UNSET  # for a component's curve

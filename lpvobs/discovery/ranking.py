@@ -106,6 +106,6 @@ def best_of(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
         return found, {}
     driven = sorted((candidate for candidate, _ in curves), key=score, reverse=True)
     shapes = {candidate.id: shape for candidate, shape in curves}
-    if score(driven[0]) > 1.05 * max(score(found[0]), 0.0):
+    if score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
         return [*driven, *found], shapes
     return [*found[:1], *driven, *found[1:]], shapes

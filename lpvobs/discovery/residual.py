@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.courses import TracedCourse
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
@@ -123,6 +124,10 @@ class Problem:
         """Return every channel but the sensor under test, at the places."""
         return {name: self.along(name) for name in self.signals.value if name != SENSOR}
 
+    def channel(self, name: str) -> Array:
+        """Return a channel of the engine, or one of the logs' own, at the places, shape (K,)."""
+        return self.auxiliary[name] if name in self.auxiliary else self.along(name)
+
     def along(self, channel: str) -> Array:
         """Return a channel at the places, shape (K,)."""
         values = self.signals[channel]
@@ -138,6 +143,7 @@ class Term:
     begin: float = -np.inf
     end: float = np.inf
     only: NDArray[np.bool_] | None = field(default=None, compare=False)
+    course: TracedCourse | None = None  # what `only` or the effect already contain
 
     def acts(self, clock: Array) -> NDArray[np.bool_]:
         """Return at which places it acts, shape (K,)."""

@@ -9,6 +9,7 @@ import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.components import FactorSurface, Shape
+from lpvobs.discovery.course_choice import fit_all, timed_again
 from lpvobs.discovery.episodes import comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
@@ -105,12 +106,12 @@ def _search(problem: Problem, progress: Callable[[float], None]) -> _Search:
             break
         trial = fit(problem, [*linear.terms, best.term], start=linear)
         named, trial = choose_again(trial, best, shapes.get(best.id))
-        if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem):
+        if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem) or _at_its_end(named):
             break
         linear, accepted = choose_all_again(trial, [*accepted, named])
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c, _ in accepted)
-    goes = any(comes_and_goes(linear, i) for i in range(len(accepted)))
+    goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
     apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
     if uneven or goes or apart or _structure_remains(linear):
         return _Search("unexplained", [], before, before, ranking, accepted)
@@ -127,6 +128,8 @@ def _with_all(linear: Linear) -> Linear:
     problem = linear.problem.with_all()
     final = fit(problem, linear.terms, passes=2, start=linear)
     for i, term in enumerate(final.terms):
+        if term.course is not None and term.course.intervals:
+            final = _with_term(final, i, timed_again(final, i))
         if np.isfinite(term.begin) or np.isfinite(term.end):
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))
@@ -185,6 +188,12 @@ def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Prob
     return little and (candidate.changes > 1 or uneven_share(candidate, problem) > thresholds.MOST_UNEVEN)
 
 
+def _at_its_end(named: Named) -> bool:
+    """Return whether the curve of a component is as large as it can be: it stands for something else then."""
+    term = named[0].term
+    return isinstance(named[1], FactorSurface) and not term.effect.low < term.size < term.effect.high
+
+
 def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
     """Return the effects that are still needed beside the others, and the model with these alone."""
     while accepted:
@@ -237,11 +246,15 @@ def _finished(
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
-    expected = {e: first_order_gain(bare, e, term.begin, term.end) for e in others}
-    rivals = sorted(
-        (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
-    )
-    like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # fitted in the same way as the rivals
+    if term.course is not None:
+        rivals = sorted(fit_all(bare, others, term.course), key=score, reverse=True)
+        like = fit_candidate(bare, term.effect, size=term.size, like=term)
+    else:
+        expected = {e: first_order_gain(bare, e, term.begin, term.end) for e in others}
+        rivals = sorted(
+            (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
+        )
+        like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # fitted in the same way as the rivals
     indistinguishable = tuple(c.id for c in rivals if _fits_as_well(like, c, problem.per_coarse))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(curve, FactorSurface):

@@ -144,6 +144,20 @@ CURVE_PASSES = 2
 second moves it by a tenth of the first."""
 RATE_WINDOW = 11
 """[1] Instants over which a channel's rate is averaged. Set by choice: a second."""
+ADVANTAGE = 1.05
+"""[1] Multiple of the score of a plain effect that one with a curve or a course must have. Set by choice: a twentieth is what
+smoothing and a linear step leave."""
+TIME_CONSTANTS = (0.01, 0.03, 0.1, 0.3)
+"""[1] Time constants of a course that are tried, over the length of the drive. Set by choice: a housing of seconds to minutes."""
+RELAY_LEVELS = (0.1, 0.25, 0.4, 0.6, 0.75, 0.9)
+"""[1] Quantiles of an input between which a hysteresis is tried. Set by time: any two of them."""
+FINER = (0.06, 0.02)
+"""[1] Steps in which the values of a course are sought again around the best ones, over the spread of its input; in octaves for its
+time constant. Set by the distance of RELAY_LEVELS: two steps reach the next."""
+MOST_SWITCHES = 20
+"""[1] Largest number of intervals of an effect that comes and goes. Set by choice: more of them are noise."""
+MOST_COURSES = 2
+"""[1] Courses of an effect that are fitted at all: those with the largest gain to first order. Set by time."""
 SHORTLIST = 4
 """[1] Leading effects that are tried on intervals at their fitted size. Set by time; held by run 9."""
 LOOKED_AT = 9

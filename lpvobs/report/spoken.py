@@ -60,6 +60,8 @@ class Phrase:
     null: float = 0.0  # the value of no effect
 
 
+MOST_TIMES = 4
+"""Intervals that are told."""
 BY_KIND = {
     "factor": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0, 1.0),
     "gain": Phrase("{name} reads {} % high", "{name} reads {} % low", 100.0, 1.0),
@@ -140,7 +142,22 @@ def _plain(name: str, parameter: Mapping[str, Any]) -> str:
 
 def _when(effect: Mapping[str, Any]) -> str:
     begin = "" if effect["onset"] is None else f" from {effect['onset']:.1f} s"
+    if "follows" in effect:
+        return _on_course(effect["course"], effect["follows"], begin)
     return begin + ("" if effect["end"] is None else f" to {effect['end']:.1f} s")
+
+
+def _on_course(course: str, by: Mapping[str, Any], begin: str) -> str:
+    """Return in words how an effect is there that is more than from an onset to an end."""
+    if course == "intermittent":
+        times = ", ".join(f"{max(a, 0.0):.0f} to {b:.0f} s" for a, b in by["intervals"][:MOST_TIMES])
+        return f" in {len(by['intervals'])} intervals: {times}{', ...' if len(by['intervals']) > MOST_TIMES else ''}"
+    return {
+        "ramp": f", growing{begin or ' from the start'} on",
+        "saturating": f", building up{begin or ' from the start'} with a time constant of {by['time_constant']:.3g} s",
+        "hysteresis": f" from where {by['input']} exceeds {by['high']:.4g} to where it falls below {by['low']:.4g}",
+        "lagged": f" whole where {by['input']}, {by['time_constant']:.3g} s late, is {by['high']:.4g}, and not at {by['low']:.4g}",
+    }[course]
 
 
 def _instead(effect: Mapping[str, Any]) -> str:

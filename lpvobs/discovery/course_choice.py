@@ -1,0 +1,197 @@
+"""The choice of an effect's course: the simplest that the data support, by what it gains less the cost of its parameters."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from lpvobs.discovery.channels import Curve, channel_candidates
+from lpvobs.discovery.courses import (
+    GRADED,
+    TracedCourse,
+    can_be_graded,
+    hystereses,
+    in_time,
+    lags,
+    near,
+    on_course,
+    state,
+)
+from lpvobs.discovery.episodes import advantage, switched
+from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import (
+    ADVANTAGE,
+    FINER,
+    LEAST_LENGTH,
+    MOST_COURSES,
+    MOST_LEVELS,
+    MOST_SWITCHES,
+    RELAY_LEVELS,
+    SWITCH,
+    TIME_CONSTANTS,
+)
+from lpvobs.engines.effects import Effect
+from lpvobs.records import Array
+
+Bank = tuple[list[TracedCourse], Array]
+"""Courses, and their shares."""
+
+
+def best_course(
+    linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[Effect]
+) -> tuple[Candidate, Curve | None]:
+    """Return the newest effect of a model, or it or a rival on the course that explains the residual better.
+
+    `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the channel.
+    """
+    bank, relays = _bank(bare.problem), _relays(bare.problem)
+    found: list[Candidate] = []
+    # A reading that comes and goes may be any disturbance: without a cause in the log it has no name.
+    if own.term.effect.place != "sensor":
+        intervals = _comes_and_goes(linear, len(linear.terms) - 1)
+        found = [fit_course(bare, own.term.effect, course) for course in intervals]
+    for effect in (e for e in (own.term.effect, *rivals) if not e.id.endswith(".drift")):
+        found += [fit_course(bare, effect, course) for course in _promising(bare, effect, bank, relays)]
+    best = max(found, key=score, default=own)
+    best = finer(bare, best)
+    if score(best) <= ADVANTAGE * max(score(own), 0.0):
+        return own, None
+    if best.term.only is not None:
+        driven = max(channel_candidates(bare), key=lambda item: score(item[0]), default=None)
+        if driven is not None and score(driven[0]) > score(best):
+            return driven
+    return best, None
+
+
+def fit_all(bare: Linear, effects: Sequence[Effect], course: TracedCourse) -> list[Candidate]:
+    """Return effects on a course, those that can be on it."""
+    graded = course.name in GRADED
+    return [fit_course(bare, effect, course) for effect in effects if not graded or can_be_graded(effect)]
+
+
+def timed_again(linear: Linear, index: int) -> Term:
+    """Return an effect that comes and goes with the intervals that all data show beside the whole model."""
+    term = linear.terms[index]
+    found = next(_comes_and_goes(linear, index), None)
+    return term if found is None else replace(on_places(term.effect, found, linear.problem), size=term.size)
+
+
+def fit_course(bare: Linear, effect: Effect, course: TracedCourse) -> Candidate:
+    """Return an effect on a course at its best size."""
+    term = on_places(effect, course, bare.problem)
+    return fit_candidate(bare, term.effect, like=term)
+
+
+def on_places(effect: Effect, course: TracedCourse, problem: Problem) -> Term:
+    """Return an effect on a course as a term without a size: confined to places, or there in part in every column."""
+    share = share_at(course, problem)
+    if course.name not in GRADED:
+        return Term(effect, effect.null, only=share > 0.5, course=course)
+    return Term(on_course(effect, problem.over_columns(share)), effect.null, course=course)
+
+
+def share_at(course: TracedCourse, problem: Problem) -> Array:
+    """Return the share of a course at the places, shape (K,)."""
+    if course.in_time:
+        return course.share(problem.clock, problem.channel, float(problem.clock[-1]))
+    if course.name == "lagged":
+        return course.of_state(state_at(problem, course.input, course.time_constant))
+    return course.share(problem.clock, problem.channel, np.inf)
+
+
+def state_at(problem: Problem, name: str, tau: float) -> Array:
+    """Return the first-order response to a channel at the places, at rest in the beginning of every log, shape (K,)."""
+    x, logs = problem.channel(name), np.unique(problem.of_log)
+    return np.concatenate([state(problem.clock[on], x[on], tau) for on in (problem.of_log == i for i in logs)])
+
+
+def gains(linear: Linear, direction: Array, shares: Array) -> Array:
+    """Return the gain of a direction, not whitened, with each of m shares of it by stretch, (m, stretches), shape (m,)."""
+    whitened = linear.whiten(direction)
+    products, along = linear.along_stretches(direction, whitened)
+    along = along - products @ linear.newton_step
+    white = scipy.linalg.solve_triangular(linear.factor, (shares @ products).T, lower=True, check_finite=False)
+    information = linear.noise.powers(direction, whitened, linear.problem.first, shares) - (white**2).sum(0)
+    usable = information > 1e-6 * np.abs(information).max()
+    return np.where(usable, 0.5 * (shares @ along) ** 2 / np.where(usable, information, 1.0), 0.0)
+
+
+def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
+    """Yield the intervals in which an effect of a model explains the residual, if there are several."""
+    problem = linear.problem
+    if problem.of_log[-1] > 0:
+        return
+    gain = advantage(linear, index)
+    acting = switched(gain, SWITCH * float(np.log(gain.size))).astype(int)
+    clock = problem.clock
+    between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), [np.nextafter(clock[-1], np.inf)]])
+    edges = between[np.flatnonzero(np.diff(acting, prepend=0, append=0))].reshape(-1, 2)
+    if 1 < len(edges) <= MOST_SWITCHES:
+        yield TracedCourse("intermittent", intervals=tuple((float(a), float(b)) for a, b in edges))
+
+
+def finer(bare: Linear, found: Candidate) -> Candidate:
+    """Return an effect whose course follows an input with the values of that input sought again, others as they are."""
+    for step in FINER if found.term.course is not None and found.term.course.input else ():
+        found = max(found, _near(bare, found, step), key=score)
+    return found
+
+
+def _near(bare: Linear, found: Candidate, step: float) -> Candidate:
+    """Return an effect on the best course near its own, which follows an input."""
+    effect, problem = next(e for e in bare.problem.catalogue if e.id == found.id), bare.problem
+    courses = [] if found.term.course is None else list(near(found.term.course, step))
+    place = np.arange(problem.K)
+    apart = replace(bare, problem=replace(problem, block=place, first=place))
+    gain = gains(
+        apart, slope_of(bare, effect, effect.null), np.array([share_at(course, problem) for course in courses])
+    )
+    return fit_course(bare, effect, courses[int(gain.argmax())])
+
+
+def _promising(bare: Linear, effect: Effect, bank: Bank, relays: Bank) -> list[TracedCourse]:
+    """Return the courses of an effect that gain most to first order less what they cost, one of each kind at most."""
+    slope, problem = slope_of(bare, effect, effect.null), bare.problem
+    place = np.arange(problem.K)
+    each = [(replace(bare, problem=replace(problem, block=place, first=place)), relays)]
+    if can_be_graded(effect):
+        each.append((bare, bank))
+    best: dict[str, tuple[float, TracedCourse]] = {}
+    for linear, (courses, shares) in each:
+        for course, gain in zip(courses, gains(linear, slope, shares) if courses else (), strict=True):
+            net = gain - penalty(course.changes, problem.first.size, gain)
+            if net > best.get(course.name, (0.0,))[0]:
+                best[course.name] = net, course
+    return [course for _, course in sorted(best.values(), key=lambda item: -item[0])[:MOST_COURSES]]
+
+
+def _bank(problem: Problem) -> Bank:
+    """Return courses in time, where there is one log, and those that lag behind an input, with their shares by stretch."""
+    whole = float(problem.clock[-1] - problem.clock[0])
+    count, middle = np.diff(np.append(problem.first, problem.K)), np.append(problem.begins[1:], problem.clock[-1])
+    courses: list[TracedCourse] = []
+    if problem.of_log[-1] == 0 and problem.first.size >= 3 * LEAST_LENGTH:
+        courses = list(in_time(problem.begins, LEAST_LENGTH, whole * np.array(TIME_CONSTANTS)))
+    shares = [c.share(0.5 * (problem.begins + middle), problem.channel, float(problem.clock[-1])) for c in courses]
+    for name in _inputs(problem):
+        for tau in whole * np.array(TIME_CONSTANTS):
+            found = list(lags(name, state_at(problem, name, float(tau)), float(tau)))
+            courses += found
+            shares += [np.add.reduceat(share_at(course, problem), problem.first) / count for course in found]
+    return courses, np.array(shares)
+
+
+def _relays(problem: Problem) -> Bank:
+    """Return every hysteresis, with its share at the places."""
+    courses = list(hystereses(_inputs(problem), RELAY_LEVELS))
+    return courses, np.array([share_at(course, problem) for course in courses])
+
+
+def _inputs(problem: Problem) -> Mapping[str, Array]:
+    """Return what a course may follow: the map's inputs and the logs' own channels, but for switches."""
+    own = [name for name in (problem.model.speed, problem.model.fuel) if name in problem.signals.value]
+    found = {name: problem.channel(name) for name in (*own, *problem.auxiliary)}
+    return {name: x for name, x in found.items() if np.unique(x).size > MOST_LEVELS}

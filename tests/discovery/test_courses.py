@@ -1,0 +1,88 @@
+"""Courses of an effect: the right one is named with its times, and the effect is the same again from what is stored."""
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery.courses import TracedCourse, relay, state
+from lpvobs.discovery.known_effects import effect_along, term_on
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import free_map
+from lpvobs.report.spoken import in_words
+from lpvobs.simulation.effects import effect_of
+
+GAIN = 0.08
+
+
+def growing(t, _):
+    return np.clip((t - 90.0) / (t[-1] - 90.0), 0.0, 1.0)
+
+
+def limited(t, _):
+    return 1.0 - np.exp(-np.maximum(t - 60.0, 0.0) / 30.0)
+
+
+@pytest.fixture(scope="module", params=[(growing, "ramp"), (limited, "saturating")])
+def case(request, plant, config, clean, misread):
+    """Return a course, its name, the log that has it and what was found there."""
+    truth, name = request.param
+    log = misread(clean, clean["W_maf"] * (1.0 + GAIN * truth(clean.time, clean["n_e"])))
+    prior = free_map(config.grid(), len(plant.names), 0.1)
+    return truth, name, log, refine(plant, config.grid(), prior, [log])
+
+
+def test_the_course_is_named_with_the_size_of_the_whole(case):
+    _, name, _, found = case
+    (finding,) = found.trace.findings
+    assert (finding.id, finding.course) == ("maf.gain", name)
+    assert finding.parameters["factor"].value == pytest.approx(1.0 + GAIN, abs=0.15 * GAIN)
+
+
+def test_the_share_is_that_of_the_truth(case):
+    truth, _, log, found = case
+    (known,) = found.known_effects
+    effect, on = effect_along(known, found.after.problem.model, log)
+    signals = found.after.problem.signals
+    assert on.any()
+    (term,) = found.terms
+    again = term_on(known, found.after.problem, [log])
+    own, stored = (t.effect.apply(signals, t.size)["W_maf"] for t in (term, again))
+    acts, also = (np.tile(t.acts(found.after.problem.clock), 2) for t in (term, again))
+    np.testing.assert_allclose(
+        np.where(also, stored, signals["W_maf"]), np.where(acts, own, signals["W_maf"]), rtol=2e-3
+    )
+    share = np.where(acts, signals["W_maf"] / own - 1.0, 0.0)[: found.after.problem.K] / GAIN
+    wanted = np.interp(found.after.problem.time, log.time, truth(log.time, log["n_e"]))
+    assert np.sqrt(np.mean((share - wanted) ** 2)) < 0.2
+    assert effect.id == "maf.gain"
+
+
+def test_words_say_the_course(case):
+    _, name, _, found = case
+    said = in_words(found.trace.as_json(refined=True)["effects"])
+    assert {"ramp": "growing from", "saturating": "building up from"}[name] in said
+
+
+def test_a_valve_that_sticks_between_two_speeds_is_found_as_that(plant, config, record):
+    table = {"id": "egr.area", "factor": 0.7, "course": "hysteresis", "input": "n_e", "low": 1150.0, "high": 1700.0}
+    prior = free_map(config.grid(), len(plant.names), 0.1)
+    found = refine(plant, config.grid(), prior, [record(effects=(effect_of(table),))])
+    (finding,) = found.trace.findings
+    assert (finding.id, finding.course, finding.follows.input) == ("egr.area", "hysteresis", "n_e")
+    assert finding.parameters["factor"].value == pytest.approx(0.7, abs=0.05)
+    assert "exceeds" in in_words(found.trace.as_json(refined=True)["effects"])
+
+
+def test_a_relay_remembers():
+    assert relay(np.array([0.0, 2.0, 1.0, 3.0, 1.4, 0.9, 2.0]), 1.0, 2.5).tolist() == [0, 0, 0, 1, 1, 0, 0]
+
+
+def test_a_state_answers_a_step_as_the_textbook_has_it():
+    t = np.arange(0.0, 10.0, 0.1)
+    answer = state(t, np.where(t > 0.0, 1.0, 0.0), 2.0)
+    np.testing.assert_allclose(answer, 1.0 - np.exp(-t / 2.0), atol=1e-12)
+
+
+def test_a_course_in_time_is_over_or_whole_on_another_log():
+    assert TracedCourse("ramp", begin=10.0).in_time
+    assert not TracedCourse("lagged", input="n_e", time_constant=5.0).in_time
+    assert TracedCourse("intermittent", intervals=((1.0, 2.0), (3.0, 4.0))).changes == 4
