@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, some_logs, writing
-from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty, remove_parts
+from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty
 from lpvobs.api.healthy import learn_healthy
 from lpvobs.api.jobs import processors
 from lpvobs.api.known_engine import engine_writer, learned_path
@@ -24,6 +24,7 @@ from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.engines import CalibratedEngine, calibrated_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.log_summaries import summary_of, write_agreement, write_balance_agreement
+from lpvobs.io.results.parts import PartsFolder
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused
@@ -198,7 +199,7 @@ def estimate_logs(
             write_engine(file)
 
     write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
-    remove_parts(out)
+    PartsFolder(out, "").remove()
     if method == "observer":
         learn_healthy(out, paths, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
@@ -206,12 +207,7 @@ def estimate_logs(
 
 
 def _one_after_another(
-    config: Config,
-    gain: StateGain,
-    paths: Sequence[Path],
-    method: str,
-    progress: Progress,
-    air_path: AirPath,
+    config: Config, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress, air_path: AirPath
 ) -> Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)

@@ -61,13 +61,7 @@ class ExportOutput:
 
 
 def export_unit(
-    gain: File,
-    out: File,
-    file_format: str,
-    *,
-    result: File | None = None,
-    map_gain: str = "",
-    rate: float = 100.0,
+    gain: File, out: File, file_format: str, *, result: File | None = None, map_gain: str = "", rate: float = 100.0
 ) -> ExportedUnit:
     """Write the certified local observer as C99 sources, or as a unit for co-simulation (FMI 2.0).
 

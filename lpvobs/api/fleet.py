@@ -224,11 +224,6 @@ def refuse_empty(estimate: MapEstimate) -> None:
         raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
 
 
-def remove_parts(out: Path) -> None:
-    """Delete the parts beside a result that has been written."""
-    PartsFolder(out, "").remove()
-
-
 def part_of(task: PartTask) -> PartOutcome:
     """Go through one log; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""

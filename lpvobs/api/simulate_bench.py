@@ -7,13 +7,7 @@ from lpvobs.simulation.stationary import BenchTable
 
 
 def simulate_bench(
-    config: File,
-    points: int,
-    out: File,
-    *,
-    seed: int = 1,
-    engine: File | None = None,
-    progress: Progress | None = None,
+    config: File, points: int, out: File, *, seed: int = 1, engine: File | None = None, progress: Progress | None = None
 ) -> BenchTable:
     """Bring the simulated engine to rest at many operating points and write the table that a test bench records.
 

@@ -28,10 +28,7 @@ def extrapolate(
         print_json(
             "extrapolate",
             ExtrapolateOutput(
-                result=str(result),
-                outer_coverage=held,
-                half_widths=half_widths(fitted),
-                **quadratic_fields(fitted),
+                result=str(result), outer_coverage=held, half_widths=half_widths(fitted), **quadratic_fields(fitted)
             ),
         )
         return

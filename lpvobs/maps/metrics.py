@@ -48,14 +48,18 @@ def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple
     `pieces` returns fuel, speed and reference, piece by piece, each time from the beginning.
     """
     flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
-    gram, right, visited, sums = _no_sums(grid)
+    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
+    gram, right, visited = np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells)  # Psi^T Psi, Psi^T reference
+    sums = np.zeros(5)  # samples, largest |reference|, sums of e, e^2, reference^2
     for fuel, speed, reference in pieces():
         _fit_sums(grid.fuel, grid.speed, flat, fuel, speed, reference, gram, right, visited, sums)
     samples, largest = int(sums[0]), sums[1]
     if samples == 0:
         nan = float("nan")
         return Metrics(0, nan, nan, nan, nan, nan, 0, nan, nan)
-    best = _nodes_of(grid, gram, right)
+    total = np.zeros(grid.size)
+    np.add.at(total, corners(*grid.shape), right)
+    best = node_values(over_nodes(grid, gram), total)
     shares = np.zeros(4)
     for fuel, speed, reference in pieces():
         limit = max(NEGLIGIBLE * largest, np.finfo(float).tiny)
@@ -72,18 +76,6 @@ def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple
         floor_mean_relative_error=_over(floor, counted),
         floor_rms_ratio=float(np.sqrt(_over(floor_squares, sums[4]))),
     )
-
-
-def _no_sums(grid: Grid) -> tuple[Array, Array, Array, Array]:
-    """Return, per cell, Psi^T Psi, Psi^T reference and visits; then samples, largest |reference|, sums of e, e^2, reference^2."""
-    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-    return np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells), np.zeros(5)
-
-
-def _nodes_of(grid: Grid, gram: Array, right: Array) -> Array:
-    total = np.zeros(grid.size)
-    np.add.at(total, corners(*grid.shape), right)
-    return node_values(over_nodes(grid, gram), total)
 
 
 def _over(total: float, count: float) -> float:

@@ -150,10 +150,7 @@ def trajectory(figure: Figure, cycle: CycleView, drive: Drive, surface: SurfaceV
 @drawn(5.2)
 def error_course(figure: Figure, drive: Drive, correction: Corrected) -> None:
     """Draw reference and estimated error over time, [g/s], whole and enlarged."""
-    lines = [
-        ("reference error", drive.reference, TRUTH, "-"),
-        ("estimated error", correction.estimate, ESTIMATE, "--"),
-    ]
+    lines = [("reference error", drive.reference, TRUTH, "-"), ("estimated error", correction.estimate, ESTIMATE, "--")]
     _two_scales(figure, drive=drive, lines=lines, label="sensor error [g/s]")
 
 
@@ -203,7 +200,7 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
     image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
     if surface.filled.any():
         axes.add_patch(_hatched(u_edges, n_edges, surface.filled))
-    digits = _digits(float(scale.vmax or 1.0))
+    digits = int(np.clip(1 - np.floor(np.log10(float(scale.vmax or 1.0))), 0, 4))  # about two of the largest value
     for (j, i), value in np.ndenumerate(values):
         if np.isfinite(value):
             red, green, blue, _ = image.cmap(scale(value))
@@ -254,11 +251,6 @@ def _log_scale(values: Array) -> LogNorm:
     top = float(values.max()) if values.size else 1.0
     low = float(values.min()) if values.size else 0.1
     return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
-
-
-def _digits(largest: float) -> int:
-    """Return decimals that show about two digits of the largest value."""
-    return int(np.clip(1 - np.floor(np.log10(largest)), 0, 4))
 
 
 def _where(surface: SurfaceView, i: int, j: int) -> str:

@@ -176,15 +176,11 @@ def cross_correlations(figure: Figure, seen: Portrait) -> None:
     largest = max(0.1, float(np.abs(seen.cross).max()))
     for axes, label, values, limit in zip(panels, LABELS, seen.cross, seen.cross_limit, strict=True):
         image = axes.pcolormesh(lag, np.arange(len(seen.signals)), values, cmap="RdBu_r", vmin=-largest, vmax=largest)
-        _dots(axes, lag, values, limit)
+        beyond = np.argwhere((np.abs(values) > limit) & (limit > 0.0))
+        if beyond.size:
+            axes.plot(lag[beyond[:, 1]], beyond[:, 0], ".", color="#000000", markersize=2.5)
         axes.set_title(label)
         axes.set_xlabel("residual later by [s]")
     panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
     panels[0].invert_yaxis()
     figure.colorbar(image, ax=panels, label="correlation", pad=0.015)
-
-
-def _dots(axes: Axes, lag: Array, values: Array, limit: Array) -> None:
-    beyond = np.argwhere((np.abs(values) > limit) & (limit > 0.0))
-    if beyond.size:
-        axes.plot(lag[beyond[:, 1]], beyond[:, 0], ".", color="#000000", markersize=2.5)

@@ -90,11 +90,6 @@ class SlabCounts:
             tuple(findings.values()),
         )
 
-    def leave_out(self, rows: int, refusal: DataError) -> None:
-        """Add a slab that was refused."""
-        self.add(Defects(rows, dropped_rows=rows))
-        self.refusals.append(refusal)
-
     def too_few(self, path: Path) -> DataError:
         """Return what is wrong with a log of which next to nothing is left."""
         lost = self.defects.dropped

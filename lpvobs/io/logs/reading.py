@@ -103,7 +103,8 @@ class LogFile:
         try:
             refuse_implausible(self.path, values, self.channels)
         except DataError as refusal:
-            seen.leave_out(time.size, refusal)
+            seen.add(Defects(time.size, dropped_rows=time.size))
+            seen.refusals.append(refusal)
             return np.empty(0, dtype=np.int64)
         rows, lost = usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
         seen.add(lost)

@@ -16,9 +16,9 @@ from lpvobs.io.safety.seal import expect_sound, sealed
 from lpvobs.io.safety.self_contained import expect_self_contained
 
 Attribute = str | int | float | np.number[Any]
-
-
 NO_YES = {0: "no", 1: "yes"}
+DAMAGE = (LookupError, AttributeError, OSError, ValueError, TypeError, RuntimeError, MemoryError, UsageError)
+"""What comes of a dataset that is not there, or not what it should be."""
 
 
 @dataclass(frozen=True)
@@ -121,23 +121,10 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     with file:
         expect_self_contained(file, f"{path}", remedy)
         try:
-            _expect_kind(file, path, kind, remedy)
+            schema = str(file.attrs.get("schema", ""))
+            if schema != f"lpvobs/{kind}/1":
+                found = f"schema '{schema}'" if schema else "no lpvobs schema"
+                raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")
             yield file
-        except (
-            LookupError,
-            AttributeError,
-            OSError,
-            ValueError,
-            TypeError,
-            RuntimeError,
-            MemoryError,
-            UsageError,
-        ) as error:
+        except DAMAGE as error:
             raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None
-
-
-def _expect_kind(file: h5py.File, path: Path, kind: str, remedy: str) -> None:
-    schema = str(file.attrs.get("schema", ""))
-    if schema != f"lpvobs/{kind}/1":
-        found = f"schema '{schema}'" if schema else "no lpvobs schema"
-        raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")

@@ -238,10 +238,6 @@ def _is_array(kind: Any) -> bool:
     return get_origin(kind) is np.ndarray
 
 
-def _single(kind: Any) -> bool:
-    return get_origin(kind) in (None, UnionType)
-
-
 def _meanings(item: Item, element: type = int) -> Mapping[int, str]:
     return item.meanings or (NO_YES if element in (bool, np.bool_) else {})
 
@@ -293,7 +289,7 @@ def _loaded(group: h5py.Group, layout: Layout[Any], key: str, row: str = "") -> 
     item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     dataset, element = group[name], element_of(kind)
     found = np.asarray(dataset.asstr()[()] if element is str else dataset[()])
-    is_axis = not item.axes and (name == row or not _single(kind))
+    is_axis = not item.axes and (name == row or get_origin(kind) not in (None, UnionType))
     shape = (dataset.size,) if is_axis else tuple(group[axis].size for axis in item.axes)
     if found.shape != shape:
         raise ValueError(f"'{name}' has the shape {found.shape}, expected {shape}")

@@ -156,7 +156,7 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
             "supported": Item("1", ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
         },
         "excitation": {
-            "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1"),
+            "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1")
         },
         "nodes": {
             "covariance": Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True),
