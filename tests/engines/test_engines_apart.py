@@ -21,7 +21,7 @@ PACKAGE = ROOT / "lpvobs"
 PLANTS = {
     "nine states": (
         "bench", "condition", "control", "derivative", "drawing", "effects", "integrate", "parameters", "plant",
-        "readings", "road", "scene", "sensing", "sensors", "simulate", "stationary", "torque", "vehicle",
+        "readings", "road", "scene", "sensing", "sensors", "simulate", "stationary", "vehicle",
         "structure/amplitudes", "structure/filling", "structure/pulses", "structure/recorder", "structure/slow",
         "structure/turbo", "structure/valve",
     ),
