@@ -8,7 +8,6 @@ import numpy as np
 
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
-from lpvobs.api.simulate import plant_of
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
@@ -213,6 +212,8 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
     progress : callable, optional
         Takes the fraction done, 0 to 1.
     """
+    from lpvobs.api.simulate import plant_of  # the simulator is loaded where it runs: a calibration needs none
+
     stored = read_engine(as_path(engine), load_config(as_path(config))[0].engine_path())
     configuration, plant = plant_of(config, engine)
     air_path = configuration.engine_path()

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
@@ -13,9 +12,7 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Seconds
 from lpvobs.simulation.plants import PLANTS, Simulator
-
-if TYPE_CHECKING:
-    from lpvobs.simulation.simulate import SimulatedLog
+from lpvobs.simulation.simulate import SimulatedLog
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +37,7 @@ def simulate(
     vehicle: str | None = None,
     date: str | None = None,
     progress: Progress | None = None,
-) -> "SimulatedLog":
+) -> SimulatedLog:
     """Drive the simulated diesel over a cycle and write the log that its sensors record.
 
     Raises UsageError for a configuration without `[simulation]`, an unknown cycle, an impossible rate, or an effect that cannot
