@@ -101,7 +101,7 @@ def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> t
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)
     try:
-        gain = synthesise(problem, falling_gain=settings.falling_gain, cascade=settings.cascade, decay=settings.decay)
+        gain = synthesise(problem, cascade=settings.cascade, decay=settings.decay)
     except NotProven as refusal:
         raise NotProven(f"{refusal}; {_what_is_feasible(problem, settings)}") from None
     return _stored("synthesised", air_path, settings.outputs, gain, bounds, settings.temperatures), digests
@@ -114,9 +114,7 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     region = problem.region
     centre = [0.5 * (low + high) for low, high in zip(region.lower, region.upper, strict=True)]
     try:
-        part = largest_feasible(
-            problem, centre, falling_gain=settings.falling_gain, cascade=settings.cascade, decay=settings.decay
-        )
+        part = largest_feasible(problem, centre, cascade=settings.cascade, decay=settings.decay)
     except (NotProven, UsageError):
         return "not even its centre has one"
     return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"

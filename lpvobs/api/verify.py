@@ -71,6 +71,6 @@ def check_again(stored: StoredGain) -> Certificate:
             f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
     problem = GainProblem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
-    found = check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=gain.certificate.falling_gain)
+    found = check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2)
     reason = "" if gain.bound is None else prove_bound(problem, gain.L, gain.bound)
     return replace(found, proven=False, reason=reason) if found.proven and reason else found

@@ -87,7 +87,6 @@ class GainOutput:
     outputs: Sequence[str]
     L: Sequence[Sequence[Finite]]
     proven: bool
-    falling_gain: bool
     vertices: Count
     state_bound: StateBoundOutput | None
 
@@ -185,7 +184,6 @@ def gain_fields(stored: StoredGain) -> dict[str, Any]:
         "outputs": stored.outputs,
         "L": stored.gain.L.tolist(),
         "proven": certificate.proven,
-        "falling_gain": certificate.falling_gain,
         "vertices": certificate.vertices,
         "state_bound": state_bound_output(stored),
     }

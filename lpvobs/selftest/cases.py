@@ -295,7 +295,7 @@ def _shipped_gain() -> Gain:
     L, P, Q = (np.array(known[name]) for name in ("L", "P", "Q"))
     outputs = tuple(known["outputs"])
     problem = GainProblem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
-    proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"], falling_gain=True)
+    proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"])
     return Gain(L, P, Q, known["eps_1"], known["eps_2"], region, proof)
 
 

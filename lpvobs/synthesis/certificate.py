@@ -24,20 +24,17 @@ class Certificate:
 
     The smallest pivot is that of P, Q and of all -M examined, each divided by its diagonal entry: between 0 and 1 in any units,
     not positive where the proof fails. `failed_vertex` is the first one where M is not negative definite; the reason is empty
-    when proven. A falling gain is one that falls with information, d Gamma^-1/dt = Psi^T Psi.
+    when proven.
     """
 
     proven: Annotated[bool, Item("1", "Theorem 1 proven on the whole region")]
     vertices: Annotated[int, Item("1", "vertices of the region")]
     smallest_pivot: Annotated[float, Item("1", "smallest relative pivot", gaps=True)]
     failed_vertex: tuple[float, ...] | None
-    falling_gain: Annotated[bool, Item("1", "1 - eps_1 - eps_2 > 0 proven, too")]
     reason: str
 
 
-def check(
-    problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float, *, falling_gain: bool = False
-) -> Certificate:
+def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_2: float) -> Certificate:
     """Prove Theorem 1 for given numbers, or say why it does not hold.
 
     Raises DataError for numbers that are not finite, and for shapes that do not fit the system.
@@ -48,13 +45,10 @@ def check(
         n states, r outputs.
     L : ndarray, shape (n, r)
     P, Q : ndarray, shape (n, n)
-    falling_gain : bool
-        Demand 1 - eps_1 - eps_2 > 0 instead of Eq. (28).
 
     Notes
     -----
-    Eq. (27), (28), (33). Departure from the paper: none in the conditions; with `falling_gain` a stronger one, because
-    V then gains the term (Psi theta)^2.
+    Eq. (27), (28), (33). Departure from the paper: none in the conditions.
     """
     vertices = problem.region.vertices()
     n, r = _sizes(problem)
@@ -63,14 +57,12 @@ def check(
     if not (isfinite(eps_1) and isfinite(eps_2)):
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers: synthesise the gain again")
     e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
-    falls = 1 - e_1 - e_2 > 0
 
     def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
         where = None if failed is None else tuple(float(value) for value in failed)
-        proven = not reason
-        return Certificate(proven, len(vertices), pivot, where, proven and falls, reason)
+        return Certificate(not reason, len(vertices), pivot, where, reason)
 
-    reason = _about_scalars(e_1, e_2, falling_gain) or _about_system(problem) or _about_symmetry(P, Q)
+    reason = _about_scalars(e_1, e_2) or _about_system(problem) or _about_symmetry(P, Q)
     if reason:
         return verdict(reason, 0.0)
     exact_P, exact_Q = fractions(P), fractions(Q)
@@ -112,12 +104,11 @@ def _refuse_unusable(name: str, value: Array, shape: tuple[int, int]) -> None:
         raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
 
 
-def _about_scalars(eps_1: Fraction, eps_2: Fraction, falling_gain: bool) -> str:
-    bound = 1 if falling_gain else 2
+def _about_scalars(eps_1: Fraction, eps_2: Fraction) -> str:
     if eps_1 <= 0 or eps_2 <= 0:
         return "eps_1 and eps_2 must be positive"
-    if bound - eps_1 - eps_2 <= 0:  # Eq. (28)
-        return f"{bound} - eps_1 - eps_2 > 0 does not hold"
+    if 2 - eps_1 - eps_2 <= 0:  # Eq. (28)
+        return "2 - eps_1 - eps_2 > 0 does not hold"
     return ""
 
 

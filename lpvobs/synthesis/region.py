@@ -151,7 +151,6 @@ class GainSettings:
     # pairs of parameters whose sum never is negative, which cuts the box
     nonnegative_sums: tuple[tuple[str, str], ...] = ()
     cascade: bool = True  # the sensor does not correct the state: the last column of L is zero
-    falling_gain: bool = True  # prove 1 - eps_1 - eps_2 > 0, which map gains that fall with the information need
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin <= 1.0:

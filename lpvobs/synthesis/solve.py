@@ -14,7 +14,7 @@ from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
 
-EPSILON_SHARE = 0.49  # eps_1 = eps_2 over the bound of their sum: equal ones have the largest product
+EPSILON = 0.49  # eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
 
 
@@ -31,7 +31,6 @@ class Shrunk:
 def synthesise(
     problem: GainProblem,
     *,
-    falling_gain: bool,
     cascade: bool,
     decay: float = 0.0,
     epsilon: tuple[float, float] | None = None,
@@ -45,21 +44,19 @@ def synthesise(
     ----------
     problem : GainProblem
         n states, r outputs.
-    falling_gain : bool
-        Demand 1 - eps_1 - eps_2 > 0, so that Gamma may fall with d Gamma^-1/dt = Psi^T Psi.
     cascade : bool
         L takes nothing from the map's output: the state estimate does not depend on theta, and P L G = 0.
     decay : float
         [1/s]; the state error is to decay at least as fast as exp(-decay t), whatever the parameters do inside the region. Asked
         of the solver with A + decay I in place of A; the certificate is that of Theorem 1 and does not state it.
     epsilon : tuple of float, optional
-        eps_1, eps_2. By default equal, 0.49 times the bound of their sum: no pair of that sum has a larger product.
+        eps_1, eps_2. By default equal: no pair of that sum has a larger product.
 
     Notes
     -----
     Eq. (27), (28), (33). The paper does not say which of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
     """
-    eps_1, eps_2 = _epsilon(epsilon, falling_gain)
+    eps_1, eps_2 = _epsilon(epsilon)
     A, C = problem.matrices()
     units = balance(A, C)
     T, S, rate = units.states, units.outputs, units.rate
@@ -69,18 +66,16 @@ def synthesise(
     if isinstance(found, str):
         raise NotProven(_refusal(problem, f"no gain exists as far as can be told ({found})"))
     L = found.L * T[:, None] / S * rate + 0.0  # no negative zeros
-    return _proven(problem, units, found, L, (eps_1, eps_2), falling_gain)
+    return _proven(problem, units, found, L, (eps_1, eps_2))
 
 
-def certify_fixed_gain(
-    problem: GainProblem, L: Array, epsilon: tuple[float, float] | None = None, *, falling_gain: bool = False
-) -> Gain:
+def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: tuple[float, float] | None = None) -> Gain:
     """Return a given gain, shape (n, r), with P and Q that prove it on the whole region; options as for `synthesise`.
 
     Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the
     conditions; DataError for a gain of the wrong shape or with NaN in it.
     """
-    eps_1, eps_2 = _epsilon(epsilon, falling_gain)
+    eps_1, eps_2 = _epsilon(epsilon)
     A, C = problem.matrices()
     L = np.array(L, dtype=float)
     _, r, n = C.shape
@@ -99,14 +94,13 @@ def certify_fixed_gain(
     )
     if isinstance(found, str):
         raise NotProven(_refusal(problem, f"no P, Q prove the given gain as far as can be told ({found})"))
-    return _proven(problem, units, found, L, (eps_1, eps_2), falling_gain)
+    return _proven(problem, units, found, L, (eps_1, eps_2))
 
 
 def largest_feasible(
     problem: GainProblem,
     centre: Sequence[float],
     *,
-    falling_gain: bool,
     cascade: bool,
     decay: float = 0.0,
     epsilon: tuple[float, float] | None = None,
@@ -119,7 +113,7 @@ def largest_feasible(
 
     def attempt(scale: float) -> tuple[GainProblem, Gain]:
         part = GainProblem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
-        return part, synthesise(part, falling_gain=falling_gain, cascade=cascade, decay=decay, epsilon=epsilon)
+        return part, synthesise(part, cascade=cascade, decay=decay, epsilon=epsilon)
 
     try:
         return Shrunk(1.0, None, *attempt(1.0))
@@ -140,7 +134,6 @@ def _proven(
     found: lmi.LmiSolution,
     L: Array,
     epsilon: tuple[float, float],
-    falling_gain: bool,
 ) -> Gain:
     """Return the gain in the problem's units, with the certificate of exactly these floats."""
     eps_1, eps_2 = epsilon
@@ -148,7 +141,7 @@ def _proven(
     c = units.outputs[problem.map_output] ** 2 / (units.rate * found.beta * eps_2)
     squares = np.outer(units.states, units.states)
     P, Q = c * found.P / squares, 0.5 * c * units.rate * np.eye(len(squares)) / squares
-    certificate = check(problem, L, P, Q, eps_1, eps_2, falling_gain=falling_gain)
+    certificate = check(problem, L, P, Q, eps_1, eps_2)
     if not certificate.proven:
         raise NotProven(_refusal(problem, f"the numbers found do not pass the exact check ({certificate.reason})"))
     bound = state_bound(problem, L)
@@ -157,11 +150,10 @@ def _proven(
     return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate, bound)
 
 
-def _epsilon(epsilon: tuple[float, float] | None, falling_gain: bool) -> tuple[float, float]:
-    bound = 1.0 if falling_gain else 2.0
-    eps_1, eps_2 = epsilon if epsilon is not None else (EPSILON_SHARE * bound, EPSILON_SHARE * bound)
-    if not (eps_1 > 0.0 and eps_2 > 0.0 and eps_1 + eps_2 < bound):
-        raise UsageError(f"epsilon is ({eps_1:g}, {eps_2:g}), expected two positive numbers with a sum under {bound:g}")
+def _epsilon(epsilon: tuple[float, float] | None) -> tuple[float, float]:
+    eps_1, eps_2 = epsilon or (EPSILON, EPSILON)
+    if not (eps_1 > 0.0 and eps_2 > 0.0 and eps_1 + eps_2 < 2.0):  # Eq. (28)
+        raise UsageError(f"epsilon is ({eps_1:g}, {eps_2:g}), expected two positive numbers with a sum under 2")
     return eps_1, eps_2
 
 

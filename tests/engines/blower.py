@@ -33,7 +33,6 @@ temperatures = { T_box = 300.0 }
 [gain]
 outputs = ["p_box"]
 cascade = true
-falling_gain = true
 decay = 1.0
 margin = 0.05
 bounds = { rho_n = [1e-7, 1e-6] }

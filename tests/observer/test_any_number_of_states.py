@@ -39,14 +39,14 @@ def chained(request):
     path = chain.chain(n)
     outputs = path.state_names[-2:]  # the first volumes of a long chain are not measured
     problem = chain.problem(n, outputs)
-    gain = synthesise(problem, falling_gain=True, cascade=True, decay=5.0)
+    gain = synthesise(problem, cascade=True, decay=5.0)
     return n, path, outputs, chain.drive(n, n, error), problem, gain
 
 
 def test_the_gain_is_proven_and_a_wrong_one_is_not(chained, tmp_path):
     n, path, outputs, _, problem, gain = chained
     assert gain.L.shape == (n, len(outputs) + 1)
-    assert check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2, falling_gain=True).proven
+    assert check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2).proven
     assert not check(problem, -10.0 * gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2).proven
     stored = StoredGain("synthesised", path.name, {}, path.state_names, outputs, gain, {})
     write_gain(tmp_path / "gain.h5", stored, Provenance({}, ""))
@@ -71,7 +71,7 @@ def few(log, N=300):
 @pytest.mark.parametrize("missing", [False, True], ids=["whole", "readings missing"])
 def test_the_recursion_is_the_dense_step(chained, cascade, missing):
     n, path, outputs, log, problem, gain = chained
-    L = gain.L if cascade else synthesise(problem, falling_gain=True, cascade=False).L + 0.1  # no entry is zero
+    L = gain.L if cascade else synthesise(problem, cascade=False).L + 0.1  # no entry is zero
     log = few(log)
     trajectory, point = path.trajectory(log, outputs), (log["load"], log["n_e"])
     if missing:

@@ -207,7 +207,7 @@ def proven():
     published = certify_fixed_gain(
         GainProblem(partial(Diesel.system, outputs=three), region, 2), PUBLISHED.L, PUBLISHED.epsilon
     )
-    ours = synthesise(GainProblem(partial(Diesel.system, outputs=four), region, 3), falling_gain=False, cascade=False)
+    ours = synthesise(GainProblem(partial(Diesel.system, outputs=four), region, 3), cascade=False)
     return {"published": (three, published), "four outputs": (four, ours)}
 
 

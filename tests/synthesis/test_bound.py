@@ -78,7 +78,7 @@ def test_no_course_of_parameters_and_disturbances_gets_beyond_it(h):
 
 def test_the_gain_of_the_diesel_has_one_and_a_step_of_the_observer_keeps_it(diesel):
     problem = diesel("ETC", p_em=True, **WARM)
-    gain = synthesise(problem, falling_gain=True, cascade=True, decay=1000.0)
+    gain = synthesise(problem, cascade=True, decay=1000.0)
     assert prove_bound(problem, gain.L, gain.bound) == ""
     W, rng = np.array([2e4, 1.5e5, 500.0]), np.random.default_rng(2)
     b = gain.bound.of_rates @ W

@@ -23,12 +23,12 @@ def wide(diesel) -> GainProblem:
 
 @pytest.fixture(scope="module")
 def gain(wide) -> Gain:
-    return synthesise(wide, falling_gain=True, cascade=False)
+    return synthesise(wide, cascade=False)
 
 
 def verdict(problem, gain, **changes):
     g = replace(gain, **changes)
-    return check(problem, g.L, g.P, g.Q, g.eps_1, g.eps_2, falling_gain=True)
+    return check(problem, g.L, g.P, g.Q, g.eps_1, g.eps_2)
 
 
 def scalar_problem():
@@ -46,13 +46,11 @@ def test_a_scalar_case_done_by_hand_is_exact_at_the_edge():
 
 def test_the_sum_of_epsilon_decides_what_is_claimed():
     half = ONE * 0.5
-    assert not check(scalar_problem(), ONE, ONE, half, 0.5, 1.0).falling_gain
-    assert not check(scalar_problem(), ONE, ONE, half, 0.5, 1.0, falling_gain=True).proven
+    assert check(scalar_problem(), ONE, ONE, half, 0.5, 1.0).proven
     assert not check(scalar_problem(), ONE, ONE, half, 1.0, 1.0).proven
     assert not check(scalar_problem(), ONE, ONE, half, -0.5, 1.0).proven
     small = check(scalar_problem(), ONE * 0.1, ONE, ONE * 0.1, 0.1, 0.8)  # -2.2 + 0.1 + 0.1 + 1.25
     assert small.proven
-    assert small.falling_gain
 
 
 def test_the_gain_is_proven_at_all_160_vertices(wide, gain):
@@ -60,7 +58,6 @@ def test_the_gain_is_proven_at_all_160_vertices(wide, gain):
     assert gain.certificate.proven
     assert gain.certificate.vertices == 160
     assert 0.0 < gain.certificate.smallest_pivot <= 1.0
-    assert gain.certificate.falling_gain
 
 
 def inside(region, count, rng):
@@ -89,7 +86,6 @@ def test_a_gain_of_the_wrong_sign_is_refused_with_the_vertex(wide, gain):
     assert not bad.proven
     assert bad.failed_vertex in [tuple(float(v) for v in vertex) for vertex in wide.region.vertices()]
     assert "rho_1 = " in bad.reason
-    assert not bad.falling_gain
 
 
 @pytest.mark.parametrize("name", ["P", "Q"])
@@ -189,7 +185,7 @@ def test_the_smallest_pivot_is_that_of_the_theorem_s_matrices(seed, map_output):
     found = check(constant(A, C, map_output), L, P, Q, 0.6, 0.7)
     least = min(pivots(m).min() for m in (P, Q, minus_M(A, C, map_output, L, P, Q, 0.6, 0.7)))
     assert found.proven
-    assert (found.vertices, found.failed_vertex, found.reason, found.falling_gain) == (1, None, "", False)
+    assert (found.vertices, found.failed_vertex, found.reason) == (1, None, "")
     assert found.smallest_pivot == pytest.approx(least, rel=1e-12)  # the floats' rounding
 
 
@@ -221,41 +217,27 @@ def test_the_least_pivot_may_be_that_of_P_or_of_Q():
 
 
 @pytest.mark.parametrize(
-    ("eps_1", "eps_2", "falling_gain", "reason"),
+    ("eps_1", "eps_2", "reason"),
     [
-        (0.0, 1.0, False, "eps_1 and eps_2 must be positive"),
-        (1.0, 0.0, False, "eps_1 and eps_2 must be positive"),
-        (-0.25, 0.5, True, "eps_1 and eps_2 must be positive"),
-        (0.5, -0.25, True, "eps_1 and eps_2 must be positive"),
-        (1.25, 0.75, False, "2 - eps_1 - eps_2 > 0 does not hold"),
-        (0.75, 1.5, False, "2 - eps_1 - eps_2 > 0 does not hold"),
-        (0.25, 0.75, True, "1 - eps_1 - eps_2 > 0 does not hold"),
-        (0.75, 0.5, True, "1 - eps_1 - eps_2 > 0 does not hold"),
+        (0.0, 1.0, "eps_1 and eps_2 must be positive"),
+        (1.0, 0.0, "eps_1 and eps_2 must be positive"),
+        (-0.25, 0.5, "eps_1 and eps_2 must be positive"),
+        (0.5, -0.25, "eps_1 and eps_2 must be positive"),
+        (1.25, 0.75, "2 - eps_1 - eps_2 > 0 does not hold"),
+        (0.75, 1.5, "2 - eps_1 - eps_2 > 0 does not hold"),
     ],
 )
-def test_epsilon_outside_the_conditions_proves_nothing(eps_1, eps_2, falling_gain, reason):
-    found = check(scalar_problem(), ONE, ONE, ONE * 0.1, eps_1, eps_2, falling_gain=falling_gain)
+def test_epsilon_outside_the_conditions_proves_nothing(eps_1, eps_2, reason):
+    found = check(scalar_problem(), ONE, ONE, ONE * 0.1, eps_1, eps_2)
     assert not found.proven
-    assert not found.falling_gain
     assert found.reason == reason
     assert (found.vertices, found.smallest_pivot, found.failed_vertex) == (2, 0.0, None)
 
 
-@pytest.mark.parametrize(
-    ("eps_1", "eps_2", "falls"),
-    [
-        (0.5, 0.5, False),  # the sum is one: the edge itself is not enough
-        (0.5, np.nextafter(0.5, 0.0), True),
-        (0.25, 1.5, False),
-        (1.25, 0.25, False),
-        (0.125, 0.25, True),
-    ],
-)
-def test_falling_gains_are_covered_where_the_sum_is_under_one(eps_1, eps_2, falls):
-    # A small gain and a large P leave room for any of these; falling gains were not asked for.
-    found = check(scalar_problem(), ONE * 2.0**-6, ONE * 8.0, ONE, eps_1, eps_2)
-    assert found.proven
-    assert found.falling_gain is falls
+@pytest.mark.parametrize(("eps_1", "eps_2"), [(0.5, 0.5), (0.25, 1.5), (1.25, 0.25), (1.0, np.nextafter(1.0, 0.0))])
+def test_a_sum_of_epsilon_under_two_is_enough(eps_1, eps_2):
+    # A small gain and a large P leave room for any of these.
+    assert check(scalar_problem(), ONE * 2.0**-6, ONE * 8.0, ONE, eps_1, eps_2).proven
 
 
 def test_the_first_vertex_that_fails_is_named():

@@ -19,7 +19,7 @@ TAU = (0.05, 0.12)  # s
 @pytest.fixture(scope="module")
 def cascade(diesel):
     problem = diesel("FTP75", p_em=True)
-    return problem, synthesise(problem, falling_gain=True, cascade=True, decay=100.0)
+    return problem, synthesise(problem, cascade=True, decay=100.0)
 
 
 def test_four_states_are_proven_and_the_sensor_corrects_its_own_alone(cascade):
@@ -80,7 +80,7 @@ def engine(entries, outputs, map_output):
 
 def made(problem, L, P):
     n = len(P)
-    unused = Certificate(True, 2, 1.0, None, True, "")
+    unused = Certificate(True, 2, 1.0, None, "")
     return Gain(np.array(L), np.array(P), np.eye(n), 0.4, 0.4, problem.region, unused)
 
 

@@ -13,7 +13,6 @@ GOOD = GainSettings(outputs=("p_im",), bounds={"rho": (-1.0, 2.0)}, temperatures
 def test_defaults_ask_for_what_the_default_method_needs():
     assert (GOOD.margin, GOOD.decay, GOOD.nonnegative_sums) == (0.05, 0.0, ())
     assert GOOD.cascade
-    assert GOOD.falling_gain
 
 
 @pytest.mark.parametrize(

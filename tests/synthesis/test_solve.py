@@ -22,29 +22,28 @@ def one_state(c=3, low=4.0, high=4.0):
     return GainProblem(lambda p: ([[-p[0]]], [[c]]), Region(("a",), (low,), (high,)), 0)
 
 
-@pytest.mark.parametrize(("falling_gain", "eps"), [(True, 0.49), (False, 0.98)])
+@pytest.mark.parametrize("eps", [0.49, 0.98])
 @pytest.mark.parametrize(("a", "c"), [(4.0, 3), (0.25, 3), (7.0, 200)])
-def test_of_what_a_cascade_loses_half_goes_into_Q_and_a_quarter_to_the_map(a, c, falling_gain, eps):
-    gain = synthesise(one_state(c, a, a), falling_gain=falling_gain, cascade=True)
+def test_of_what_a_cascade_loses_half_goes_into_Q_and_a_quarter_to_the_map(a, c, eps):
+    gain = synthesise(one_state(c, a, a), cascade=True, epsilon=None if eps == 0.49 else (eps, eps))
     assert gain.L.tolist() == [[0.0]]
     assert (gain.eps_1, gain.eps_2) == (eps, eps)
     share = c**2 / eps
     np.testing.assert_allclose([2.0 * a * gain.P[0, 0], gain.Q[0, 0]], [4.0 * share, 2.0 * share], rtol=CLOSE)
     assert gain.certificate.proven
-    assert gain.certificate.falling_gain is falling_gain
     # -M = [[4 - 2, 0, -c], [0, eps, 0], [-c, 0, eps]] in those shares: 1 - 1/2 is the least pivot
     assert gain.certificate.smallest_pivot == pytest.approx(0.5, rel=CLOSE)
     assert gain.region == Region(("a",), (a,), (a,))
 
 
 def test_the_slowest_vertex_decides():
-    gain = synthesise(one_state(3, 1.0, 4.0), falling_gain=True, cascade=True)
+    gain = synthesise(one_state(3, 1.0, 4.0), cascade=True)
     assert 2.0 * gain.P[0, 0] == pytest.approx(4.0 * 9.0 / 0.49, rel=CLOSE)
 
 
 @pytest.mark.parametrize("decay", [1.0, 2.0, 3.5])
 def test_decay_is_taken_from_what_P_may_count_on(decay):
-    gain = synthesise(one_state(), falling_gain=True, cascade=True, decay=decay)
+    gain = synthesise(one_state(), cascade=True, decay=decay)
     assert 2.0 * (4.0 - decay) * gain.P[0, 0] == pytest.approx(4.0 * 9.0 / 0.49, rel=CLOSE)
 
 
@@ -52,7 +51,7 @@ def test_no_faster_decay_than_the_plant_s_without_a_measurement():
     with pytest.raises(
         NotProven, match=r"no gain exists as far as can be told .*infeasible.* on a \[4, 4\]; expected Eq"
     ):
-        synthesise(one_state(), falling_gain=True, cascade=True, decay=4.5)
+        synthesise(one_state(), cascade=True, decay=4.5)
 
 
 @pytest.mark.parametrize(("epsilon", "k"), [(None, 0.49**2), ((0.25, 0.11), 0.0275), ((0.2, 0.7), 0.14)])
@@ -63,7 +62,7 @@ def test_one_state_seen_through_the_map_gets_the_gain_of_a_search(epsilon, k):
         return (1.0 + beta + Y**2 / (k * beta) - 2.0 * Y) / 2.0
 
     Y = minimize_scalar(lambda Y: P(Y) + Y**2 / P(Y), bounds=(-1.0, 1.0), options={"xatol": 1e-10}, method="bounded").x
-    gain = synthesise(one_state(), falling_gain=True, cascade=False, epsilon=epsilon)
+    gain = synthesise(one_state(), cascade=False, epsilon=epsilon)
     np.testing.assert_allclose(
         gain.L, [[4.0 / 3.0 * Y / P(Y)]], rtol=0, atol=2e-4
     )  # the root of 1e-8 at a flat minimum
@@ -87,7 +86,7 @@ def in_odd_units(A, C):
 
 @pytest.mark.parametrize("decay", [0.0, 4.0])
 def test_two_states_in_odd_units_get_the_kalman_filter(decay):
-    gain = synthesise(in_odd_units(OSCILLATOR, SEEN), falling_gain=True, cascade=True, decay=decay)
+    gain = synthesise(in_odd_units(OSCILLATOR, SEEN), cascade=True, decay=decay)
     X = solve_continuous_are((OSCILLATOR + decay / RATE * np.eye(2)).T, SEEN[:1].T, np.eye(2), np.eye(1))
     back = gain.L / T[:, None] * S / RATE
     np.testing.assert_allclose(
@@ -102,9 +101,9 @@ def test_two_states_in_odd_units_get_the_kalman_filter(decay):
 def test_units_are_taken_back_exactly(cascade):
     """The scales are powers of two, so even the rounding to 12 digits sees the same numbers but for the last place."""
     A = OSCILLATOR - np.array([[0.5, 0.0], [0.0, 0.25]])
-    odd = synthesise(in_odd_units(A, SEEN), falling_gain=True, cascade=cascade)
+    odd = synthesise(in_odd_units(A, SEEN), cascade=cascade)
     plain = GainProblem(lambda _: ((A * 4).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
-    even = synthesise(plain, falling_gain=True, cascade=cascade)  # the rate is 4 here
+    even = synthesise(plain, cascade=cascade)  # the rate is 4 here
     np.testing.assert_allclose(
         odd.L / T[:, None] * S / 2.0, even.L, rtol=1e-6, atol=1e-9
     )  # the solver's path, see above
@@ -116,22 +115,20 @@ def test_units_are_taken_back_exactly(cascade):
 
 def test_a_gain_of_nothing_is_proven_like_a_cascade():
     for problem in (one_state(), one_state(200, 1.0, 7.0)):
-        given = certify_fixed_gain(problem, np.zeros((1, 1)), falling_gain=True)
-        made = synthesise(problem, falling_gain=True, cascade=True)
+        given = certify_fixed_gain(problem, np.zeros((1, 1)))
+        made = synthesise(problem, cascade=True)
         np.testing.assert_allclose([given.P, given.Q], [made.P, made.Q], rtol=CLOSE)
-        assert given.certificate.falling_gain
         assert given.L.tolist() == [[0.0]]
 
 
 @pytest.mark.parametrize(("a", "c"), [(4.0, 3), (0.25, 3), (7.0, 200)])
-@pytest.mark.parametrize(("epsilon", "root"), [((0.5, 0.5), 0.5), ((0.2, 0.8), 0.4), (None, 0.98)])
+@pytest.mark.parametrize(("epsilon", "root"), [((0.5, 0.5), 0.5), ((0.2, 0.8), 0.4), (None, 0.49)])
 def test_how_large_a_given_gain_may_be_is_known(a, c, epsilon, root):
     # 2 P (a + L c) > 2 P L c / sqrt(eps_1 eps_2), whatever P: L c < a root / (1 - root)
     limit = a * root / (1.0 - root) / c
     gain = certify_fixed_gain(one_state(c, a, a), np.array([[0.9 * limit]]), epsilon)
     assert gain.L.tolist() == [[0.9 * limit]]
-    assert (gain.eps_1, gain.eps_2) == (epsilon or (0.98, 0.98))
-    assert gain.certificate.falling_gain is False  # of the sums 1, 1 and 1.96
+    assert (gain.eps_1, gain.eps_2) == (epsilon or (0.49, 0.49))
     with pytest.raises(NotProven, match=r"no P, Q prove the given gain as far as can be told .*infeasible"):
         certify_fixed_gain(one_state(c, a, a), np.array([[1.1 * limit]]), epsilon)
 
@@ -140,8 +137,8 @@ def test_a_given_gain_in_odd_units_is_proven_like_in_even_ones():
     A = OSCILLATOR - np.array([[0.5, 0.0], [0.0, 0.25]])
     plain = GainProblem(lambda _: ((A * 8).astype(int).tolist(), SEEN.astype(int).tolist()), POINT, 1)
     L = np.array([[4.0, -0.5], [2.0, 0.25]])
-    even = certify_fixed_gain(plain, L, falling_gain=True)
-    odd = certify_fixed_gain(in_odd_units(A, SEEN), L * T[:, None] / S, falling_gain=True)
+    even = certify_fixed_gain(plain, L)
+    odd = certify_fixed_gain(in_odd_units(A, SEEN), L * T[:, None] / S)
     scale = S[1] ** 2 / np.outer(T, T)
     np.testing.assert_allclose(odd.P / scale, even.P, rtol=1e-5, atol=1e-5 * even.P.max())  # the solver's path
     np.testing.assert_allclose(odd.Q / scale, even.Q, rtol=1e-5, atol=0)
@@ -159,30 +156,20 @@ def test_one_entry_that_is_no_number_is_enough_to_refuse_a_gain():
 
 
 @pytest.mark.parametrize(
-    ("epsilon", "falling_gain", "bound"),
-    [
-        ((0.5, 0.5), True, 1),
-        ((0.75, 0.5), True, 1),
-        ((0.5, 0.75), True, 1),
-        ((1.25, 0.75), False, 2),
-        ((0.0, 0.25), True, 1),
-        ((0.25, 0.0), True, 1),
-        ((-0.25, 0.25), True, 1),
-        ((0.25, -0.25), False, 2),
-        ((np.nan, 0.25), True, 1),
-    ],
+    "epsilon",
+    [(1.25, 0.75), (0.75, 1.25), (1.5, 1.0), (0.0, 0.25), (0.25, 0.0), (-0.25, 0.25), (0.25, -0.25), (np.nan, 0.25)],
 )
-def test_epsilon_outside_the_conditions_is_refused(epsilon, falling_gain, bound):
-    words = f"expected two positive numbers with a sum under {bound}$"
+def test_epsilon_outside_the_conditions_is_refused(epsilon):
+    words = "expected two positive numbers with a sum under 2$"
     with pytest.raises(UsageError, match=words):
-        synthesise(one_state(), falling_gain=falling_gain, cascade=True, epsilon=epsilon)
+        synthesise(one_state(), cascade=True, epsilon=epsilon)
     with pytest.raises(UsageError, match=words):
-        certify_fixed_gain(one_state(), np.zeros((1, 1)), epsilon, falling_gain=falling_gain)
+        certify_fixed_gain(one_state(), np.zeros((1, 1)), epsilon)
 
 
-@pytest.mark.parametrize(("epsilon", "falling_gain"), [((0.5, 0.49), True), ((1.25, 0.7), False), ((0.01, 0.02), True)])
-def test_epsilon_inside_the_conditions_is_kept(epsilon, falling_gain):
-    gain = synthesise(one_state(), falling_gain=falling_gain, cascade=True, epsilon=epsilon)
+@pytest.mark.parametrize("epsilon", [(0.5, 0.49), (1.25, 0.7), (0.01, 0.02)])
+def test_epsilon_inside_the_conditions_is_kept(epsilon):
+    gain = synthesise(one_state(), cascade=True, epsilon=epsilon)
     assert (gain.eps_1, gain.eps_2) == epsilon
 
 
@@ -193,7 +180,7 @@ def lying_solver(P, L):
 def test_what_a_solver_claims_is_not_believed(monkeypatch):
     monkeypatch.setattr(lmi, "free_gain", lying_solver(0.2, 0.0))  # 0.5 would do
     with pytest.raises(NotProven, match=r"do not pass the exact check .M is not negative definite at a = 4"):
-        synthesise(one_state(), falling_gain=True, cascade=True)
+        synthesise(one_state(), cascade=True)
     monkeypatch.setattr(lmi, "fixed_gain", lying_solver(0.2, 0.0))
     with pytest.raises(NotProven, match="do not pass the exact check"):
         certify_fixed_gain(one_state(), np.zeros((1, 1)))
@@ -201,7 +188,7 @@ def test_what_a_solver_claims_is_not_believed(monkeypatch):
 
 def test_a_gain_has_no_negative_zeros(monkeypatch):
     monkeypatch.setattr(lmi, "free_gain", lying_solver(0.5, -0.0))  # this one says the truth, with a sign
-    assert not np.signbit(synthesise(one_state(), falling_gain=True, cascade=True).L).any()
+    assert not np.signbit(synthesise(one_state(), cascade=True).L).any()
 
 
 def test_the_solver_sees_twelve_digits(monkeypatch):
@@ -216,7 +203,7 @@ def test_the_solver_sees_twelve_digits(monkeypatch):
     )
     monkeypatch.setattr(lmi, "free_gain", refuses)
     with pytest.raises(NotProven, match=r"no gain exists as far as can be told .no. on"):
-        synthesise(problem, falling_gain=True, cascade=True)
+        synthesise(problem, cascade=True)
     monkeypatch.setattr(lmi, "fixed_gain", refuses)
     with pytest.raises(NotProven, match=r"prove the given gain as far as can be told .no. on"):
         certify_fixed_gain(problem, np.zeros((2, 1)))
@@ -232,7 +219,7 @@ def edge_at(end):
 
 
 def test_the_largest_part_ends_where_the_hidden_state_stops_to_decay():
-    found = largest_feasible(edge_at(2.0), (-1.0,), falling_gain=True, cascade=False)  # -1 + 3 s < 0
+    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=False)  # -1 + 3 s < 0
     assert found.scale < 1.0 / 3.0 <= found.refused
     assert 0.0 < found.refused - found.scale <= 0.01
     assert found.problem.region.lower == (-1.0,)
@@ -245,7 +232,7 @@ def test_the_largest_part_ends_where_the_hidden_state_stops_to_decay():
     ("resolution", "scale", "refused"), [(1.0, 0.0, 1.0), (0.5, 0.0, 0.5), (0.4, 0.25, 0.5), (0.2, 0.25, 0.375)]
 )
 def test_bisection_stops_at_the_resolution_asked_for(resolution, scale, refused):
-    found = largest_feasible(edge_at(2.0), (-1.0,), falling_gain=True, cascade=True, resolution=resolution)
+    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=True, resolution=resolution)
     assert (found.scale, found.refused) == (scale, refused)
 
 
@@ -259,25 +246,23 @@ def test_no_part_is_tried_twice(monkeypatch):
     monkeypatch.setattr(lmi, "free_gain", counted)
     for resolution, parts in ((1.0, 2), (0.5, 3), (0.25, 4)):  # the whole, the centre, and so many halves
         solved.clear()
-        largest_feasible(edge_at(2.0), (-1.0,), falling_gain=True, cascade=True, resolution=resolution)
+        largest_feasible(edge_at(2.0), (-1.0,), cascade=True, resolution=resolution)
         assert len(solved) == parts
 
 
 def test_a_region_that_can_be_had_is_not_shrunk():
     problem = edge_at(-0.25)
-    found = largest_feasible(problem, (-0.5,), falling_gain=True, cascade=True)
+    found = largest_feasible(problem, (-0.5,), cascade=True)
     assert isinstance(found, Shrunk)
     assert (found.scale, found.refused, found.problem) == (1.0, None, problem)
 
 
 def test_decay_and_epsilon_hold_for_the_largest_part_too():
-    found = largest_feasible(
-        edge_at(2.0), (-1.0,), falling_gain=False, cascade=True, decay=0.25, epsilon=(0.25, 1.25), resolution=0.02
-    )
+    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=True, decay=0.25, epsilon=(0.25, 1.25), resolution=0.02)
     assert found.scale < 0.25 <= found.refused  # -1 + 3 s + 0.25 < 0
     assert (found.gain.eps_1, found.gain.eps_2) == (0.25, 1.25)
 
 
 def test_a_centre_without_a_gain_is_the_end_of_it():
     with pytest.raises(NotProven, match=r"on a \[0.5, 0.5\]"):
-        largest_feasible(edge_at(2.0), (0.5,), falling_gain=True, cascade=True)
+        largest_feasible(edge_at(2.0), (0.5,), cascade=True)

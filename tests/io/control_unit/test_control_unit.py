@@ -249,7 +249,7 @@ def test_an_engine_with_learned_curves(tmp_path):
     names = air_path.parameter_names
     region = Region(names, (0.0,) * len(names), (1.0,) * len(names))
     L = np.array([[50.0, 0.1, 0.0], [0.1, 50.0, 0.0], [1e-6, 1e-6, 0.0]])
-    gain = Gain(L, np.eye(3), np.eye(3), 0.5, 0.5, region, Certificate(True, 1, 1.0, None, True, ""))
+    gain = Gain(L, np.eye(3), np.eye(3), 0.5, 0.5, region, Certificate(True, 1, 1.0, None, ""))
     stored = StoredGain("made up", air_path.name, {}, air_path.state_names, config.gain.outputs, gain, {})
     size, grid = config.grid().size, config.grid()
     unit = Unit(
