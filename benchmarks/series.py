@@ -10,6 +10,7 @@ Judged as in `engine_as_it_is.py`, over the nodes that each row estimates: the e
 whose 90 % interval holds the node of the best bilinear map; further, the nodes over those that the drive informs.
 """
 
+import json
 import sys
 from collections import defaultdict
 from dataclasses import fields, replace
@@ -32,6 +33,8 @@ from lpvobs.simulation.stationary import BenchTable, bench
 
 SERIES = Path(__file__).parent.parent / "configs" / "series.toml"
 RATE, PROBE, PROBE_NOISE = 20.0, 0.3, 0.005
+CASES = ("same structure", "another structure")
+DONE = Path(__file__).parent.parent / "build" / "series"
 ROWS = {
     "full diesel": (),
     "bench table": (),
@@ -43,14 +46,18 @@ ROWS = {
 
 
 def main(draws: int) -> None:
-    """Print and keep the table after every draw."""
+    """Print and keep the table; draws that an earlier run has done are read from the file of each."""
     found: dict[tuple[str, str], list[tuple[Judged, float]]] = defaultdict(list)
+    DONE.mkdir(parents=True, exist_ok=True)
     for seed in range(FIRST_SEED, FIRST_SEED + draws):
-        for case in ("same structure", "another structure"):
-            for row, one in one_draw(case == "another structure", seed):
-                found[case, row].append(one)
-                print(case, row, seed, one, file=sys.stderr)
-        publish("series", f"What most vehicles log, {seed - FIRST_SEED + 1} draws", table_of(found), "make series")
+        for case in CASES:
+            file = DONE / f"{seed}_{case.split()[0]}.json"
+            if not file.is_file():
+                rows = one_draw(case == CASES[1], seed)
+                file.write_text(json.dumps([(row, vars(one), share) for row, (one, share) in rows]), encoding="utf-8")
+            for row, one, share in json.loads(file.read_text(encoding="utf-8")):
+                found[case, row].append((Judged(**one), share))
+    publish("series", f"What most vehicles log, {draws} draws", table_of(found), "make series")
 
 
 def table_of(found: dict[tuple[str, str], list[tuple[Judged, float]]]) -> str:
@@ -102,7 +109,7 @@ def one_draw(other: bool, seed: int) -> list[tuple[str, tuple[Judged, float]]]:
         log = replace(d.log, channels={**d.log.channels, **dict.fromkeys(lacks, np.full(len(d.log), np.nan))})
         point = start_of(ours) if row == "EGR as configured" else taught
         map_ = from_point(ours, point, replace(d, log=log))
-        share = map_.supported.sum() / full.supported.sum()
+        share = float(map_.supported.sum() / full.supported.sum())
         told.append((row, judged(ours.grid, map_.theta, map_.covariance, map_.supported, d), share))
     return [(row, (one, share)) for row, one, share in told]
 

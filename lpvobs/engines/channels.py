@@ -61,42 +61,49 @@ COMMON: dict[str, Recorded] = {
         "rpm",
         (500, 5000),
         SPEED,
-        r"n e|ne|n eng|n mot|nmot( w)?|eng(ine)? (speed|rpm)|motordrehzahl|rpm|drehzahl|(engine )?revs|dzm nmit",
-        r"n|speed|engine.*(speed|rpm).*|.*motordrehzahl.*",
+        r"n e|ne|n eng|r.gime moteur|n mot|nmot( w)?|eng(ine)? (speed|rpm)|motordrehzahl|rpm|drehzahl|"
+        r"(engine )?revs|dzm nmit",
+        r"n|speed|.*régime.*|engine.*(speed|rpm).*|.*motordrehzahl.*",
         r"(Epm|Eng|CoEng|EngSpd|EngN|CrS)\w*_n(Eng|Avrg|EngAvrg|Act)?\w*",
     ),
     "p_im": Recorded(
         "Pa",
         (2e4, 4e5),
         PRESSURE,
-        r"p im|(eng(ine)? )?(intake|inlet) mani(fold)? ?1? ?(abs(olute)? )?press(ure)?( a)?|map|ps w|ldm p llin|"
-        r"manifold (absolute )?press(ure)?|(saugrohr|ladeluft)druck( (ist|absolut|abs))*|ladedruck (ist|absolut)",
-        r"p ?(2|22|int|man|boost).*|.*(boost|charge).*press.*|.*ladedruck.*|.*manifold.*press.*|pvdkd?s( w)?|map .*",
-        r"Air_p(IntkV|IntkMnf|IntMnf|CACDs)\w*|(PIntk|IntMnf|IntkMnf|IntkP|BstP|BoostP|PBst|BPS|ChrgP)\w*_p\w*|"
-        r"PCR_pAct\w*",
+        r"p im|pim|p (intake )?manifold|p lade|(eng(ine)? )?(intake|"
+        r"inlet) mani(fold)? ?1? ?(abs(olute)? )?press(ure)?( a)?|map|ps w|ldm p llin|"
+        r"manifold (absolute )?press(ure)?|pression (de )?suralimentation( mesurée)?|(charge|"
+        r"boost) press(ure)? (actual|absolute)|(saugrohr|ladeluft)druck( (ist|absolut|abs))*|ladedruck (ist|absolut)",
+        r"p ?(2|22|int|man|boost).*|bpscd.*|.*pression.*(admission|suralim).*|.*(boost|charge).*press.*|"
+        r".*ladedruck.*|.*manifold.*press.*|pvdkd?s( w)?|map .*",
+        r"Air_p(IntkV|IntkMnf|IntMnf|CACDs)\w*|(PIntk|IntMnf|IntkMnf|IntkP|BstP|BoostP|PBst|ChrgP)\w*_p\w*|"
+        r"PCR(CD)?_p(Act|Flt)\w*",
     ),
     "p_amb": Recorded(
         "Pa",
         (5.5e4, 1.1e5),
         PRESSURE,
-        r"p amb|(abs(olute)? )?(ambient|baro(metric)?|atmospheric) pres(s(ure)?)?( from vehicle)?|"
+        r"p ?amb|p ?atm(ospheric)?|p (baro|umg)|pression atmosph.rique|(abs(olute)? )?(ambient|baro(metric)?|"
+        r"atmospheric) pres(s(ure)?)?( from vehicle)?|"
         r"(umgebungs|luft|atmosphären|atmosphaeren)druck|baro|pu( w)?",
-        r"p ?(0|atm|env).*|.*baro.*|.*(ambient|atmos).*pres.*|.*(umgebung|atmosph).*druck.*",
+        r"p ?(0|atm|env).*|bpscd.*|apscd.*|.*baro.*|.*(ambient|atmos).*pres.*|.*(umgebung|atmosph).*druck.*",
         r"Env(P|Prs)?\w*_p\w*",
     ),
     "T_amb": Recorded(
         "K",
         (220, 330),
         TEMPERATURE,
-        r"t amb|(ambient|outside) (air )?temp(erature)?|(umgebungs|aussen|außen)(luft)?temp(eratur)?|tumg( w)?",
+        r"t ?amb|t umg|tha|aat|temp.rature (air )?(ext.rieure|ambiante)|(ambient|outside) (air )?temp(erature)?|"
+        r"(umgebungs|aussen|außen)(luft)?temp(eratur)?|tumg( w)?",
         r"t ?(0|1|env).*|.*(ambient|outside).*temp.*|.*(umgebung|au(ss|ß)en).*temp.*|t at maf|.*\bafs\b.*temp.*",
-        r"Env(T|Tmp)?\w*_t(?!i)\w*|Air_tEnv\w*",
+        r"Env(T|Tmp)?\w*_t(?!i)\w*|EATS(CD)?_t(?!i)\w*|Air_tEnv\w*",
     ),
     "W_maf": Recorded(
         "kg/s",
         (5e-4, 0.5),
         ("kg/s", "g/s", "kg/h"),
-        r"w maf|maf( air)?( flow)?( rate)?|(mass air|(inlet |intake )?air mass) ?flow( rate| sensor)?|hfm|"
+        r"w ?maf|lmm|ga|fa mass|d.bit massique d air|fresh air (mass )?flow|maf( air)?( flow)?( rate)?|"
+        r"(mass air|(inlet |intake )?air mass) ?flow( rate| sensor)?|hfm|"
         r"ml( hfm)?( w)?|mshfm( w)?|"
         r"air flow rate( from mass (air )?flow sensor)?|(eng(ine)? )?(inlet|intake) air mass flow( rate)?|"
         r"luftmassen?(strom|durchsatz|fluss)?( ist)?|luftmassenmesser",

@@ -17,6 +17,10 @@ from lpvobs.io.logs.units import canonical, convert
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
+IN_FULL = {
+    "prs": "press", "pres": "press", "intk": "intake", "int": "intake", "man": "manifold", "mani": "manifold", "spd": "speed",
+    "exh": "exhaust", "amb": "ambient", "tmp": "temp", "vlv": "valve", "qty": "quantity",
+}  # fmt: skip
 NOT_MEASURED = re.compile(r"(Des|Set|Req|Lim|Max|Min|Dvt|Gov|Soll|Nom|Mon)(?!UnBal)")
 """What short names of control units call wanted, limited and controlled values."""
 
@@ -47,10 +51,21 @@ def normalised(name: str) -> str:
     >>> normalised("EngineSpeed_filt"), normalised("meas.p_im"), normalised("W_maf")
     ('engine speed filt', 'p im', 'w maf')
     """
-    last = bare(name).rsplit(".", 1)[-1].rsplit(":", 1)[-1]
+    last = re.split(r"[.:](?=\w)", bare(name))[-1]
     split = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=\d)(?=[A-Z][a-z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", last)
-    words = " ".join(re.sub(r"[^0-9a-zäöüß]+", " ", split.lower()).split())
-    return re.sub(r"^(s\d+ )?pid [0-9a-f]{2} ", "", words)
+    words = " ".join(re.sub(r"[\W_]+", " ", split.lower()).split())
+    return re.sub(r"^(s\d+ )?pid [0-9a-f]{2} | g\d{2,3}$", "", words)
+
+
+def spelled_out(words: str) -> str:
+    """Return words with the usual abbreviations in full.
+
+    Examples
+    --------
+    >>> spelled_out("intk man prs")
+    'intake manifold press'
+    """
+    return " ".join(IN_FULL.get(word, word) for word in words.split())
 
 
 def bare(name: str) -> str:
@@ -99,10 +114,12 @@ def guess(
     known, name = known_channels()[channel], normalised(head.name)[:LONGEST_NAME]
     code = bare(head.name).rsplit(".", 1)[-1][:LONGEST_NAME]
     short = re.fullmatch(known.codes, code) is not None
-    strong = re.fullmatch(known.strong, name) is not None or (short and NOT_MEASURED.search(code) is None)
+    spellings = {name, spelled_out(name)}
+    named = any(re.fullmatch(known.strong, text) for text in spellings)
+    strong = named or (short and NOT_MEASURED.search(code) is None)
     said = own.get(bare(head.name))
     strong = said == channel if said else strong and channel not in own.values()
-    if not strong and (said or not (short or re.fullmatch(known.strong, name) or re.fullmatch(known.weak, name))):
+    if not strong and (said or not (short or named or any(re.fullmatch(known.weak, text) for text in spellings))):
         return None
     how = "means that by your own table" if said else "means that" if strong else "may mean that"
     reasons = [f"the name '{head.name}' {how}"]

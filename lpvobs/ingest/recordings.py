@@ -25,6 +25,8 @@ MOST_COLUMNS = 50_000
 LONGEST_EXAMPLE = 40
 
 _NUMBER = r"^[+-]?(\d+\.?\d*([eE][+-]?\d+)?|\.\d+([eE][+-]?\d+)?|[nN][aA][nN]|[iI][nN][fF])$"
+_NO_UNIT = re.compile(r"\d+|actual|measured|abs(olute)?|ist|soll|specified|filtered|raw|[gn]\d+")
+"""What stands in brackets and is no unit: the index of an array, the state of a value, the label of a sensor."""
 _WITH_UNIT = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]\s*")
 
 
@@ -105,7 +107,7 @@ def split_unit(header: str) -> tuple[str, str]:
     (('Engine RPM', 'RPM'), ('p_im', 'kPa'), ('time', ''))
     """
     found = _WITH_UNIT.fullmatch(header)
-    if not found or found.group(2).strip().isdigit():  # the index of an array
+    if not found or _NO_UNIT.fullmatch(found.group(2).strip().lower()):
         return header.strip(), ""
     return found.group(1), found.group(2).strip()
 

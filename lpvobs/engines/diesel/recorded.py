@@ -11,7 +11,7 @@ RECORDED: Mapping[str, Recorded] = {
         "%",
         (-5, 105),
         SHARE,
-        r"u vgt|(eng(ine)? )?(vgt|vtg|vnt|turbo vane) ?1? ?(act(uator|ual)? ?1? )?(pos(ition)?|opening|"
+        r"u ?vgt|(eng(ine)? )?(vgt|vtg|vnt|turbo vane) ?1? ?(act(uator|ual)? ?1? )?(pos(ition)?|opening|"
         r"stellung)( ist)?",
         r".*\b(vgt|vtg|vnt|vane)\b.*|.*ladedruck(steller|regel).*|.*variable geometry.*",
         r"(TrbCh|TrbChrg|VGT|VTG|TrbVtg)\w*_r(Act|ActFlt)?(_mp|_r32)?",
@@ -20,7 +20,8 @@ RECORDED: Mapping[str, Recorded] = {
         "rad/s",
         (300, 3e4),
         SPEED,
-        r"omega t|(eng(ine)? )?turb(o|ine|ocharger|o charger) ?1? ?(speed|rpm)|n (turb|tc)|(turbolader|turbinen|"
+        r"omega t|nt|n turbo|n atl|(eng(ine)? )?turb(o|ine|ocharger|o charger) ?1? ?(speed|rpm)|n (turb|tc)|"
+        r"(turbolader|turbinen|"
         r"lader)drehzahl",
         r".*(turbo|turbine|charger|lader).*(speed|rpm|drehzahl).*",
         r"(TrbChrg|TrbCh|Trbn|Trb|TCSpd)\w*_n\w*",

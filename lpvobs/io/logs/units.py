@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 # What measurement systems write, and pint reads as something else or not at all. Keys in lower case; upper and lower case are told
 # apart only where a letter's size is a factor of its own (mPa and MPa, pA and Pa stay what they are).
 _FIELD_SPELLINGS = (
-    dict.fromkeys(("1/min", "min^-1", "min-1", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm")
-    | {f"mg/{word}": "mg/cycle" for word in ("cycle", "cyc", "stroke", "str", "stk", "hub", "asp", "zyklus", "zyk")}
+    dict.fromkeys(("1/min", "/min", "tr/min", "min^-1", "min-1", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm")
+    | {
+        f"mg/{word}": "mg/cycle"
+        for word in ("cycle", "cyc", "stroke", "str", "stk", "hub", "asp", "zyklus", "zyk", "coup", "h")
+    }
     | {f"mg/({word})": "mg/cycle" for word in ("cycle", "stroke")}
     | dict.fromkeys(("-", "--", "[-]"), "1")
     | dict.fromkeys(("percent", "pct", "prozent"), "%")
