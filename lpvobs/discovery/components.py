@@ -57,7 +57,7 @@ def component_candidates(linear: Linear) -> list[tuple[Candidate, FactorSurface]
         surface = surface_of(linear, curve)
         if surface is not None:
             candidate = fit_candidate(linear, driven_by(curve, surface), size=surface.amplitude)
-            if abs(candidate.term.size) < LARGEST:
+            if abs(candidate.term.size) < LARGEST * curve.deviation:
                 found.append((replace(candidate, gain=candidate.gain - surface.cost), surface))
     return found
 
@@ -124,7 +124,7 @@ def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:
     def shape(constants: Any, x: Mapping[str, Array]) -> Array:
         return values_at(on_surface(surface.first, surface.second, *curve.inputs(constants, x)), surface.values)
 
-    return following(curve.id, curve.carrier, shape, curve.deviation, LARGEST)
+    return following(curve.id, curve.carrier, shape, curve.deviation, LARGEST * curve.deviation)
 
 
 def _smooth(
