@@ -1,6 +1,6 @@
 """`calibrate`: from a bench table and logs of known air flow to what is known of an engine, and which points would tell most."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,18 +8,19 @@ import numpy as np
 
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
+from lpvobs.api.known_engine import learned_engine
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import AMBIENT
-from lpvobs.engines.unknowns import TABLE_FLOW, unknowns_of
+from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.bench import BenchPoints, read_bench
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.engines import EngineRow, StoredEngine, read_engine, write_engine
+from lpvobs.io.results.engines import ComponentPoint, EngineRow, StoredEngine, read_engine, write_engine
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import Point
@@ -29,6 +30,8 @@ from lpvobs.report.engines import PlannedPoint
 
 USUAL_TOLERANCE = 0.01
 """Of a constant that only a component's table tells of, and of which the configuration says nothing: as of the others."""
+LEAST_SHARE = 0.3
+"""Of a row's flow that passes a component, for the row to be a point on its correction."""
 FROM_BENCH = 0.3
 """Share of the progress for the bench where there are logs as well."""
 
@@ -95,12 +98,16 @@ def calibrate(
                 f"{path}: another input has this name, by which an engine keeps its digest; rename one of them"
             )
     with writing(out, [config, *inputs, given]) as target:
-        if not air_path.components:
-            raise UsageError(
-                f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has; "
-                f"`lpvobs estimate` learns it from healthy logs"
-            )
-        stored = _calibrated(configuration, text, (tables, known, metered), parts, given, progress or silent)
+        if air_path.learns:
+            if tables or metered or parts or not known:
+                raise UsageError(
+                    f"{as_path(config)}: a {air_path.name} engine learns from healthy logs alone; give --healthy LOG"
+                )
+            stored = _learned(configuration, text, known)
+        elif not air_path.components:
+            raise UsageError(f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has")
+        else:
+            stored = _calibrated(configuration, text, (tables, known, metered), parts, given, progress or silent)
         write_engine(target, stored)
     return stored
 
@@ -119,17 +126,7 @@ def _calibrated(
     settings = config.estimate.of_engine(air_path.usual_tolerance)
     own = [name for kind, _, _ in parts for name in air_path.component_maps[kind].constants]
     told = {name: config.estimate.tolerance.get(name, USUAL_TOLERANCE) for name in own}
-    unknowns = unknowns_of({**settings.tolerance, **told}, air_path.components)
-    stored = StoredEngine(
-        air_path=air_path.name,
-        constants={name: float(value) for name, value in air_path.engine_constants().items()},
-        unknowns=unknowns,
-        prior_error=np.sqrt(np.diag(unknowns.covariance)),
-        amplitudes={},
-        left={},
-        rows=(),
-        provenance=Provenance({}, text),
-    )
+    stored = _as_configured(air_path, unknowns_of({**settings.tolerance, **told}, air_path.components), text)
     if tables or parts:
         points = read_bench(tables, air_path) if tables else BenchPoints({}, {})
         measured = [bench_table(air_path, points.columns)] if tables else []
@@ -140,7 +137,7 @@ def _calibrated(
         progress(FROM_BENCH)
         logs = [read_log(path, air_path.channels, config.reading) for path in known]
         logs += [_metered(config, path) for path in metered]
-        made = gain_for(config, [*known, *metered], gain, "observer")
+        made = gain_for(config, [*known, *metered], gain, "observer", air_path)
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
         found = taught(
             point,
@@ -159,6 +156,31 @@ def _calibrated(
         )
     progress(1.0)
     return stored
+
+
+def _as_configured(air_path: AirPath, unknowns: Unknowns, text: str) -> StoredEngine:
+    return StoredEngine(
+        air_path=air_path.name,
+        constants={name: float(value) for name, value in air_path.engine_constants().items()},
+        unknowns=unknowns,
+        prior_error=np.sqrt(np.diag(unknowns.covariance)),
+        amplitudes={},
+        left={},
+        rows=(),
+        provenance=Provenance({}, text),
+    )
+
+
+def _learned(config: Config, text: str, paths: Sequence[Path]) -> StoredEngine:
+    """Return an engine whose curves healthy logs show."""
+    logs = [read_log(path, config.kind.air_path.channels, config.reading) for path in paths]
+    digests = {path.name: log.sha256 for path, log in zip(paths, logs, strict=True)}
+    known = learned_engine(config, logs)
+    return replace(
+        _as_configured(known.air_path, unknowns_of({}, ()), text),
+        provenance=Provenance(digests, text),
+        learned=known.learning(),
+    )
 
 
 def _metered(config: Config, path: Path) -> Log:
@@ -180,7 +202,29 @@ def _with_tables(stored: StoredEngine, air_path: AirPath, tables: Sequence[Table
         amplitudes=found.amplitudes,
         left=found.left,
         rows=_rows(found),
+        points=tuple(_points(found)),
     )
+
+
+def _points(found: Calibration) -> Iterator[ComponentPoint]:
+    """Yield what each row says of the corrections that move it.
+
+    A row answers to the nodes of a correction by its flow and the weights of the nodes there. They add up to one, and give the
+    inputs of the row as well, for hat functions make a straight line straight.
+    """
+    rows, unknowns = found.rows, found.unknowns
+    for component, own in zip(unknowns.components, unknowns.places().values(), strict=True):
+        if not component.axes:
+            continue
+        flow = rows.J[:, own].sum(axis=1)
+        on = np.abs(flow) > LEAST_SHARE * np.abs(rows.reference)
+        weights = rows.J[on][:, own] / flow[on, None]
+        value = weights @ unknowns.mean[own] + found.residual[on] / flow[on]
+        grids = np.meshgrid(*(axis.values for axis in component.axes.values()), indexing="ij")
+        inputs = [weights @ grid.ravel() for grid in grids[:2]] + [np.zeros(value.size)]
+        names = [rows.kind[number].name for number in rows.of[on].tolist()]
+        for row in zip(names, inputs[0].tolist(), inputs[1].tolist(), value.tolist(), strict=True):
+            yield ComponentPoint(component.name, *row)
 
 
 def _rows(found: Calibration) -> tuple[EngineRow, ...]:

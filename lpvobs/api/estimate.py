@@ -14,7 +14,7 @@ from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, som
 from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty
 from lpvobs.api.healthy import learn_healthy
 from lpvobs.api.jobs import processors
-from lpvobs.api.known_engine import engine_writer, learned_path
+from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.api.pooled import contents, usable
 from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
@@ -135,9 +135,12 @@ def estimate(
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
         workplace = workplace_for(method, len(paths), jobs, scheduler)
-        stored = gain_for(configuration, paths, given, method)
         known = used_engine(configuration, calibrated, method)
-        done = estimate_logs(configuration, text, stored, paths, target, method, progress or silent, workplace, known)
+        before = engine_before(configuration, paths, None if known is None else known.stored)
+        stored = gain_for(configuration, paths, given, method, before.air_path)
+        done = estimate_logs(
+            configuration, text, stored, paths, target, method, progress or silent, workplace, known, before
+        )
     return replace(done, engine=calibrated)
 
 
@@ -145,7 +148,7 @@ def used_engine(config: Config, engine: Path | None, method: str) -> CalibratedE
     """Return the calibrated engine to start from; raises UsageError for a method that knows the configured one alone."""
     if engine is None:
         return None
-    if method != "observer":
+    if method != "observer" and not config.kind.air_path.learns:
         raise UsageError(f"--method {method}: takes the engine as configured; drop --engine")
     return calibrated_engine(engine, config.engine_path())
 
@@ -169,19 +172,23 @@ def estimate_logs(
     progress: Progress,
     workplace: Workplace | None = None,
     engine: CalibratedEngine | None = None,
+    before: KnownEngine | None = None,
 ) -> Estimated:
     """Estimate the map from logs and write the result.
 
+    `before` is what is known of the engine; by default what `engine` and the logs say.
     The reference channels are read after the map is final, to compare, and by nothing else. Raises as `estimate` does.
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     _refuse_doubles(paths)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    air_path = learned_path(config, paths)
+    before = before or engine_before(config, paths, None if engine is None else engine.stored)
+    air_path = before.air_path
     if method == "observer":
         place = workplace or Workplace()
-        done = estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, engine)
+        joint = None if air_path.learns else engine
+        done = estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, joint)
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
     digests = {log.name: log.sha256 for log in done.summaries}
@@ -189,14 +196,12 @@ def estimate_logs(
     if engine is not None:
         inputs[engine.name] = engine.sha256
     provenance = Provenance(inputs, config_text)
-    write_engine = engine_writer(config, air_path, paths)
 
     def further(file: h5py.File) -> None:
         write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
         if done.agreement:
             write_agreement(file, scatter=done.scatter, logs=done.agreement)
-        if write_engine is not None:
-            write_engine(file)
+        before.write(file)
 
     write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "").remove()
@@ -253,15 +258,19 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
     return Workplace(jobs, scheduler)
 
 
-def gain_for(config: Config, paths: Sequence[Path], gain: Path | None, method: str) -> StoredGain:
-    """Return the gain to estimate with: the given one, proven again, or else one made for the method.
+def gain_for(
+    config: Config, paths: Sequence[Path], gain: Path | None, method: str, air_path: AirPath | None = None
+) -> StoredGain:
+    """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine.
 
     Raises DataError if the gain is for another engine, NotProven if its certificate does not hold.
     """
     if gain is None:
         from lpvobs.api.synth_gain import make_gain, make_published_gain  # with a gain, no solver is loaded
 
-        return make_published_gain(config) if method == "published" else make_gain(config, paths, lenient=True)[0]
+        if method == "published":
+            return make_published_gain(config)
+        return make_gain(config, paths, lenient=True, air_path=air_path)[0]
     stored = read_gain(gain)
     expect_engine(gain, stored, config)
     expect_proven(gain, check_again(stored))

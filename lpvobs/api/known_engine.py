@@ -1,6 +1,6 @@
 """The engine of a stored result: its configuration, and what a calibration or healthy logs have taught of it."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +15,9 @@ from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs.parquet import channel_units
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.engines import read_engine, read_engine_before
+from lpvobs.io.results.engines import StoredEngine, read_engine, read_engine_before
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.learned import read_learned, write_learned
+from lpvobs.io.results.learned import Learning, read_learned, write_learned
 from lpvobs.io.results.results import KIND, REMEDY, StoredResult
 from lpvobs.records import Log
 
@@ -45,9 +45,15 @@ class KnownEngine:
 
     def write(self, file: h5py.File) -> None:
         """Write what was learned into another result."""
+        if (learning := self.learning()) is not None:
+            write_learned(file, learning)
+
+    def learning(self) -> Learning | None:
+        """Return what healthy logs have taught, None of an engine that learns nothing."""
         known = self.air_path.knowledge()
-        if known is not None and self.healthy is not None:
-            write_learned(file, known, self.healthy, self.residual_model().balances)
+        if known is None or self.healthy is None:
+            return None
+        return Learning(known, self.healthy, self.residual_model().balances)
 
 
 def known_engine(stored: StoredResult, engine: Path | None = None) -> KnownEngine:
@@ -55,36 +61,37 @@ def known_engine(stored: StoredResult, engine: Path | None = None) -> KnownEngin
     config = config_of(stored.provenance.config, stored.path)
     air_path = config.engine_path()
     if engine is not None:
-        return KnownEngine(config, air_path, None, read_engine(engine, air_path).unknowns)
+        calibrated = read_engine(engine, air_path)
+        if calibrated.learned is not None:
+            return _knowing(config, calibrated.learned)
+        return KnownEngine(config, air_path, None, calibrated.unknowns)
     with reading(stored.path, KIND, REMEDY) as file:
         if not air_path.learns:
             return KnownEngine(config, air_path, None, read_engine_before(file, air_path))
-        known, healthy = read_learned(file)
-        return KnownEngine(config, air_path.knowing(known), healthy)
+        return _knowing(config, read_learned(file))
 
 
-def learned_path(config: Config, paths: Sequence[Path]) -> AirPath:
-    """Return the air path, with what it learns from those of the logs that can be used; whoever uses them next says why not.
+def _knowing(config: Config, learning: Learning) -> KnownEngine:
+    return KnownEngine(config, config.engine_path().knowing(learning.known), learning.healthy)
 
-    Logs are read only for an engine that learns.
+
+def learned_engine(config: Config, logs: Sequence[Log]) -> KnownEngine:
+    """Return the engine as healthy logs show it; as configured where there is none, or it learns nothing."""
+    air_path, errors = config.engine_path(), config.kind.errors
+    if errors is None or not logs:
+        return KnownEngine(config, air_path, None)
+    return KnownEngine(config, air_path.learned_from(logs), errors(config.engine, logs))
+
+
+def engine_before(config: Config, paths: Sequence[Path], calibrated: StoredEngine | None = None) -> KnownEngine:
+    """Return what is known of the engine before an estimate.
+
+    Without a calibration an engine that learns takes its own logs for healthy; whoever uses them next says which cannot be read.
     """
-    air_path = config.engine_path()
-    logs = usable_logs(config, paths) if air_path.learns else []
-    return air_path.learned_from(logs) if logs else air_path
-
-
-def usable_logs(config: Config, paths: Sequence[Path]) -> list[Log]:
-    """Return the logs that can be read."""
+    if calibrated is not None and calibrated.learned is not None:
+        return _knowing(config, calibrated.learned)
     logs = []
-    for path in paths:
+    for path in paths if config.kind.air_path.learns else ():
         with suppress(DataError):
             logs.append(read_log(path, config.engine_path().channels, config.reading))
-    return logs
-
-
-def engine_writer(config: Config, air_path: AirPath, paths: Sequence[Path]) -> Callable[[h5py.File], None] | None:
-    """Return what writes a learned engine and its held-out errors into a result; None for an engine that learns nothing."""
-    errors = config.kind.errors
-    if air_path.knowledge() is None or errors is None:
-        return None
-    return KnownEngine(config, air_path, errors(config.engine, usable_logs(config, paths))).write
+    return learned_engine(config, logs)

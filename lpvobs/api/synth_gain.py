@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from lpvobs.api.files import File, as_path, as_paths, writing
-from lpvobs.api.known_engine import learned_path
+from lpvobs.api.known_engine import engine_before
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
@@ -88,15 +88,19 @@ def synth_gain(
     return stored
 
 
-def make_gain(config: Config, paths: Sequence[Path], lenient: bool = False) -> tuple[StoredGain, dict[str, str]]:
+def make_gain(
+    config: Config, paths: Sequence[Path], lenient: bool = False, air_path: AirPath | None = None
+) -> tuple[StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
+
+    `air_path` is the engine with what it has learned, by default from these logs.
 
     `lenient` leaves out logs that cannot be used, which whoever uses the gain will meet again. Raises NotProven if no gain can
     be proven for the region; DataError if a log cannot be used.
     """
     from lpvobs.synthesis.solve import synthesise
 
-    air_path, settings = learned_path(config, paths), config.gain
+    air_path, settings = air_path or engine_before(config, paths).air_path, config.gain
     bounds, digests = log_bounds(config, air_path, paths, lenient)
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)

@@ -45,6 +45,7 @@ class Calibration:
     left: Mapping[str, float]  # by kind of row, share of the flow that no correction follows
     held_out: Array  # (m,) [kg/s], each row less what all other points say of it
     held_out_error: Array  # (m,) its standard deviation
+    residual: Array  # (m,) [kg/s], what the engine found leaves of each row
 
 
 def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> Calibration:
@@ -76,7 +77,9 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
     by_group = dict(zip(prior.groups(), amplitudes, strict=True))
     names = [kind.name for kind in rows.kind]
     z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
-    return Calibration(found, prior, by_group, rows, z, dict(zip(names, left, strict=True)), held_out, error)
+    return Calibration(
+        found, prior, by_group, rows, z, dict(zip(names, left, strict=True)), held_out, error, rows.z - rows.J @ mean
+    )
 
 
 def _marks(rows: Rows) -> list[tuple[int, int]]:

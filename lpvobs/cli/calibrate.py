@@ -62,8 +62,9 @@ def calibrate(
     print("\n\n".join(table(*part) for part in calibration_tables(found)))
     by_data = [name for name, item in found.constants.items() if item.determined]
     by_prior = [name for name, item in found.constants.items() if not item.determined]
-    say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
-    say(f"constants that stay as the configuration has them, within its tolerance: {', '.join(by_prior) or 'none'}")
+    if found.constants:
+        say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
+        say(f"constants that stay as the configuration has them, within its tolerance: {', '.join(by_prior) or 'none'}")
     points = f", {found.points} bench points" if found.points else ""
     say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:

@@ -1,5 +1,6 @@
 """The page of a calibrated engine: every component with its correction, what the data say of it, and what they leave."""
 
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 import jinja2
@@ -7,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lpvobs import __version__
+from lpvobs.engines.knowledge import LearnedCurve, Nodes
 from lpvobs.engines.unknowns import Component
-from lpvobs.io.results.engines import StoredEngine
+from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.records import Array
 from lpvobs.report.engines import CalibrateOutput, calibration_tables
 from lpvobs.report.figures import ESTIMATE, GRAMS, READING
@@ -31,6 +33,7 @@ def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
     whole = (folder / TEMPLATE).read_text(encoding="utf-8")
     text = whole[: whole.index("<body>")] + (folder / BODY).read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    learned = {} if stored.learned is None else stored.learned.known.curves
     components = [item for item in stored.unknowns.components if item.axes]
     page = environment.from_string(text).render(
         version=__version__,
@@ -44,6 +47,9 @@ def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
         components=Section("", tuple(
             picture(correction(f"c{number}", stored, item), f"{item.name}: {item.meaning}; {_told(stored, item)}")
             for number, item in enumerate(components)
+        ) + tuple(
+            picture(curve(f"l{number}", part, item), f"{part}: {item.meaning}, as healthy logs show it")
+            for number, (part, item) in enumerate(learned.items())
         )),
         constants=_constants(found),
     )  # fmt: skip
@@ -69,30 +75,60 @@ def residuals(name: str, stored: StoredEngine, kind: str) -> str:
 
 
 def correction(name: str, stored: StoredEngine, component: Component) -> str:
-    """Return a correction along its first axis, at some nodes of the second and the middle of others."""
-    mean, error, before = (_along(component, values[stored.unknowns.places()[component.name]]) for values in (
-        stored.unknowns.mean, stored.error, stored.prior_error,
-    ))  # fmt: skip
-    (label, nodes), *others = component.axes.items()
+    """Return a correction with its band, that before the data, and the points that the rows show."""
+    mean, error, before = (
+        values[stored.unknowns.places()[component.name]]
+        for values in (stored.unknowns.mean, stored.error, stored.prior_error)
+    )
+    own = [point for point in stored.points if point.component == component.name]
+    return lines(name, f"correction {component.name}", component.axes, (mean, error, before), own)
+
+
+def curve(name: str, part: str, learned: LearnedCurve) -> str:
+    """Return a learned curve with its band."""
+    error = learned.relative_error * learned.values
+    return lines(name, f"{part}: {learned.name}", learned.axes, (learned.values, error, None), ())
+
+
+def lines(
+    name: str,
+    title: str,
+    axes_of: Mapping[str, Nodes],
+    curves: tuple[Array, Array, Array | None],
+    points: Sequence[ComponentPoint],
+) -> str:
+    """Return values over their first axis, at some nodes of the second and the middle of others, with the points nearest to each.
+
+    `curves` are values, their standard errors, and those before the data where they are known.
+    """
+    mean, error, before = (None if values is None else _along(axes_of, values) for values in curves)
+    (label, nodes), *others = axes_of.items()
+    if mean is None or error is None:
+        raise ValueError("a curve has values and errors")
 
     def draw(figure: Figure) -> None:
         columns = np.unique(np.linspace(0, mean.shape[1] - 1, CUTS).round().astype(int))
-        for axes, column in zip(figure.subplots(1, columns.size, sharey=True, squeeze=False)[0], columns, strict=True):
-            line, width, wide = mean[:, column], SURE * error[:, column], SURE * before[:, column]
+        at = others[0][1].values[columns] if others else np.zeros(1)
+        nearest = np.array([int(np.argmin(np.abs(at - point.across))) for point in points])
+        panes = figure.subplots(1, columns.size, sharey=True, squeeze=False)[0]
+        for number, (axes, column) in enumerate(zip(panes, columns, strict=True)):
+            line, width = mean[:, column], SURE * error[:, column]
             axes.fill_between(nodes.values, line - width, line + width, color=ESTIMATE, alpha=0.25, linewidth=0.0)
             axes.plot(nodes.values, line, color=ESTIMATE)
-            for side in (-wide, wide):
-                axes.plot(nodes.values, side, ":", color=INK)
+            for side in (-SURE, SURE) if before is not None else ():
+                axes.plot(nodes.values, side * before[:, column], ":", color=INK)  # type: ignore[index]
+            here = [point for point, pane in zip(points, nearest, strict=True) if pane == number]
+            axes.plot([p.along for p in here], [p.value for p in here], "o", markersize=2, color=READING)
             axes.set_xlabel(f"{label} [{nodes.unit}]")
             if others:
-                axes.set_title(f"{others[0][0]} = {others[0][1].values[column]:g} {others[0][1].unit}")
+                axes.set_title(f"{others[0][0]} = {at[number]:g} {others[0][1].unit}")
 
-    return render(name, f"correction {component.name}", HEIGHT, draw)
+    return render(name, title, HEIGHT, draw)
 
 
-def _along(component: Component, values: Array) -> Array:
+def _along(axes: Mapping[str, Nodes], values: Array) -> Array:
     """Return values at the nodes of the first two axes, those of a third at its middle, shape (n, m)."""
-    shape = [axis.values.size for axis in component.axes.values()]
+    shape = [axis.values.size for axis in axes.values()]
     whole = values.reshape(*shape, *[1] * (3 - len(shape)))
     return np.asarray(whole[:, :, whole.shape[2] // 2])
 

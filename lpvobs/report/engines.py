@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from lpvobs.engines.knowledge import LearnedCurve
 from lpvobs.io.results.engines import StoredEngine
 from lpvobs.kinds import Count, Finite
 from lpvobs.report.tables import Table, percent
@@ -31,7 +32,9 @@ class ComponentOutput:
     unit: str
     largest: Annotated[Finite, Meta(description="Largest value of the correction, without sign.")]
     standard_error: Annotated[Finite, Meta(description="Median over its nodes.")]
-    before: Annotated[Finite, Meta(description="Median standard deviation before the data.")]
+    before: Annotated[
+        Finite | None, Meta(description="Median standard deviation before the data; null where nothing was known.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +76,7 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
     """Return what is said of a calibrated engine."""
     error = stored.error
     determined = stored.determined()
+    curves = {} if stored.learned is None else stored.learned.known.curves
     benches = {row.point for row in stored.rows if row.point >= 0}
     return CalibrateOutput(
         engine=out,
@@ -88,7 +92,8 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
                 before=float(np.median(stored.prior_error[own])),
             )
             for component, own in zip(stored.unknowns.components, stored.unknowns.places().values(), strict=True)
-        ),
+        )
+        + tuple(_curve(name, curve) for name, curve in curves.items()),
         amplitudes=stored.amplitudes,
         constants={
             name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
@@ -96,6 +101,16 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
         },
         plan=plan,
     )
+
+
+def _brief(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def _curve(name: str, curve: LearnedCurve) -> ComponentOutput:
+    error = float(np.median(curve.relative_error * curve.values))
+    largest = float(np.abs(curve.values).max())
+    return ComponentOutput(component=name, unit=curve.unit, largest=largest, standard_error=error, before=None)
 
 
 def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
@@ -114,7 +129,7 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
     """Return how well bench rows fit, the corrections of the components, and which points to record next."""
     fit = [[row.kind, str(row.rows), *map(percent, (row.configured, row.held_out, row.left))] for row in found.rows]
     corrections = [
-        [item.component, item.unit, *(f"{value:.2g}" for value in (item.largest, item.standard_error, item.before))]
+        [item.component, item.unit, *(_brief(value) for value in (item.largest, item.standard_error, item.before))]
         for item in found.components
     ]
     tables = [(["correction", "unit", "largest", "standard error", "before the data"], corrections)]

@@ -12,6 +12,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
+from lpvobs.io.results.learned import Learning, read_learned, write_learned
 from lpvobs.io.results.mapping import Contents, fields, read, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, expect_constants, read_provenance
 from lpvobs.io.safety.atomic import file_digest
@@ -34,6 +35,17 @@ class EngineRow:
     held_out_error: Annotated[float, Item("kg/s", "standard deviation of held_out")]
 
 
+@dataclass(frozen=True)
+class ComponentPoint:
+    """What a row says of a component's correction: the correction there, and with it all that is left of the row."""
+
+    component: Annotated[str, Item("1", "component", name="row")]
+    kind: Annotated[str, Item("1", "balance or measured part")]
+    along: Annotated[float, Item("1", "first input of the component, in the unit of its axis")]
+    across: Annotated[float, Item("1", "second input, zero where there is none")]
+    value: Annotated[float, Item("1", "correction, in its unit")]
+
+
 @dataclass(frozen=True, eq=False)
 class StoredEngine:
     """A calibrated engine."""
@@ -46,6 +58,8 @@ class StoredEngine:
     left: Mapping[str, float]  # by kind of row, over the flow: what no correction follows
     rows: tuple[EngineRow, ...]  # None where no bench was there
     provenance: Provenance
+    points: tuple[ComponentPoint, ...] = ()  # on the corrections, None where no bench was there
+    learned: Learning | None = None  # of an engine whose curves healthy logs show; it has no other unknowns
 
     @property
     def deviation(self) -> dict[str, float]:
@@ -100,6 +114,9 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         write(file, "unknowns", found)
         write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
         write_group(file, "rows", rows(stored.rows, "row"))
+        write_group(file, "points", rows(stored.points, "row"))
+        if stored.learned is not None:
+            write_learned(file, stored.learned)
         stored.provenance.write(file)
 
 
@@ -145,6 +162,8 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
             prior_error=read(file["unknowns"], _Calibrated).prior_error,
             rows=read_rows(file["rows"], EngineRow, "row"),
             provenance=read_provenance(file),
+            points=read_rows(file["points"], ComponentPoint, "row"),
+            learned=read_learned(file) if air_path.learns else None,
         )
 
 

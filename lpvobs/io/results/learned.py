@@ -1,6 +1,6 @@
 """`/engine`: what healthy logs have taught of an engine and of its errors, so that `trace` needs none of them."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import h5py
@@ -16,8 +16,18 @@ from lpvobs.records import Array
 GROUP = "engine"
 
 
-def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, balances: Sequence[str]) -> None:
-    """Write `/engine` into a result that has none."""
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """What healthy logs have taught of an engine, and how wrong its balances are on parts of them that taught nothing."""
+
+    known: Knowledge
+    healthy: HealthyErrors
+    balances: tuple[str, ...]
+
+
+def write_learned(file: h5py.File, learning: Learning) -> None:
+    """Write `/engine` into a file that has none."""
+    known = learning.known
     group = file.create_group(GROUP)
     group.attrs["logs"] = list(known.sources)
     for name, curve in known.curves.items():
@@ -31,13 +41,13 @@ def write_learned(file: h5py.File, known: Knowledge, healthy: HealthyErrors, bal
     covariance = Field(known.covariance, "1", "covariance of all relative deviations", ("deviation", "other_deviation"))
     both = {axis: Field(every, "1", meaning) for axis in ("deviation", "other_deviation")}
     write_group(group, "numbers", plain | both | {"covariance": covariance})
-    write(group, "healthy_errors", healthy, {"balance": tuple(balances)})
+    write(group, "healthy_errors", learning.healthy, {"balance": learning.balances})
 
 
-def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
-    """Return what `/engine` of an open result holds; raises DataError where there is none."""
+def read_learned(file: h5py.File) -> Learning:
+    """Return what `/engine` of an open file holds; raises DataError where there is none."""
     if GROUP not in file:
-        raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs estimate` from a healthy log")
+        raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs calibrate --healthy`")
     group = file[GROUP]
     own = group["numbers"]
     size = own["deviation"].size
@@ -51,7 +61,9 @@ def read_learned(file: h5py.File) -> tuple[Knowledge, HealthyErrors]:
         covariance=_numbers(own, "covariance", size, size),
         sources=tuple(map(str, group.attrs["logs"])),
     )
-    return known, read(group["healthy_errors"], HealthyErrors)
+    errors = group["healthy_errors"]
+    balances = tuple(map(str, errors["balance"].asstr()[()]))
+    return Learning(known, read(errors, HealthyErrors), balances)
 
 
 def _curve(group: h5py.Group) -> LearnedCurve:

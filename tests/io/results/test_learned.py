@@ -10,7 +10,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.throttled.constants import Learned
 from lpvobs.engines.throttled.known import knowledge_of, learned_of
 from lpvobs.errors import DataError
-from lpvobs.io.results.learned import read_learned, write_learned
+from lpvobs.io.results.learned import Learning, read_learned, write_learned
 
 
 def test_a_learned_engine_comes_back(tmp_path):
@@ -25,11 +25,13 @@ def test_a_learned_engine_comes_back(tmp_path):
     )
     healthy = HealthyErrors(rng.random(2), rng.random((3, 4)), rng.random((4, 4)), rng.random(4), rng.random(4))
     with h5py.File(tmp_path / "some.h5", "w") as file:
-        with pytest.raises(DataError, match="estimate"):
+        with pytest.raises(DataError, match="calibrate --healthy"):
             read_learned(file)
-        write_learned(file, knowledge_of(SimpleNamespace(curves=nodes), learned), healthy, ("a", "b", "c", "d"))
-        known, errors = read_learned(file)
-        for again, first in ((learned_of(known), learned), (errors, healthy)):
+        learning = Learning(knowledge_of(SimpleNamespace(curves=nodes), learned), healthy, ("a", "b", "c", "d"))
+        write_learned(file, learning)
+        found = read_learned(file)
+        assert found.balances == learning.balances
+        for again, first in ((learned_of(found.known), learned), (found.healthy, healthy)):
             for name, value in vars(first).items():
                 np.testing.assert_array_equal(getattr(again, name), value)
         error = file["engine/fuel/relative_error"]
