@@ -92,10 +92,11 @@ def knowing(grid: Grid, case: Case) -> float:
     data = known_nodes(grid, e.theta, e.covariance, e.supported, e.design)
     least = np.inf
     for process in product(PROCESSES, product(LENGTHS, LENGTHS)):
-        correlation = data.correlation(data.chosen, data.chosen, process)
+        own, over = (data.correlation(data.chosen, nodes, process) for nodes in (data.chosen, off))
         for share in AMPLITUDES:
-            guess = Weighted(data, process, share * data.size, correlation).predicted(off)[0]
-            least = min(least, np.sqrt(np.mean((guess - case.truth.ravel()[off]) ** 2)))
+            one = Weighted(data, process, share * data.size, own)
+            beyond = one.whitened(one.power * over).T @ (one.z - one.X @ one.beta)
+            least = min(least, np.sqrt(np.mean((data.trend[off] @ one.beta + beyond - case.truth.ravel()[off]) ** 2)))
     return 1e3 * float(least)
 
 
