@@ -122,9 +122,8 @@ class Seen:
     def line(self) -> str:
         """Return one line for a list of misses."""
         t = self.truth
-        true = (
-            "; ".join(f"{e['id']} {e['value']:.4g} {e['course']} from {e['onset']}" for e in t["effects"]) or "nothing"
-        )
+        listed = [f"{e['id']} {e['value']:.4g} {e['course']} from {e['onset']}" for e in t["effects"]]
+        true = "; ".join([*listed, *t["unlisted"]]) or "nothing"
         p = self.verdict.get("p_value")
         said = "; ".join(_said(effect) for effect in self.named)
         return (

@@ -39,7 +39,9 @@ def drive(kind, given, *ids, twin=None, **more):
         "length": 600.0,
         "change": 0.05,
     }
-    return Seen({**truth, "piece": ("etc", 0.0, 600.0), "effects": truths, "channels": [], **more}, given, twin)
+    return Seen(
+        {**truth, "piece": ("etc", 0.0, 600.0), "effects": truths, "channels": [], "unlisted": [], **more}, given, twin
+    )
 
 
 def seen_of(what, *drives):
