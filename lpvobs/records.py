@@ -98,6 +98,7 @@ class Log:
     segments: tuple[tuple[int, int], ...]
     rows: NDArray[np.int64]  # (N,) row of the file behind each sample, so that references can be laid beside it
     defects: Defects  # what was found and done on reading
+    units: Mapping[str, str] = field(default_factory=dict)  # of the auxiliary channels, where the file says them
 
     def __getitem__(self, channel: str) -> Array:
         """Return one needed channel, shape (N,)."""

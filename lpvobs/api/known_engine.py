@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -35,7 +35,8 @@ class KnownEngine:
 
     def residual_model(self, taught: Collection[str] = ()) -> ResidualModel:
         """Return the engine as the loop sees it; `taught` are the digests of logs that must not be judged by what they taught."""
-        return self.config.kind.residual_model(self.config, self.air_path, self.healthy, taught, self.calibrated)
+        model = self.config.kind.residual_model(self.config, self.air_path, self.healthy, taught, self.calibrated)
+        return replace(model, units={name: channel.unit for name, channel in self.air_path.channels.items()})
 
     def read(self, path: Path) -> Log:
         """Return a log that may lack channels that the loop can do without; raises DataError as `read_log` does."""

@@ -9,6 +9,7 @@ from msgspec import UNSET
 
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.components import FactorSurface
+from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.outcome import Finding, Followed, Following, LogPart, OverInputs, Parameter
@@ -31,7 +32,11 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
     begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
     return Finding(
         id=term.effect.id,
-        parameters={term.effect.parameter: parameter_of(term, item.standard_error)},
+        parameters={term.effect.parameter: parameter_of(term, item.standard_error)}
+        | {
+            x.name: Parameter(x.value, x.unit, (x.value - NINETY * x.error, x.value + NINETY * x.error))
+            for x in item.further
+        },
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
         course=plain_course(begin, end) if course is None else course.name,
@@ -44,6 +49,7 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         drive=term.effect.drive if item.indistinguishable else UNSET,
         curve=_followed(item.curve) if isinstance(item.curve, Curve) else UNSET,
         surface=_over_inputs(item.curve, term.size) if isinstance(item.curve, FactorSurface) else UNSET,
+        formula=in_words(term),
     )
 
 

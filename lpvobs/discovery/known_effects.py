@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery.channels import Curve, along_channel, rate_of
 from lpvobs.discovery.components import FactorSurface, driven_by
 from lpvobs.discovery.courses import GRADED, TracedCourse, on_course
+from lpvobs.discovery.forms import PREFIX, Form, along_log, parsed
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
@@ -184,29 +185,34 @@ def effect_along(known_effect: KnownEffect, model: ResidualModel, log: Log) -> t
     return (on_course(effect, share) if graded else effect), on & (share > 0.0)
 
 
-def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve], Array]:
+def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve | Form], Array]:
     """Return what gives the values that a curve follows at the places of a problem, for every column of the signals."""
     time = own_time(problem, logs)
 
-    def followed(curve: Curve) -> Array:
+    def followed(curve: Curve | Form) -> Array:
         parts = [channel_at(log, curve, time[problem.of_log == i]) for i, log in enumerate(logs)]
         return problem.over_columns(np.concatenate(parts))
 
     return followed
 
 
-def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[[Curve], Array]) -> Effect:
+def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[[Curve | Form], Array]) -> Effect:
     curve, component = known_effect.curve, model.curve(known_effect.id)
     if component is not None and known_effect.surface is not None:
         return driven_by(component, known_effect.surface)
+    if known_effect.id.startswith(PREFIX):
+        form = parsed(known_effect.id)
+        return form.effect(model, followed(form), abs(known_effect.value), model.units)
     if curve is None:
         return catalogued(known_effect.id, model)
     carrier = catalogued(curve.carrier, model)
     return along_channel(curve, carrier, np.interp(followed(curve), curve.knots, curve.values))
 
 
-def channel_at(log: Log, curve: Curve, time: Array) -> Array:
-    """Return what a curve follows at given times of a log; raises DataError where the log does not have it."""
+def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
+    """Return what a curve or a form follows at given times of a log; raises DataError where the log does not have it."""
+    if isinstance(curve, Form):
+        return along_log(curve, log, time)
     if curve.channel not in log.auxiliary:
         raise DataError(
             f"{log.name}: channel '{curve.channel}' is missing, and the model's effect 'channel:{curve.channel}' follows it; "

@@ -82,6 +82,7 @@ class Finding:
     drive: str | UnsetType = UNSET  # what kind of drive would tell them apart
     curve: Followed | UnsetType = UNSET  # for a channel
     surface: OverInputs | UnsetType = UNSET  # for a component's curve
+    formula: str | UnsetType = UNSET  # in words, for a form
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +92,7 @@ class Leading:
     id: str
     parameters: Mapping[str, Parameter]
     explained: Fraction
+    formula: str | UnsetType = UNSET  # in words, for a form
     proven: Annotated[bool, Meta(extra_json_schema={"const": False})] = False
 
 

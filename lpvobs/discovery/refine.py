@@ -10,6 +10,7 @@ import scipy
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
@@ -157,6 +158,7 @@ def _leading(selection: Selection) -> tuple[Leading, ...]:
             id=c.id,
             parameters={c.term.effect.parameter: parameter_of(c.term, c.standard_error)},
             explained=min(c.gain / max(power, c.gain, 1e-300), 1.0),
+            formula=in_words(c.term),
         )
         for c in selection.leading[:MOST_CANDIDATES]
         if c.gain > 0.0

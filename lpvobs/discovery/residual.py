@@ -184,6 +184,7 @@ def lay_out(
     wide: float = 1.0,
 ) -> Problem:
     """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough."""
+    model = replace(model, units={name: unit for log in logs for name, unit in log.units.items()} | dict(model.units))
     places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
     length = max(
         thresholds.BLOCK,

@@ -1,6 +1,6 @@
 """Forward selection of effects: add the one that explains most, fit everything again, and stop when no effect is proven."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -21,13 +21,16 @@ from lpvobs.discovery.evidence import (
     p_value,
     score,
 )
-from lpvobs.discovery.fit import fit, refit
+from lpvobs.discovery.fit import fit, objective, refit
+from lpvobs.discovery.form_search import Inside, best_forms, best_with_forms, with_inside
+from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again, without
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import best_of, is_proven, is_relevant, most_promising, tried, uneven_share
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.engines.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class Accepted:
     indistinguishable: tuple[str, ...]  # effects that explain the logs as well
     curve: Shape | None  # for a channel or a component
     standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
+    further: tuple[Inside, ...] = ()  # what a form has inside its factors
 
 
 @dataclass(frozen=True)
@@ -66,11 +70,14 @@ class _Search:
     first: Linear
     ranking: Sequence[Candidate]
     on_the_way: Sequence[Named] = ()
+    forms: tuple[Effect, ...] = ()  # that came near in the first round, each perhaps of another place
 
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     search = _search(problem, progress)
+    if search.verdict == "unexplained" or _form_beats(search):
+        search = _with_forms(problem, progress, search)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
     final = _with_all(search.linear)
@@ -78,7 +85,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     errors = standard_errors(final)
     bare = _bare(final)
     found = tuple(
-        _finished(final, bare if len(accepted) == 1 else without(final, i), i, c, curve, float(errors[i]))
+        _finished(final, bare if len(accepted) == 1 else without(final, i), i, c, curve, float(errors[i]), search.forms)
         for i, (c, curve) in enumerate(accepted)
     )
     progress(1.0)
@@ -88,7 +95,29 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
 
 
-def _search(problem: Problem, progress: Callable[[float], None]) -> _Search:
+def _form_beats(search: _Search) -> bool:
+    """Return whether a formula leaves far less than one name does, or no more than several do, where noise drops out of both."""
+    if not search.accepted or search.first.problem.blocks is not None:
+        return False
+    share = thresholds.FORM_OVER_ONE if len(search.accepted) == 1 else thresholds.FORM_OVER_MORE
+    most, rivals = share * objective(search.linear), best_forms(search.first)[: thresholds.SHORTLIST]
+    return any(objective(refit(search.linear, [c.term])) < most for c in rivals)
+
+
+def _with_forms(problem: Problem, progress: Callable[[float], None], search: _Search) -> _Search:
+    """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
+    wider = _search(problem, progress, best_with_forms)
+    if any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (len(search.accepted) or 3):
+        rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
+        return replace(wider, ranking=search.ranking, forms=rivals)
+    return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
+
+
+def _search(
+    problem: Problem,
+    progress: Callable[[float], None],
+    best_of: Callable[[Linear], tuple[list[Candidate], Mapping[str, Shape]]] = best_of,
+) -> _Search:
     """Return what the search comes to; kept stretches take no part."""
     before = linear = fit(problem)
     ranking: list[Candidate] = []
@@ -239,13 +268,20 @@ def _separate_in_time(one: Term, other: Term) -> bool:
 
 
 def _finished(
-    linear: Linear, bare: Linear, index: int, candidate: Candidate, curve: Shape | None, standard_error: float
+    linear: Linear,
+    bare: Linear,
+    index: int,
+    candidate: Candidate,
+    curve: Shape | None,
+    standard_error: float,
+    forms: tuple[Effect, ...],
 ) -> Accepted:
     problem = linear.problem
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
+    others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
     if term.course is not None:
         rivals = sorted(fit_all(bare, others, term.course), key=score, reverse=True)
         like = fit_candidate(bare, term.effect, size=term.size, like=term)
@@ -259,7 +295,10 @@ def _finished(
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(curve, FactorSurface):
         standard_error = float(np.hypot(standard_error, curve.error))
-    return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error)
+    further: Sequence[Inside] = ()
+    if own.id.startswith(PREFIX):
+        standard_error, further = with_inside(linear, index, standard_error)
+    return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error, tuple(further))
 
 
 def _fits_as_well(best: Candidate, other: Candidate, per_coarse: int) -> bool:

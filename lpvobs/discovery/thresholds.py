@@ -256,3 +256,36 @@ COLOURED = 1e-3
 """[1] Probability that white noise is called coloured. Set by choice: as rare as naming an effect by chance; held by run 9."""
 NOTABLE = 0.15
 """[1] Correlation that is reported. Set by choice: a weaker one explains under a fortieth of the power; held by run 9."""
+
+# --- What a formula may be ---------------------------------------------------------------------------------------------------
+FORM_CALM = 1.0
+"""[s] Time over which the channels of a form are averaged. Set by choice: their noise would weaken every product, and what a form
+describes lasts longer."""
+FORM_LAGS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
+"""[s] Time constants that the search starts from. Set by trial: at four times apart a housing of 40 s that follows the exhaust was
+taken for one that follows the fuel; the best are refined to a twenty-fifth."""
+FORM_SEEN = 1e-3
+"""[1] Share of a form's power that map and unknowns must leave. Set by rounding: below, the gain of a form is that of nothing."""
+FORM_REACH = 5.0
+"""[1] Standard deviations of a channel within which its reference is sought. Set by choice: farther away the product is a constant,
+and the catalogue has constants."""
+FORM_FLAT = 0.05
+"""[1] Relative scatter below which a factor is a constant unless it has a reference. Set by choice: air of a few
+kelvin more or less says nothing, and a product with it is what the catalogue has without."""
+FORM_OVER_ONE = 0.5
+"""[1] Share of what one listed effect leaves that a formula must undercut to take its place. Set by 25 drives with listed
+effects, where the best form left 0.92 of it and more, and by a vane that reads wrong, 0.28."""
+FORM_OVER_MORE = 1.05
+"""[1] The same for two names and more: one formula that leaves as little is the simpler cause. Set by an
+ambient pressure that reads 15 hPa too high: three names, and the formula left 0.98 of what they do."""
+FORM_SHARE = 0.01
+"""[1] Share of its gain that each further unknown of a form must bring beside COST. Set by choice: as each end of an interval."""
+FORM_NOTICED = 0.02
+"""[1] Share of a reading, rms, that a careful engineer would notice. Set by choice: as for the listed gains."""
+FORM_RIVALS = 3
+"""[1] Forms of one target, each of another signal, that go on from the first screening. Set by trial: what leads to first order is
+not always the best beside all unknowns."""
+FORM_TRIED = 6
+"""[1] Forms that are fitted beside all unknowns. Set by time."""
+FORM_TARGETS = 4
+"""[1] What may be off, the most promising first, for which forms with two factors are tried. Set by time."""

@@ -128,6 +128,7 @@ class ResidualModel:
     beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
     # how wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter
     healthy: HealthyErrors | None = None
+    units: Mapping[str, str] = field(default_factory=dict)  # of the channels, and of those that logs have beside them
 
     @property
     def spread(self) -> Array:

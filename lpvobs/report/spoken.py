@@ -107,6 +107,8 @@ def _what(effect: Mapping[str, Any]) -> str:
     name = str(effect["id"])
     if name.startswith("channel:") and effect.get("curve"):
         return f"{effect['curve']['changes']} follows the logged channel {name.removeprefix('channel:')}"
+    if "formula" in effect:
+        return f"{effect['formula']} ({_plain('coefficient', effect['parameters']['coefficient'])})"
     of, _, kind = name.partition(".")
     parameters = effect["parameters"]
     unit = next(iter(parameters.values()))["unit"]

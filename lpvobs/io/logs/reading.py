@@ -163,6 +163,7 @@ def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies,
         segments=tuple(zip(starts, [*starts[1:], piece.time.size], strict=True)),
         rows=whole.rows,
         defects=file.defects,
+        units={name: unit for name, unit in parquet.channel_units(path).items() if name in extra and unit},
     )
 
 

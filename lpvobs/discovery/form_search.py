@@ -1,0 +1,279 @@
+"""The sparse search for forms: every product of the library against the residual at once, then the best of them one by one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from lpvobs.discovery import thresholds
+from lpvobs.discovery.components import Shape
+from lpvobs.discovery.evidence import Candidate, change_of, fit_candidate, score, slope_of, with_best_interval
+from lpvobs.discovery.fit import fit, linearised, objective, refit
+from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, unit_of
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.ranking import best_of
+from lpvobs.discovery.residual import Problem
+from lpvobs.engines.effects import SENSOR, Effect
+from lpvobs.records import Array
+
+COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
+FINE_STEPS = (0.92, 0.96, 1.04, 1.08)
+"""Factors on the lag of a form that are tried around the best one."""
+
+
+@dataclass(frozen=True)
+class _Lot:
+    """What is needed of a direction g to know the gain of g times any function of the K places."""
+
+    linear: Linear
+    residual: Array  # (K,) product with the residual
+    power: Array  # (K,) with itself
+    columns: Array  # (K, q) with the unknowns beside the map
+    nodes: "scipy.sparse.csr_array"  # (K, p) with the map
+
+    def gains(self, y: Array, shapes: Array) -> tuple[Array, Array, Array]:
+        """Return the gain of every shape times y, shape (M,), the gain of the shape less its best reference, and that reference."""
+        rows = np.vstack([y, shapes * y])
+        products = np.hstack([self.nodes.T.dot(rows.T).T, rows @ self.columns])
+        white = scipy.linalg.solve_triangular(self.linear.factor, products.T, lower=True, check_finite=False)
+        slope = rows @ self.residual - products @ self.linear.newton_step
+        own = rows**2 @ self.power
+        left = own - (white**2).sum(0)
+        left = np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf)
+        cross = rows[1:] * y @ self.power - white[:, 1:].T @ white[:, 0]
+        both = left[1:] * left[0] - cross**2
+        both = np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
+        shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            referred = -0.5 * (slope[1:] * shape + slope[0] * constant) / both
+            return 0.5 * slope[1:] ** 2 / left[1:], np.nan_to_num(referred), np.nan_to_num(-constant / shape)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A form, and what it gains to first order less its price."""
+
+    score: float
+    form: Form
+    lot: _Lot
+
+
+@dataclass(frozen=True)
+class _Products:
+    """What a form is made of, with values at the places of a problem."""
+
+    problem: Problem
+    names: tuple[str, ...]  # of channels, ratios and the time
+    factors: tuple[Factor, ...]
+    shapes: Array  # (M, K)
+    middle: Array  # (M,)
+    spread: Array  # (M,)
+    count: float  # forms that compete
+
+    def with_factors(self, factors: Sequence[Factor]) -> "_Products":
+        """Return the same with other factors to try."""
+        shapes = np.stack([along_problem(Form("", (factor,)), self.problem) for factor in factors])
+        return replace(self, factors=tuple(factors), shapes=shapes, middle=shapes.mean(1), spread=shapes.std(1))
+
+    def price(self, unknowns: Array | int, gain: Array | float) -> Array:
+        """Return what a form must gain before it counts: the search, and what the data must tell beside the coefficient."""
+        each = thresholds.COST + thresholds.FORM_SHARE * np.asarray(gain)
+        return np.asarray(np.log(self.count) + (unknowns - 1) * each)
+
+    def best(self, lot: _Lot, start: Form) -> list[_Tried]:
+        """Return the best forms that have one factor more, with or without a reference, each of another signal."""
+        y = along_problem(replace(start, target=""), self.problem)
+        plain, referred, references = lot.gains(y, self.shapes)
+        unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
+        lasts = np.array([factor.of != "rate" for factor in self.factors])
+        far = np.abs(references - self.middle) > thresholds.FORM_REACH * self.spread
+        scores = np.stack([plain - self.price(unknowns, plain), referred - self.price(unknowns + 1, referred)], axis=1)
+        scores[far | ~lasts, 1] = -np.inf
+        scores[self.spread < thresholds.FORM_FLAT * np.abs(self.middle), 0] = -np.inf
+        found: dict[str, _Tried] = {}
+        for at in np.argsort(scores, axis=None)[::-1]:
+            i, with_reference = divmod(int(at), 2)
+            reference = float(f"{references[i]:.4g}") if with_reference else 0.0
+            factors = (*start.factors, replace(self.factors[i], reference=reference))
+            found.setdefault(
+                self.factors[i].signal, _Tried(float(scores[i, with_reference]), replace(start, factors=factors), lot)
+            )
+            if len(found) == thresholds.FORM_RIVALS:
+                break
+        return list(found.values())
+
+    def alone(self, lot: _Lot, form: Form) -> _Tried:
+        """Return a reading that is off by a constant, or by a share of itself, where the catalogue has no effect on it."""
+        at = {"sensor": SENSOR, "fuel": self.problem.model.fuel}
+        listed = {e.id for e in self.problem.catalogue}
+        listed |= {at.get(e.place, e.place) for e in self.problem.catalogue if e.parameter in ("factor", "offset")}
+        if form.target in listed:
+            return _Tried(-np.inf, form, lot)
+        y = along_problem(replace(form, target=""), self.problem)
+        gain = float(lot.gains(y, np.ones((1, y.size)))[0][0])
+        return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
+
+
+def best_with_forms(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
+    """Return all candidates, best first, forms among them.
+
+    Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as noise.
+    """
+    found, shapes = best_of(linear)
+    forms = best_forms(linear)
+    if score(forms[0]) > score(found[0]):
+        beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
+        forms = best_forms(refit(beside, beside.terms[:-1]))
+        return [*forms, *found], shapes
+    return sorted([*found, *forms], key=score, reverse=True), shapes
+
+
+def best_forms(linear: Linear) -> list[Candidate]:
+    """Return the most promising forms, best first, with what they gain beside all unknowns, less the price of the search."""
+    problem, plain = linear.problem, linear
+    if linear.dense is not None:  # the search takes places as independent, the fit does not
+        pointwise = linear.noise.pointwise()
+        plain = linearised(problem, linear.terms, linear.theta, linear.beta, pointwise, linear.pinned, linear)
+    library = _library(problem)
+    starts = [
+        _Tried(0.0, form, lot)
+        for target in _targets(problem)
+        for lot in [_lot(plain, _effect(target, problem, np.ones(problem.K)))]
+        for form in _starts(target, problem)
+    ]
+    alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.FORM_TARGETS)
+    pool = [tried for start in starts for tried in library.best(start.lot, start.form)]
+    targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.FORM_TARGETS]
+    for start in starts:
+        for name in library.names if start.form.target in targets else ():
+            longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
+            pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
+    promising = [_with_best_lag(library, tried) for tried in _leading(pool, thresholds.FORM_TRIED)]
+    before = objective(linear)
+    found = [_fitted(linear, library, tried.form, before) for tried in (*promising, *alone)]
+    return sorted(found, key=score, reverse=True)
+
+
+def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
+    return sorted((each for each in tried if each.score > -np.inf), key=lambda each: -each.score)[:most]
+
+
+def _with_best_lag(library: _Products, tried: _Tried) -> _Tried:
+    """Return a form with its lag, and the reference that goes with it, sought more finely."""
+    for steps in (COARSE_STEPS, FINE_STEPS):
+        last = tried.form.factors[-1]
+        if last.of == "lag":
+            taus = [replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps]
+            near = library.with_factors(taus).best(tried.lot, replace(tried.form, factors=tried.form.factors[:-1]))
+            tried = _leading([tried, *near], 1)[0]
+    return tried
+
+
+def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Candidate:
+    """Return a form as a candidate on its best interval; `start` is the objective without it."""
+    problem = linear.problem
+    whole = fit_candidate(linear, _effect(form, problem, along_problem(form, problem)))
+    best = with_best_interval(linear, whole, True)
+    gain = start - objective(refit(linear, [*linear.terms, best.term]))
+    return replace(best, gain=gain - float(library.price(form.unknowns, max(gain, 0.0))))
+
+
+@dataclass(frozen=True)
+class Inside:
+    """A number inside the last factor of a form, with its standard error."""
+
+    name: str
+    value: float
+    error: float
+    unit: str
+
+
+def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[float, list[Inside]]:
+    """Return the standard error of a form's coefficient with its lag and reference unknown, too, and these with theirs."""
+    problem, term = linear.problem, linear.terms[index]
+    form = parsed(term.effect.id)
+    last = form.factors[-1] if form.factors else Factor("")
+    units = {"reference": unit_of(last.signal, problem.model.units), "tau": "s"}
+    names = [name for name in units if getattr(last, name)]
+    if not names:
+        return standard_error, []
+    shape, size = along_problem(form, problem), term.effect.size
+    columns = []
+    for name in names:
+        step = 0.01 * getattr(last, name)
+        moved = replace(form, factors=(*form.factors[:-1], replace(last, **{name: getattr(last, name) + step})))
+        change = problem.over_columns((along_problem(moved, problem) - shape) / step)
+        further = form.effect(problem.model, change, size, problem.model.units)
+        step = thresholds.EFFECT_STEP * term.size
+        columns.append(
+            linear.whiten(change_of(linear, further, step) / thresholds.EFFECT_STEP * term.acts(problem.clock))
+        )
+    at = linear.p + linear.beta.size + index
+    products = np.stack([linear.products(column) for column in columns])
+    answers = np.stack([linear.project(row) for row in products])
+    known = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
+    spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
+    alone = float(linear.project(np.eye(1, linear.newton_step.size, at)[0])[at])
+    scale = standard_error / np.sqrt(alone)
+    more = max(float(answers[:, at] @ spread @ answers[:, at]), 0.0)
+    errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
+    inside = [Inside(n, getattr(last, n), float(e), units[n]) for n, e in zip(names, errors, strict=True)]
+    return float(scale * np.sqrt(alone + more)), inside
+
+
+def _effect(form: Form, problem: Problem, shape: Array) -> Effect:
+    catalogued = problem.model.effect(form.target)
+    size = catalogued.size if catalogued else thresholds.FORM_NOTICED
+    if catalogued is None and not form.relative:
+        size *= _rms(recorded_at(problem, form.target))
+    units = problem.model.units
+    return form.effect(problem.model, problem.over_columns(shape), size / max(_rms(shape), 1e-300), units)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _library(problem: Problem) -> _Products:
+    """Return every channel that moves, every ratio of two of one unit, and the time, with rates and lags."""
+    values = {
+        name: recorded_at(problem, name)
+        for name in (*problem.signals.value, *problem.auxiliary)
+        if NAME.fullmatch(name)
+    }
+    moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
+    units = problem.model.units
+    positive = [name for name in moving if values[name].min() > 0.0 and units.get(name)]
+    ratios = [f"{a}/{b}" for i, a in enumerate(positive) for b in positive[:i] if units[a] == units[b]]
+    names = (*moving, *ratios, TIME)
+    dynamic = [Factor(name, "rate") for name in names[:-1]]
+    dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
+    factors = [*(Factor(name) for name in names), *dynamic]
+    count = 2.0 * len(problem.signals.value) * len(names) * len(factors)
+    none = np.empty(0)
+    return _Products(problem, names, (), none, none, none, count).with_factors(factors)
+
+
+def _targets(problem: Problem) -> list[Form]:
+    """Return what may be off: every channel, and what a catalogued effect changes in the engine."""
+    channels = list(problem.signals.value)
+    readings = {"sensor", "fuel", *channels}
+    return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
+
+
+def _starts(target: Form, problem: Problem) -> list[Form]:
+    """Return the beginnings of its forms: by itself, and a share of a reading."""
+    own = target.target in problem.signals.value
+    return [target, *([replace(target, factors=(Factor(target.target),))] if own else [])]
+
+
+def _lot(linear: Linear, effect: Effect) -> _Lot:
+    white = linear.whiten(slope_of(linear, effect, effect.null))
+    signed = white * np.array([1.0, -1.0])[:, None, None]
+    nodes, weights = linear.nodes
+    on_map = -(linear.mapped * white[0]).sum(0)[:, None] * weights
+    places = np.repeat(np.arange(linear.problem.K), nodes.shape[1])
+    sparse = scipy.sparse.csr_array((on_map.ravel(), (places, nodes.ravel())), shape=(linear.problem.K, linear.p))
+    residual, power = (signed * linear.residual).sum((0, 1)), (signed * white).sum((0, 1))
+    return _Lot(linear, residual, power, np.einsum("qvbk,vbk->kq", linear.columns, signed), sparse)

@@ -1,0 +1,182 @@
+"""Formulas for what has no name: a reading, or a part of the engine, follows a product of signals. A sparse search finds them.
+
+A form says what is off, and what that is proportional to: at most two factors beside the channel itself, each a logged channel, a
+ratio of two of one unit, its rate or its first-order lag, less a reference. `form:W_maf ~ W_maf * (lag(T_amb, 30 s) - 298 K)` is
+an identifier, and all that is needed to build the form again. Its coefficient is fitted and judged like the size of any effect.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from msgspec import UNSET, UnsetType
+
+from lpvobs.discovery import thresholds
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.engines.effects import SENSOR, Effect, Signals, gain, offset
+from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.errors import DataError
+from lpvobs.records import Array, Log
+
+PREFIX = "form:"
+TIME = "time"
+NAME = re.compile(r"[A-Za-z_][\w.]*")
+"""Channels with other names take no part: a formula must be readable."""
+FACTOR = re.compile(
+    r"(?P<open>\()?(?:d\((?P<rate>[\w./]+)\)/dt|lag\((?P<lag>[\w./]+), (?P<tau>\S+) s\)|(?P<value>[\w./]+))"
+    r"(?(open) (?P<sign>[+-]) (?P<reference>[^\s)]+)(?: [^)]+)?\))"
+)
+Recorded = Callable[[str], Array]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor: a channel, or a ratio `a/b`, its rate or its lag by `tau` [s], less a reference."""
+
+    signal: str
+    of: str = "value"  # `value`, `rate` or `lag`
+    tau: float = 0.0  # s
+    reference: float = 0.0
+
+    def text(self, units: Mapping[str, str]) -> str:
+        """Return it as in an identifier."""
+        plain = {"rate": f"d({self.signal})/dt", "lag": f"lag({self.signal}, {self.tau:g} s)"}.get(self.of, self.signal)
+        if not self.reference:
+            return plain
+        unit = "" if unit_of(self.signal, units) == "1" else f" {unit_of(self.signal, units)}"
+        return f"({plain} {'-' if self.reference > 0 else '+'} {abs(self.reference):.4g}{unit})"
+
+    def along(self, recorded: Recorded, time: Array) -> Array:
+        """Return its values at rising times of one log [s], averaged over a second."""
+        first, _, second = self.signal.partition("/")
+        x = recorded(first) / recorded(second) if second else recorded(first)
+        step = float(np.median(np.diff(time)))
+        width = 2 * int(0.5 * thresholds.FORM_CALM / step) + 1
+        x = np.convolve(np.pad(x, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
+        if self.of == "rate":
+            x = np.gradient(x, time)
+        elif self.of == "lag":
+            share = -np.expm1(-step / self.tau)
+            x, _ = scipy.signal.lfilter([share], [1.0, share - 1.0], x, zi=[(1.0 - share) * x[0]])
+        return np.asarray(x - self.reference)
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is off, a channel or an effect of the catalogue that changes the engine, and the factors that it is proportional to."""
+
+    target: str
+    factors: tuple[Factor, ...] = ()
+
+    @cached_property
+    def relative(self) -> bool:
+        """Whether a reading is off by a share of itself."""
+        return Factor(self.target) in self.factors[:1]
+
+    def id(self, units: Mapping[str, str]) -> str:
+        """Return the identifier."""
+        return f"{PREFIX}{self.target} ~ {' * '.join(factor.text(units) for factor in self.factors) or '1'}"
+
+    @property
+    def unknowns(self) -> int:
+        """What the data must pay for: the coefficient, every factor, and every reference and lag."""
+        own = self.factors[self.relative :]
+        return 1 + sum(1 + (f.reference != 0.0) + (f.of != "value") + ("/" in f.signal) for f in own)
+
+    def along(self, recorded: Recorded, time: Array) -> Array:
+        """Return the product of its factors, without the reading itself, at rising times of one log, shape (N,)."""
+        each = [f.along(recorded, time) for f in self.factors[self.relative :]]
+        return np.asarray(np.prod([np.ones(time.size), *each], axis=0))
+
+    def unit(self, model: ResidualModel, units: Mapping[str, str]) -> str:
+        """Return the unit of its coefficient, which makes the product one of the target's unit."""
+        catalogued = model.effect(self.target)
+        unit = catalogued.unit if catalogued else "1" if self.relative else unit_of(self.target, units)
+        for factor in self.factors[self.relative :]:
+            each = unit_of(factor.signal, units) + ("/s" if factor.of == "rate" else "")
+            over = each if re.fullmatch(r"\w+", each) else f"({each})"
+            unit = "1" if each == unit else unit if each == "1" else f"{unit}/{over}"
+        return unit
+
+    def effect(self, model: ResidualModel, shape: Array, size: float, units: Mapping[str, str]) -> Effect:
+        """Return it as an effect; `shape`, (C,), is what `along` gives at the columns of the signals, `size` a noticeable one."""
+        catalogued = model.effect(self.target)
+        if catalogued is not None:
+            apply, null, place = catalogued.apply, catalogued.null, catalogued.place
+        else:
+            apply, null = (gain(self.target), 1.0) if self.relative else (offset(self.target), 0.0)
+            place = "sensor" if self.target == SENSOR else self.target
+
+        def change(s: Signals, coefficient: float) -> Signals:
+            return apply(s, null + coefficient * shape)
+
+        moving = ", ".join(sorted({factor.signal for factor in self.factors})) or self.target
+        return Effect(
+            self.id(units), "coefficient", self.unit(model, units), 0.0, size, -50.0 * size, 50.0 * size, place, change,
+            f"drives on which {moving} change by themselves", moves_point=self.target in (model.fuel, model.speed),
+        )  # fmt: skip
+
+
+def unit_of(signal: str, units: Mapping[str, str]) -> str:
+    """Return the unit of a channel, a ratio or the time; a channel without unit is its own."""
+    return "1" if "/" in signal else "s" if signal == TIME else units.get(signal, "") or signal
+
+
+def in_words(term: Term) -> str | UnsetType:
+    """Return a form as a person reads it, `W_maf too high by 0.0021 1/K * W_maf * (T_coolant - 355 K)`, nothing for others."""
+    if not term.effect.id.startswith(PREFIX):
+        return UNSET
+    target, _, product = term.effect.id.removeprefix(PREFIX).partition(" ~ ")
+    size = f"{abs(term.size):.3g}" + ("" if term.effect.unit == "1" else f" {term.effect.unit}")
+    return f"{target} too {'high' if term.size > 0 else 'low'} by {size}" + ("" if product == "1" else f" * {product}")
+
+
+def parsed(id_: str) -> Form:
+    """Return the form of an identifier."""
+    target, _, product = id_.removeprefix(PREFIX).partition(" ~ ")
+    factors = []
+    for found in FACTOR.finditer("" if product == "1" else product):
+        of = next(name for name in ("rate", "lag", "value") if found[name])
+        reference = float(found["reference"] or 0.0) * (-1.0 if found["sign"] == "+" else 1.0)
+        factors.append(Factor(found[of], of, float(found["tau"] or 0.0), reference))
+    return Form(target, tuple(factors))
+
+
+def along_problem(form: Form, problem: Problem) -> Array:
+    """Return the product of the factors at the places of a problem, shape (K,)."""
+    found = np.empty(problem.K)
+    for i in np.unique(problem.of_log):
+        on = problem.of_log == i
+        found[on] = form.along(lambda name: recorded_at(problem, name)[on], problem.time[on])  # noqa: B023 used at once
+    return found
+
+
+def recorded_at(problem: Problem, name: str) -> Array:
+    """Return a channel of any kind, or the time, at the places of a problem, shape (K,)."""
+    if name == TIME:
+        return problem.time
+    if name in problem.auxiliary:
+        return problem.auxiliary[name]
+    values = problem.signals[name]
+    return (
+        problem.blocks.mean(values) if problem.blocks is not None else 0.5 * (values[: problem.K] + values[problem.K :])
+    )
+
+
+def along_log(form: Form, log: Log, time: Array) -> Array:
+    """Return the product of the factors at given times of a log; raises DataError where the log lacks a channel."""
+
+    def recorded(name: str) -> Array:
+        values = {TIME: log.time - log.time[0], **log.auxiliary, **log.channels}.get(name, np.empty(0))
+        known = np.isfinite(values)
+        if not known.any():
+            raise DataError(
+                f"{log.name}: channel '{name}' is missing, and the model's effect '{form.id({})}' follows it; record it, or "
+                f"name the result from before it was refined"
+            )
+        return np.asarray(np.interp(log.time, log.time[known], values[known]))
+
+    return np.asarray(np.interp(time, log.time, form.along(recorded, log.time)))

@@ -1,0 +1,110 @@
+"""Formulas for what has no name: their words and units, what is found, and what stays `none` or `unexplained`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed
+from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.refine import refine
+from lpvobs.discovery.residual import Term, free_map
+from lpvobs.errors import DataError
+
+UNITS = {"W_maf": "kg/s", "T_em": "K", "n_e": "rpm", "p_im": "Pa", "p_amb": "Pa", "T_oil": "K"}
+WARM = Form("W_maf", (Factor("W_maf"), Factor("T_oil", "lag", 38.0, 355.0)))
+
+
+@pytest.fixture
+def model(plant):
+    return replace(plant, units=UNITS)
+
+
+def effect(form, model, size=0.0021):
+    return Term(form.effect(model, np.ones(3), size, UNITS), size)
+
+
+@given(
+    st.sampled_from(["T_em", "p_im/p_amb", "T_oil", "time"]),
+    st.sampled_from([("value", 0.0), ("rate", 0.0), ("lag", 38.5), ("lag", 5.0)]),
+    st.sampled_from([0.0, 355.2, -12.0, 1.2e-5, -3.456e7]),
+)
+def test_an_identifier_is_all_that_builds_a_form_again(signal, of, reference):
+    for form in (
+        Form("W_maf", (Factor("W_maf"), Factor(signal, *of, reference))),
+        Form("eta_vol.factor"),
+        Form("p_amb"),
+    ):
+        assert parsed(form.id(UNITS)) == form
+
+
+def test_a_person_reads_it_with_its_units(model):
+    assert in_words(effect(WARM, model)) == "W_maf too high by 0.0021 1/K * W_maf * (lag(T_oil, 38 s) - 355 K)"
+    assert in_words(effect(Form("T_em"), model, -3.0)) == "T_em too low by 3 K"
+    product = Form("W_maf", (Factor("n_e"), Factor("T_em", "rate")))
+    assert effect(product, model).effect.unit == "kg/s/rpm/(K/s)"
+    ratio = Form("p_im", (Factor("p_amb"), Factor("p_im/p_amb", reference=1.5)))
+    assert effect(ratio, model).effect.unit == "1"
+    assert effect(Form("eta_vol.factor", (Factor("T_oil"),)), model).effect.unit == "1/K"
+
+
+def test_more_costs_more():
+    plain = Form("W_maf", (Factor("T_em"),))
+    assert [
+        form.unknowns for form in (Form("W_maf"), plain, Form("W_maf", (Factor("W_maf"), *plain.factors)), WARM)
+    ] == [1, 2, 2, 4]
+
+
+def test_a_lag_is_that_of_first_order():
+    time = np.arange(0.0, 200.0, 0.05)
+    after = Factor("T_em", "lag", 40.0).along(lambda _: np.where(time < 20.0, 300.0, 400.0), time)
+    exact = np.where(time < 20.0, 300.0, 400.0 - 100.0 * np.exp(-(time - 20.0) / 40.0))
+    assert np.abs(after - exact).max() < 1.5  # half a second of averaging at 100 / 40 K/s
+
+
+def test_a_log_and_a_problem_of_it_see_the_same(laid_out, clean):
+    problem = laid_out(clean)
+    for factor in (
+        Factor("T_em", "lag", 20.0),
+        Factor("p_im/p_amb"),
+        Factor("time", reference=10.0),
+        Factor("n_e", "rate"),
+    ):
+        form = Form("W_maf", (factor,))
+        seen, along = along_problem(form, problem), along_log(form, clean, clean.time[0] + problem.time)
+        assert np.std(seen - along) < 0.05 * np.std(along)
+
+
+def test_a_log_without_the_channel_is_refused(clean):
+    with pytest.raises(DataError, match="drive: channel 'T_oil' is missing"):
+        along_log(WARM, clean, clean.time)
+
+
+@pytest.mark.slow
+def test_a_housing_that_warms_up_is_found_as_a_formula_and_taken_out(plant, config, clean, misread):
+    seconds, tau = 0.01, 40.0
+    warm = np.empty(clean.time.size)
+    state = clean["T_em"][0]
+    for k, T in enumerate(clean["T_em"]):  # forward Euler: the step is a four-thousandth of the time constant
+        warm[k] = state
+        state += seconds / tau * (T - state)
+    log = misread(clean, clean["W_maf"] * (1.0 + 6e-4 * (warm - 700.0)))
+    prior = free_map(config.grid(), len(config.estimate.tolerance), 0.1)
+    found = refine(replace(plant, units=UNITS), config.grid(), prior, [log])
+    (finding,) = found.trace.findings
+    form = parsed(finding.id)
+    assert form.relative
+    assert [(f.signal, f.of) for f in form.factors[1:]] == [("T_em", "lag")]
+    assert form.factors[1].tau == pytest.approx(tau, rel=0.15)
+    at_reference = 1.0 + 6e-4 * (form.factors[1].reference - 700.0)  # what is constant belongs to the map
+    assert finding.parameters["coefficient"].value == pytest.approx(6e-4 / at_reference, rel=0.03)
+    assert finding.formula.startswith("W_maf too high by 0.000")
+    assert found.trace.comparison.ratio < 0.9
+    again = term_on(found.known_effects[0], found.before.problem, [log])
+    assert np.allclose(
+        again.effect.apply(found.before.problem.signals, 1e-3)["W_maf"],
+        found.terms[0].effect.apply(found.before.problem.signals, 1e-3)["W_maf"],
+        rtol=5e-3,  # a lag begins at the first sample, in a problem at the first window
+    )
