@@ -75,6 +75,9 @@ def track(
 ) -> tuple[StoredFleet, TrackOutput]:
     """Follow the map of every vehicle over time, and write what is found beside the sums of all logs.
 
+    Raises UsageError for an unknown period, a path that does not follow the pattern, or logs that are there twice; DataError if
+    no log can be used, or `out` was made with another configuration; NotProven if the certificate of the gain does not hold.
+
     Parameters
     ----------
     config : path
@@ -99,15 +102,6 @@ def track(
     -------
     StoredFleet, TrackOutput
         The fleet as written, and the object that `lpvobs track --json` prints.
-
-    Raises
-    ------
-    UsageError
-        For an unknown period, a path that does not follow the pattern, or logs that are there twice.
-    DataError
-        If no log can be used, or `out` was made with another configuration.
-    NotProven
-        If the certificate of the gain does not hold.
     """
     if every not in PERIODS:
         raise UsageError(f"--every {every}: expected one of {', '.join(PERIODS)}")

@@ -148,10 +148,7 @@ class ResidualModel:
         moved = np.array([deviation.get(name, 0.0) for name in self.names])
         at, old = self.with_unknowns, moved
         return replace(
-            self,
-            constants=at(moved),
-            covariance=covariance,
-            with_unknowns=lambda beta: at(self.both(old, beta)),
+            self, constants=at(moved), covariance=covariance, with_unknowns=lambda beta: at(self.both(old, beta))
         )
 
     def both(self, first: Array, second: Array) -> Array:

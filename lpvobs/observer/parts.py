@@ -87,11 +87,7 @@ class SlopeSignals:
         return len(self.channels) + 2 * len(self.smoothed) + 1
 
     def stacked(
-        self,
-        channels: Mapping[str, Array],
-        rates: Mapping[str, Array],
-        rough: Mapping[str, Array],
-        steps: Array,
+        self, channels: Mapping[str, Array], rates: Mapping[str, Array], rough: Mapping[str, Array], steps: Array
     ) -> Array:
         """Return the rows, shape (s, N)."""
         squares = [rough[name] ** 2 for name in self.smoothed]

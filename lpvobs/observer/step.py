@@ -63,14 +63,7 @@ def step(x: Array, theta: Array, h: float, sample: Sample, L: Array, Gamma: Arra
 
 
 def local_step(
-    x: Array,
-    theta: Array,
-    h: float,
-    sample: Sample,
-    L: Array,
-    gamma: float,
-    nodes: NDArray[np.int64],
-    Psi_l: Array,
+    x: Array, theta: Array, h: float, sample: Sample, L: Array, gamma: float, nodes: NDArray[np.int64], Psi_l: Array
 ) -> tuple[Array, Array]:
     """Return x and theta after the same step where only the nodes around the operating point move.
 

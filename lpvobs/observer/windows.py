@@ -74,10 +74,7 @@ class Moments:
     def __add__(self, other: "Moments") -> "Moments":
         """Return the sums of both."""
         return Moments(
-            self.products + other.products,
-            self.slow + other.slow,
-            self.windows + other.windows,
-            self.gram + other.gram,
+            self.products + other.products, self.slow + other.slow, self.windows + other.windows, self.gram + other.gram
         )
 
 

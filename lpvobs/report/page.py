@@ -11,22 +11,12 @@ from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.maps.excitation import Plan, plan
-from lpvobs.report import figures, surface_figures
+from lpvobs.report import figures, surface_figures, tables
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
 from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.outputs import RegionMean
 from lpvobs.report.residual import Picture, Section, picture, residual_sections
-from lpvobs.report.tables import (
-    Table,
-    bounds_table,
-    coefficient_tables,
-    gain_line,
-    grams,
-    percent,
-    region_line,
-    report_rows,
-)
 
 TEMPLATE = "report.html.j2"
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -46,22 +36,22 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
         verdicts=[
             *(verdict(view) for view in report.results),
             *sentences([(v.name, v.discovered) for v in report.results]),
-            *map(region_line, regions),
+            *map(tables.region_line, regions),
         ],
-        summary=report_rows(named),
+        summary=tables.report_rows(named),
         cycles=[Section(each.title, tuple(_pictures(each, f"c{number}"))) for number, each in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
         residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
-        bounds=bounds_table(widest.gain, widest.logs),
-        coefficients=coefficient_tables(named),
+        bounds=tables.bounds_table(widest.gain, widest.logs),
+        coefficients=tables.coefficient_tables(named),
         remarks=list(dict.fromkeys(found.remark for found in printed if found is not None)),
         held=[
-            (view.name, percent(view.stored.outer_coverage, 0))
+            (view.name, tables.percent(view.stored.outer_coverage, 0))
             for view in report.results
             if view.stored.extrapolation is not None
         ],
-        gains=[(view.name, gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
+        gains=[(view.name, tables.gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
         defects=defect_rows(report),
         origins=[(view.name, view.stored.provenance) for view in report.results],
     )
@@ -87,24 +77,24 @@ def _sentence(view: ResultView, log: LogSummary) -> str:
         )
     m = log.metrics
     beside = paper_error(view.stored.air_path, log.name)
-    paper = f"; the paper reports {percent(beside)}" if beside is not None else ""
+    paper = f"; the paper reports {tables.percent(beside)}" if beside is not None else ""
     constant = ENGINES[view.stored.air_path].air_path.rate_names
     held = f", {' and '.join(constant)} held constant" if view.stored.method == "published" else ""
     return (
         f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
-        f"{percent(m.mean_relative_error)} on average (floor of the grid {percent(m.floor_mean_relative_error)}{paper}), "
-        f"{grams(m.rmse)} g/s rms; {nodes}; {percent(log.share_certified, 1)} of the samples where stability is certified{held}."
+        f"{tables.percent(m.mean_relative_error)} on average (floor of the grid {tables.percent(m.floor_mean_relative_error)}{paper}), "
+        f"{tables.grams(m.rmse)} g/s rms; {nodes}; {tables.percent(log.share_certified, 1)} of the samples where stability is certified{held}."
     )
 
 
-def gain_rows(view: ResultView) -> Table:
+def gain_rows(view: ResultView) -> tables.Table:
     """Return L with the names of its rows and columns."""
     gain = view.stored.gain
     rows = [[state, *(f"{value:.5g}" for value in row)] for state, row in zip(gain.states, gain.gain.L, strict=True)]
     return ["L", *gain.outputs, "sensor"], rows
 
 
-def defect_rows(report: Report) -> Table:
+def defect_rows(report: Report) -> tables.Table:
     """Return what was found wrong with every log and dropped."""
     header = ["log", "samples used", "of", "dropped", "because of", "gaps", "repeated or backward", "duration s"]
     rows = {}
@@ -219,7 +209,7 @@ def plan_of(view: ResultView) -> Plan | None:
     return plan(stored.grid, stored.supported, stored.excitation, stored.noise, deviation)
 
 
-def drive_rows(view: ResultView, found: Plan) -> Table:
+def drive_rows(view: ResultView, found: Plan) -> tables.Table:
     """Return the cells that pay best, with what is known there and how long to drive."""
     fuel, speed = view.axes
     grid = view.stored.grid
@@ -230,7 +220,7 @@ def drive_rows(view: ResultView, found: Plan) -> Table:
             str(number),
             f"{grid.fuel[column]:g} to {grid.fuel[column + 1]:g}",
             f"{grid.speed[row]:g} to {grid.speed[row + 1]:g}",
-            grams(float(found.deviation[row, column])),
+            tables.grams(float(found.deviation[row, column])),
             f"{view.stored.excitation[row, column]:.2f}",
             f"{max(found.time[row, column], 1.0):.0f}",
         ]

@@ -12,19 +12,8 @@ from numpy.typing import NDArray
 
 from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
+from lpvobs.report import figures
 from lpvobs.report.content import SurfaceView
-from lpvobs.report.figures import (
-    DIVERGING,
-    ESTIMATE,
-    GRAMS,
-    READING,
-    SEQUENTIAL,
-    TRUTH,
-    edges,
-    error_limit,
-    label_axes,
-    node_map,
-)
 from lpvobs.report.svg import INK, drawn
 
 CUTS = 3
@@ -40,12 +29,12 @@ def surface_view(figure: Figure, surface: SurfaceView, limit: float) -> None:
     """Draw the map as a surface in space, [g/s]; extrapolated parts are pale."""
     with mpl.rc_context({"grid.color": "#80808050"}):
         axes: Any = figure.add_subplot(projection="3d")
-    grid, scale = surface.grid, Normalize(-GRAMS * limit, GRAMS * limit)
-    values = GRAMS * surface.values
+    grid, scale = surface.grid, Normalize(-figures.GRAMS * limit, figures.GRAMS * limit)
+    values = figures.GRAMS * surface.values
     middle = 0.25 * (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:])
     filled = surface.filled
     pale = filled[:-1, :-1] | filled[1:, :-1] | filled[:-1, 1:] | filled[1:, 1:]
-    colours = np.asarray(mpl.colormaps[DIVERGING](scale(np.nan_to_num(middle))))
+    colours = np.asarray(mpl.colormaps[figures.DIVERGING](scale(np.nan_to_num(middle))))
     colours[..., 3] = np.where(np.isfinite(middle), np.where(pale, FAINT, 1.0), 0.0)
     axes.plot_surface(
         *np.meshgrid(grid.fuel, grid.speed),
@@ -59,7 +48,7 @@ def surface_view(figure: Figure, surface: SurfaceView, limit: float) -> None:
     )
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color((0.5, 0.5, 0.5, 0.06))
-    label_axes(axes, surface.axes)
+    figures.label_axes(axes, surface.axes)
     axes.set_zlabel("sensor error [g/s]")
     axes.view_init(elev=28.0, azim=-120.0)
     axes.set_box_aspect((1.3, 1.3, 0.8), zoom=0.95)
@@ -85,7 +74,7 @@ def cuts(figure: Figure, surface: SurfaceView, deviation: Array) -> None:
     left.set_ylabel("sensor error [g/s]")
 
 
-LOOKS = ((ESTIMATE, "o"), (READING, "s"), (TRUTH, "^"))
+LOOKS = ((figures.ESTIMATE, "o"), (figures.READING, "s"), (figures.TRUTH, "^"))
 """Colour and mark of each cut: told apart without colour, too."""
 
 
@@ -101,21 +90,21 @@ def _line(
 ) -> None:
     colour, mark = look
     own = np.where(filled, np.nan, values)
-    axes.plot(at, GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
-    axes.plot(at, GRAMS * own, color=colour, marker=mark, markersize=3.5, label=text)
-    low, high = (GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
+    axes.plot(at, figures.GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
+    axes.plot(at, figures.GRAMS * own, color=colour, marker=mark, markersize=3.5, label=text)
+    low, high = (figures.GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
     axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
 
 
 @drawn()
 def change_map(figure: Figure, surface: SurfaceView, changed: NDArray[np.bool_]) -> None:
     """Draw a heat map of how a map has changed, [g/s]; nodes that have changed by more than their errors are framed."""
-    size = GRAMS * error_limit([surface])
-    axes = node_map(figure, surface, Normalize(-size, size), "change of the sensor error [g/s]")
-    u, n = edges(surface.grid.fuel), edges(surface.grid.speed)
+    size = figures.GRAMS * figures.error_limit([surface])
+    axes = figures.node_map(figure, surface, Normalize(-size, size), "change of the sensor error [g/s]")
+    u, n = figures.edges(surface.grid.fuel), figures.edges(surface.grid.speed)
     for j, i in np.argwhere(changed):
         width, height = u[i + 1] - u[i], n[j + 1] - n[j]
-        axes.add_patch(Rectangle((u[i], n[j]), width, height, fill=False, edgecolor=READING, linewidth=1.8))
+        axes.add_patch(Rectangle((u[i], n[j]), width, height, fill=False, edgecolor=figures.READING, linewidth=1.8))
 
 
 @drawn()
@@ -125,11 +114,11 @@ def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
     u, n = surface.grid.fuel, surface.grid.speed
     left = np.where(plan.time > 0.0, plan.time, np.nan)
     top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
-    image = axes.pcolormesh(u, n, left, cmap=SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
+    image = axes.pcolormesh(u, n, left, cmap=figures.SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
     figure.colorbar(image, ax=axes, label="time to drive in the cell [s]", pad=0.015)
     for number, (row, column) in enumerate(plan.cells, 1):
         corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
-        axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=READING, linewidth=1.8))
+        axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=figures.READING, linewidth=1.8))
         middle = corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1]
         axes.text(
             *middle,
@@ -140,5 +129,5 @@ def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
             color="#000000",
             bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
         )
-    label_axes(axes, surface.axes)
+    figures.label_axes(axes, surface.axes)
     axes.grid(visible=True, color=INK)

@@ -9,16 +9,7 @@ from numpy.typing import NDArray
 from lpvobs.compiled import njit
 from lpvobs.simulation.control import Commands, Targets, control
 from lpvobs.simulation.derivative import derivative, flows
-from lpvobs.simulation.plant import (
-    OMEGA_T,
-    P_EM,
-    P_IM,
-    SLOWEST_TURBINE,
-    T_IM,
-    U_VGT,
-    Inputs,
-    Plant,
-)
+from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, SLOWEST_TURBINE, T_IM, U_VGT, Inputs, Plant
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

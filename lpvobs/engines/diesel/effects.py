@@ -101,10 +101,7 @@ CATALOGUE = (
 
 
 def diesel_model(
-    engine: DieselEngine,
-    tolerance: Mapping[str, float],
-    day: DayToDay = ANY_DAY,
-    known: Unknowns | None = None,
+    engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY, known: Unknowns | None = None
 ) -> ResidualModel:
     """Return the diesel as the loop sees it, around its configured constants.
 

@@ -51,10 +51,7 @@ class Throttled(AsKnown):
     rate_names: ClassVar[tuple[str, ...]] = ("a_ic", "a_im")
     balance_names: ClassVar[tuple[str, ...]] = BALANCES
     smoothed: ClassVar[tuple[str, ...]] = ("p_ic", "p_im")
-    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
-        MapAxis("m_f", "1", "fuel per stroke as logged"),
-        SPEED_AXIS,
-    )
+    axes: ClassVar[tuple[MapAxis, MapAxis]] = (MapAxis("m_f", "1", "fuel per stroke as logged"), SPEED_AXIS)
     channels: ClassVar[Mapping[str, Channel]] = {
         "n_e": Channel("rpm", -50.0, 12000.0, (300.0, 9000.0), "engine speed"),
         "m_f": Channel("1", -1e3, 1e4, (-1.0, 1e4), "fuel per stroke as logged: an amount or an injection time"),
