@@ -80,10 +80,11 @@ def _sentence(view: ResultView, log: LogSummary) -> str:
     paper = f"; the paper reports {tables.percent(beside)}" if beside is not None else ""
     constant = ENGINES[view.stored.air_path].air_path.rate_names
     held = f", {' and '.join(constant)} held constant" if view.stored.method == "published" else ""
+    floor, certified = tables.percent(m.floor_mean_relative_error), tables.percent(log.share_certified, 1)
     return (
         f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
-        f"{tables.percent(m.mean_relative_error)} on average (floor of the grid {tables.percent(m.floor_mean_relative_error)}{paper}), "
-        f"{tables.grams(m.rmse)} g/s rms; {nodes}; {tables.percent(log.share_certified, 1)} of the samples where stability is certified{held}."
+        f"{tables.percent(m.mean_relative_error)} on average (floor of the grid {floor}{paper}), {tables.grams(m.rmse)} g/s rms; "
+        f"{nodes}; {certified} of the samples where stability is certified{held}."
     )
 
 
