@@ -2,7 +2,8 @@
 
 Each draw drives the FTP75's cold transient, 20 samples a second. `same structure`: the plant's constants are drawn within the
 tolerance of `configs/series.toml`, as are the pressure difference that its vanes hold and the scale of the logged fuel. `another
-structure`: all forms of `[simulation.structure]`, and a bench of 100 points behind every row. The full diesel has all channels; the
+structure`: all forms of `[simulation.structure]`, and a bench of 100 points behind every row; behind those of `series` a healthy
+drive, too, an NEDC of another day whose sensor is right. The full diesel has all channels; the
 bench table is speed-density with the EGR flow of exhaust pressure, as in `engine_as_it_is.py`. Lambda is that of the gas in the
 exhaust manifold behind a probe of 0.3 s with 0.5 % of noise.
 
@@ -21,13 +22,14 @@ from common import Drive, configuration, markdown, publish, state_gain
 from engine_as_it_is import FIRST_SEED, POINTS, Judged, Setting, _mean, from_point, judged, on_calibrated, speed_density
 
 from lpvobs.calibration.bench import bench_table
-from lpvobs.calibration.fit import calibrated
+from lpvobs.calibration.fit import calibrated, taught
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.unknowns import unknowns_of
+from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.observer.estimate import Point
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.drawing import drawn
+from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.simulate import SimulatedLog, simulate
 from lpvobs.simulation.stationary import BenchTable, bench
 
@@ -39,7 +41,7 @@ ROWS = {
     "full diesel": (),
     "bench table": (),
     "EGR as configured": ("p_em", "T_em", "lambda_e"),
-    "EGR from the bench": ("p_em", "T_em", "lambda_e"),
+    "EGR from bench and healthy drive": ("p_em", "T_em", "lambda_e"),
     "lambda beside it": ("p_em", "T_em"),
 }
 """What is compared, and the channels that its log lacks."""
@@ -102,13 +104,15 @@ def one_draw(other: bool, seed: int) -> list[tuple[str, tuple[Judged, float]]]:
         ("full diesel", judged(setting.grid, full.theta, full.covariance, full.supported, d), 1.0),
         ("bench table", judged(setting.grid, speed_density(setting, table, d), None, full.supported, d), 1.0),
     ]
-    taught = calibrated_from(ours, table)
+    made_healthy = simulate(engine, simulation, "nedc", RATE, seed + 1000, ErrorSurface("zero"))
+    healthy = without(drive_of(made_healthy, fuel, random).log, ROWS["lambda beside it"])
+    known = taught(calibrated_from(ours, table), ours.grid, ours.gain, [healthy], lambda _: None).unknowns
+    learned = known_from(ours, known)
     for row, lacks in list(ROWS.items())[2:]:
         if other and row == "EGR as configured":
             continue
-        log = replace(d.log, channels={**d.log.channels, **dict.fromkeys(lacks, np.full(len(d.log), np.nan))})
-        point = start_of(ours) if row == "EGR as configured" else taught
-        map_ = from_point(ours, point, replace(d, log=log))
+        point = start_of(ours) if row == "EGR as configured" else learned
+        map_ = from_point(ours, point, replace(d, log=without(d.log, lacks)))
         share = float(map_.supported.sum() / full.supported.sum())
         told.append((row, judged(ours.grid, map_.theta, map_.covariance, map_.supported, d), share))
     return [(row, (one, share)) for row, one, share in told]
@@ -125,8 +129,18 @@ def calibrated_from(setting: Setting, table: BenchTable) -> Point:
     start = start_of(setting)
     prior = unknowns_of(start.settings.tolerance, start.configured.components)
     known = calibrated(start.configured, prior, [bench_table(start.configured, table.channels)]).unknowns
+    return known_from(setting, known)
+
+
+def known_from(setting: Setting, known: Unknowns) -> Point:
+    """Return the engine as a calibration knows it."""
     deviation = dict(zip(known.constants, known.mean.tolist(), strict=False))
-    return replace(start, deviation=deviation, known=known)
+    return replace(start_of(setting), deviation=deviation, known=known)
+
+
+def without(log: Log, lacks: tuple[str, ...]) -> Log:
+    """Return a log that lacks channels."""
+    return replace(log, channels={**log.channels, **dict.fromkeys(lacks, np.full(len(log), np.nan))})
 
 
 def drive_of(made: SimulatedLog, fuel: float, random: np.random.Generator) -> Drive:

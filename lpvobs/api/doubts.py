@@ -49,6 +49,7 @@ def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Itera
     total = reduce(add, (noted(name, sums) for name, sums in logs))
     says.extend(_too_small(engine.air_path.volumes, estimate.engine))
     refuse_too_large(estimate, total, config.estimate.largest_error, says)
+    says.extend(filter(None, [config.kind.caveat]))
     return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says))
 
 

@@ -199,6 +199,7 @@ class EngineKind:
     known_drive: Callable[[Any, Callable[[Array, Array], Array]], Mapping[str, Array]] | None = None
     suspects: Suspects = NONE_SUSPECTED  # what its logs are tried for beyond impossible readings
     pulsation: Pulsation | None = None  # of the sensor under test; None where nothing is known of it
+    caveat: str = ""  # what is to be said of every map of it
     # for control units: the numbers by name that `model.c` in the engine's folder reads, from the air path
     in_c: Callable[[Any], Mapping[str, float | Array]] | None = None
 

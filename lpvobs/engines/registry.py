@@ -7,6 +7,7 @@ ENGINES: dict[str, EngineKind] = {
     diesel.ENGINE.name: diesel.ENGINE,
     throttled.ENGINE.name: throttled.ENGINE,
     series.ENGINE.name: series.ENGINE,
+    series.OBD.name: series.OBD,
 }
 
 

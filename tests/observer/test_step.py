@@ -122,7 +122,9 @@ def drives(air_path, grid, drive, gain):
     cascade = np.array([[500.0, 0.0], [4e-3, 0.0]])
     both = (cascade, cascade + np.array([0.0, 1.0]) * np.array([[2e5], [3.0]]))
     series = (ours.engine_path(), drive[0], ("p_im",), ours.grid(), both)
-    found = {"diesel": diesel, "throttled": throttled(), "series": series}
+    simple = load_config(CONFIGS / "speed_density.toml")[0]
+    plain = (simple.engine_path(), drive[0], ("p_im",), simple.grid(), both)
+    found = {"diesel": diesel, "throttled": throttled(), "series": series, "speed_density": plain}
     assert found.keys() == ENGINES.keys()
     return found
 

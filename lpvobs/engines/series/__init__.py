@@ -6,7 +6,10 @@ from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.series.constants import SeriesEngine
 from lpvobs.engines.series.effects import residual_model
 from lpvobs.engines.series.lpv import Series
+from lpvobs.engines.series.obd import OBD
 from lpvobs.engines.series.recorded import RECORDED
+
+__all__ = ["ENGINE", "OBD"]
 
 ENGINE = EngineKind(
     air_path=Series,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.components import intake
-from lpvobs.engines.curves import in_space
+from lpvobs.engines.curves import in_space, on_surface
 from lpvobs.engines.knowledge import nodes
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.records import Array
@@ -38,6 +38,10 @@ COMPONENTS = (
     Component(
         "egr", "1", "flow added, of that of the open nozzle", 0.3, "egr",
         {"u_egr": OPENING, "n_e": SPEED, "u_delta": LOAD}, (25.0, 1000.0, 25.0),
+    ),
+    Component(
+        "egr_drive", "1", "relative change of the EGR flow where the pressure before it is not logged", 0.3,
+        axes={"n_e": SPEED, "u_delta": LOAD}, lengths=(1000.0, 25.0),
     ),
     Component("egr_leak", "1", "leakage of the shut EGR valve, of its largest area", 0.005),
     Component("lambda_lag", "s", "lag of the lambda probe", 0.5),
@@ -102,7 +106,8 @@ def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> t
     """Return how each of `COMPONENTS` moves the balances at n places, given channels and their rates there."""
     W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
     u_egr = np.nan_to_num(x.get("u_egr", np.full(W_ei.size, np.nan)))
-    _, per_area = egr(c, x, W_ei)
+    W_egr, per_area = egr(c, x, W_ei)
+    driven = np.where(np.isfinite(x.get("p_em", np.full(W_ei.size, np.nan))), 0.0, np.nan_to_num(W_egr))
     nozzle = in_space(OPENING.values, SPEED.values, LOAD.values, u_egr, x["n_e"], x["u_delta"])
     burnt = mixture(c, x, rates)
     late = rates.get("lambda_e", 0.0) / x.get("lambda_e", np.nan)
@@ -111,6 +116,7 @@ def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> t
         *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
         Correction(FILLING, intake.per_charge(W_ei, x)),
         Correction(FILLING, -intake.egr_area(c, u_egr) * per_area, nozzle),
+        Correction(FILLING, -driven, on_surface(SPEED.values, LOAD.values, x["n_e"], x["u_delta"])),
         Correction(FILLING, -c.A_egr_max * per_area),
         Correction(MIXTURE, burnt * late),
         Correction(None, -rises),

@@ -95,7 +95,7 @@ class Series(AsKnown):
         W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
         parameters = np.stack([W_ei / x["p_im"], c.R_a * T / c.V_im])
         A, C = (np.moveaxis(np.array(rows), -1, 0) for rows in self.system(list(parameters), outputs))
-        inflow = np.nan_to_num(flows.egr(c, x, W_ei)[0])
+        inflow = self.returned(x, W_ei)
         E = np.stack([parameters[1] * inflow, np.zeros(len(log))], axis=1)
         y = np.column_stack([log[name] for name in (*outputs, self.sensor)])
         return Trajectory(parameters.T, A, E, C, y)
@@ -112,7 +112,11 @@ class Series(AsKnown):
         """Return p_im as measured and W_c as the filling shows it, shape (N, 2)."""
         x = log.channels
         W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
-        return np.stack([x["p_im"], W_ei - np.nan_to_num(flows.egr(self.constants, x, W_ei)[0])], axis=1)
+        return np.stack([x["p_im"], W_ei - self.returned(x, W_ei)], axis=1)
+
+    def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
+        """Return the EGR flow, shape (n,) [kg/s]; zero where nothing tells it."""
+        return np.nan_to_num(flows.egr(self.constants, x, W_ei)[0])
 
     def knowledge(self) -> None:
         """Return nothing: all constants are configured."""
@@ -127,7 +131,7 @@ class Series(AsKnown):
 
     def deviating(self, deviation: Mapping[str, float]) -> "Series":
         """Return the air path of an engine whose constants deviate."""
-        return Series(scaled(self.engine, deviation))
+        return type(self)(scaled(self.engine, deviation))
 
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances."""

@@ -133,3 +133,25 @@ def test_effects_change_what_they_should(config, tmp_path):
         flow, state = model.further(model.constants, faulty)
         np.testing.assert_allclose(flow, -moved, atol=1e-15)
         np.testing.assert_allclose(state[0], 287.0 * log["T_im"] / 5e-3 * moved[0], rtol=1e-9)
+
+
+def test_speed_and_pressure_alone_give_the_difference_between_days(tmp_path):
+    """The sensor reads 2 % more on the second day: the maps of filling alone, EGR in both, differ by that and by nothing else."""
+    config, gain = CONFIGS / "speed_density.toml", tmp_path / "gain.h5"
+    lpvobs.synth_gain(config, out=gain)
+    maps = []
+    for day, factor in enumerate((1.0, 1.02)):
+        channels = drive()
+        channels["W_maf"] = factor * channels["W_maf"]
+        log = written(
+            tmp_path / f"log{day}.parquet", {n: channels[n] for n in ("time", "n_e", "p_im", "T_im", "W_maf")}
+        )
+        result = tmp_path / f"day{day}.h5"
+        assert any("confounded" in text for text in lpvobs.estimate(config, [log], gain=gain, out=result).doubts.says)
+        maps.append(lpvobs.read_map(result).values)
+        with pytest.raises(DataError, match="tell no fault from another"):
+            lpvobs.trace(result, [log])
+    known = np.isfinite(maps[0])
+    assert known.sum() >= 6
+    change = (maps[1] - maps[0])[known].mean() / drive()["W_maf"].mean()
+    assert change == pytest.approx(0.02, abs=0.005)  # nodes and drive have other mean flows
