@@ -52,6 +52,7 @@ class Series(AsKnown):
     balance_names: ClassVar[tuple[str, ...]] = flows.BALANCES
     components: ClassVar[tuple[Component, ...]] = flows.COMPONENTS
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = flows.MEASURED_PARTS
+    volumes: ClassVar[tuple[str, ...]] = ("V_im",)
     usual_tolerance: ClassVar[Mapping[str, float]] = TOLERANCE
     axes: ClassVar[tuple[MapAxis, MapAxis]] = (
         MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
