@@ -64,8 +64,8 @@ def calibrate(
     reference : path or several
         Logs with the channel `W_reference`, a meter in the sensor's place.
     maps : several str
-        `KIND=FILE`, a table of one component: a CSV with the units in a second line, or `FILE.dcm:LABEL`; kinds are those of the
-        engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
+        `KIND=FILE`, a table of one component: CSV with the units in a second line, Parquet with units, or `FILE.dcm:LABEL`; kinds
+        are those of the engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
     out : path
         The engine to write.
     gain : path, optional

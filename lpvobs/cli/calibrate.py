@@ -18,8 +18,8 @@ def calibrate(
     ),
     maps: list[str] | None = option(
         "KIND=FILE",
-        "A table of one component, of a kind that the engine has; a CSV with a second line of units, or FILE.dcm:LABEL. A "
-        "compressor's map names T_reference and p_reference.",
+        "A table of one component, of a kind that the engine has; a CSV with a second line of units, Parquet, or "
+        "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
         "--map",
     ),
     gain: Path | None = option(

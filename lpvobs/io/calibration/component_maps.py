@@ -12,7 +12,7 @@ from lpvobs.engines.bounds import Within
 from lpvobs.engines.unknowns import ComponentMap, unknowns_of
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import read_dcm_map
-from lpvobs.io.logs.bench import from_csv, refuse_far
+from lpvobs.io.logs.bench import from_csv, from_parquet, refuse_far
 from lpvobs.io.logs.parquet import column_of
 from lpvobs.io.logs.units import convert
 from lpvobs.records import Array
@@ -37,7 +37,7 @@ def named_file(text: str, air_path: AirPath) -> tuple[str, Path, str]:
 def read_component_map(kind: str, path: Path, label: str, air_path: AirPath) -> Table:
     """Return the points of a table; raises DataError for one that lacks a column or cannot be of this engine."""
     known = air_path.component_maps[kind]
-    columns, tolerance = _from_dcm(path, label, known) if label else _from_csv(path, known)
+    columns, tolerance = _from_dcm(path, label, known) if label else _from_table(path, known)
     count = next(iter(columns.values())).size
     if not LEAST_POINTS <= count <= MOST_POINTS:
         raise DataError(f"{path}: {count} points, expected {LEAST_POINTS} to {MOST_POINTS} of a {kind} table")
@@ -47,9 +47,10 @@ def read_component_map(kind: str, path: Path, label: str, air_path: AirPath) -> 
     return table
 
 
-def _from_csv(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
+def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], float]:
     """Return the columns of the first form of which the file has the first one, and what it says of its tolerance."""
-    found = from_csv(path)
+    names = dict.fromkeys([name for form in known.forms for name in form] + [TOLERANCE])
+    found = from_parquet(path, list(names)) if path.suffix.lower() == ".parquet" else from_csv(path)
     forms = [form for form in known.forms if next(iter(form)) in found.column_names]
     forms.sort(key=lambda form: not set(form) <= set(found.column_names))
     if not forms:

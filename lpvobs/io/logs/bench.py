@@ -72,7 +72,7 @@ def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
 
 def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
     needed, optional = _wanted(air_path)
-    found = from_csv(path) if path.suffix.lower() == ".csv" else _from_parquet(path, [*needed, *optional])
+    found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
         expect(path, found.schema, name, unit)
     wanted = {name: unit for name, unit in {**needed, **optional}.items() if name in found.column_names}
@@ -86,7 +86,8 @@ def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
     return table
 
 
-def _from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
+def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
+    """Return those of the named columns that are there, units in the metadata."""
     metadata = metadata_of(path)
     there = schema_of(path, metadata).names
     refuse_huge(path, metadata.num_rows, len(names))

@@ -4,6 +4,8 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lpvobs.calibration.bench import rows_of
@@ -81,6 +83,24 @@ def test_what_all_points_may_be_off_by_together_does_not_average_out(air_path, t
     np.testing.assert_allclose(rows.z, 0.0, atol=1e-9)
     found = calibrated(air_path, replace(prior, covariance=alone), [table])
     assert np.sqrt(found.unknowns.covariance[0, 0]) == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_parquet_table_is_the_csv_with_its_units(engine, air_path, tmp_path):
+    lines = [[float(cell) for cell in line.split(",")] for line in lines_of(engine).splitlines()]
+    columns = dict(zip(("corrected_speed", "corrected_flow", "pressure_ratio"), np.array(lines).T, strict=True))
+    columns |= {"T_reference": np.full(12, 25.0), "p_reference": np.full(12, 981.0)}
+    units = ("rpm", "kg/h", "1", "degC", "hPa")
+    fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in zip(columns, units, strict=True)]
+    path = tmp_path / "map.parquet"
+    pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), path)
+    found = read_component_map("compressor", path, "", air_path)
+    wanted = read(tmp_path, HEAD + NAMES + lines_of(engine), air_path)
+    assert found.tolerance == wanted.tolerance
+    for name, column in wanted.columns.items():
+        np.testing.assert_array_equal(found.columns[name], column)
+    pq.write_table(pa.table({"corrected_speed": [1.0]}), path)
+    with pytest.raises(DataError, match="corrected_flow"):
+        read_component_map("compressor", path, "", air_path)
 
 
 @pytest.mark.parametrize("turned", [False, True])
