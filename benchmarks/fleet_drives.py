@@ -9,7 +9,7 @@ import numpy as np
 from common import configuration
 
 from lpvobs.io.logs.parquet import write_log
-from lpvobs.simulation.cycles import TABLES, data_folder
+from lpvobs.simulation.cycles import TABLES, shipped_folder
 from lpvobs.simulation.drawing import drawn
 from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.sensors import measure
@@ -104,7 +104,7 @@ def record(folder: Path, seed: int, only: slice = slice(None)) -> None:
 
 def stretch(path: Path, rng: np.random.Generator) -> Path:
     """Write a part of a cycle that begins at rest."""
-    with (data_folder() / "cycles" / TABLES[str(rng.choice(CYCLES))]).open(encoding="utf-8") as table:
+    with (shipped_folder() / "cycles" / TABLES[str(rng.choice(CYCLES))]).open(encoding="utf-8") as table:
         header, *rows = csv.reader(table)
     times = [float(row[0]) for row in rows]
     rests = [i for i, row in enumerate(rows) if float(row[1]) == 0.0 and times[i] + SECONDS <= times[-1]]

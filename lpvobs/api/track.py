@@ -133,7 +133,7 @@ def track(
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
-        write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance)
+        write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, refused)
         PartsFolder(target, "").remove()
         fleet = read_fleet(target)
         if table is not None:

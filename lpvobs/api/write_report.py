@@ -12,6 +12,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.results.engines import KIND, REMEDY, read_engine
+from lpvobs.io.results.fleets import StoredFleet, read_fleet
 from lpvobs.io.results.hdf import is_hdf5, reading
 from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import StoredResult
@@ -121,12 +122,24 @@ def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]])
     return RegionMean(result=name, region=where, value=float(mean.values[0]), ci90=(low, high))
 
 
-def is_engine(path: Path) -> bool:
-    """Return whether a file says that it is a calibrated engine."""
+def kind_of(path: Path) -> str:
+    """Return what kind of file it says it is, such as result, engine or fleet; nothing where it does not say."""
     if not path.is_file() or not is_hdf5(path):
-        return False
+        return ""
     with h5py.File(path, "r") as file:
-        return bool(file.attrs.get("schema", "") == f"lpvobs/{KIND}/1")
+        return str(file.attrs.get("schema", "")).partition("/")[2].partition("/")[0]
+
+
+def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
+    """Return a fleet, and write its page if asked for; raises DataError if the file is none."""
+    path = as_path(fleet)
+    stored = read_fleet(path)
+    if html is not None:
+        from lpvobs.report.fleet_page import fleet_page
+
+        with writing(html, [path]) as target, replacing(target) as temporary:
+            temporary.write_text(fleet_page(path.stem, stored), encoding="utf-8")
+    return stored
 
 
 def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from lpvobs.cli.common import guarded, print_json, say, table, visible
+from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
 from lpvobs.cli.options import JSON, REGION, argument, option
+from lpvobs.cli.track import show_fleet
 
 
 @guarded
@@ -27,19 +28,12 @@ def report(
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
     from lpvobs.api.compare import region_of
-    from lpvobs.api.write_report import is_engine, make_report, report_engine
-    from lpvobs.report.engines import calibration_tables
+    from lpvobs.api.write_report import kind_of, make_report
     from lpvobs.report.gates import enforce
     from lpvobs.report.tables import coefficient_tables, gain_line, region_line, report_rows
 
-    if is_engine(result):
-        engine = report_engine(result, html=html)
-        if html is not None:
-            say(f"{html}: written")
-        if as_json:
-            print_json("calibrate", engine)
-        else:
-            print("\n\n".join(table(*part) for part in calibration_tables(engine)))
+    if (kind := kind_of(result)) in ("engine", "fleet"):
+        _other(kind, result, html, as_json)
         return
     wanted = None if region is None else region_of(region)
     done = make_report(result, further or (), html=html, gates=gate or (), junit=junit, region=wanted)
@@ -58,3 +52,22 @@ def report(
             print("\n" + "\n".join(visible(line) for line in done.told))
         print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in done.results))
     enforce(done.verdicts)
+
+
+def _other(kind: str, path: Path, html: Path | None, as_json: bool) -> None:
+    """Show an engine or a fleet."""
+    from lpvobs.api.track import output_of
+    from lpvobs.api.write_report import report_engine, report_fleet
+    from lpvobs.report.engines import calibration_tables
+
+    fleet = report_fleet(path, html=html) if kind == "fleet" else None
+    engine = None if fleet else report_engine(path, html=html)
+    if html is not None:
+        say(f"{html}: written")
+    if fleet:
+        print_json("track", output_of(fleet, 0, fleet.refused)) if as_json else show_fleet(fleet)
+        leave(fleet.refused)
+    elif engine and as_json:
+        print_json("calibrate", engine)
+    elif engine:
+        print("\n\n".join(table(*part) for part in calibration_tables(engine)))

@@ -1,6 +1,7 @@
 """`lpvobs track`."""
 
 from pathlib import Path
+from typing import Any
 
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
 from lpvobs.cli.estimate import SIDE_BY_SIDE
@@ -36,7 +37,6 @@ def track(
     """
     load_compiler()
     from lpvobs.api.track import track as follow
-    from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
 
     config = chosen_config(config)
     with progress("tracking") as report:
@@ -47,9 +47,16 @@ def track(
     if as_json:
         print_json("track", content)
     else:
-        print(fleet_summary(fleet))
-        for rows in (vehicle_rows(fleet, verbose), change_rows(fleet)):
-            if rows[1]:
-                print("\n" + table(*rows))
+        show_fleet(fleet, verbose)
         say(f"{out}: {content.new} new logs, {content.logs - content.new} known before")
     leave(content.refused)
+
+
+def show_fleet(fleet: Any, verbose: bool = False) -> None:
+    """Print a summary, the vehicles that stand out, or all, and changes."""
+    from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
+
+    print(fleet_summary(fleet))
+    for rows in (vehicle_rows(fleet, verbose), change_rows(fleet)):
+        if rows[1]:
+            print("\n" + table(*rows))

@@ -2,10 +2,9 @@
 
 from lpvobs.io.logs.origins import date_of
 from lpvobs.io.results.fleets import StoredFleet
+from lpvobs.maps.joint import NORMAL_90
 from lpvobs.report.tables import Table, grams
-from lpvobs.tracking.fleet import Aspects, Standing
-
-Z90 = 1.645
+from lpvobs.tracking.fleet import Aspects
 
 
 def fleet_summary(fleet: StoredFleet) -> str:
@@ -23,15 +22,10 @@ def vehicle_rows(fleet: StoredFleet, verbose: bool) -> Table:
     """Return a row per vehicle, worst first; without `verbose` only of those that stand out."""
     header = ["vehicle", "logs", "verdict", "level g/s a month", "90 %", "gain % a month", "90 %", "unlike its type"]
     return header, [
-        [each.vehicle, str(each.logs), each.verdict, *trend_cells(each), f"{each.unlike:+.1f} sd"]
+        [each.vehicle, str(each.logs), each.verdict, *_cells(each.trend, each.trend_error), f"{each.unlike:+.1f} sd"]
         for each in fleet.found.worst_first()
         if verbose or each.stands_out
     ]
-
-
-def trend_cells(each: Standing) -> list[str]:
-    """Return level and gain with half the width of their intervals."""
-    return _cells(each.trend, each.trend_error)
 
 
 def change_rows(fleet: StoredFleet) -> Table:
@@ -49,4 +43,9 @@ def change_rows(fleet: StoredFleet) -> Table:
 
 
 def _cells(size: Aspects, error: Aspects) -> list[str]:
-    return [grams(size[0]), f"+-{grams(Z90 * error[0])}", f"{100 * size[1]:+.3f}", f"+-{100 * Z90 * error[1]:.3f}"]
+    return [
+        grams(size[0]),
+        f"+-{grams(NORMAL_90 * error[0])}",
+        f"{100 * size[1]:+.3f}",
+        f"+-{100 * NORMAL_90 * error[1]:.3f}",
+    ]

@@ -128,3 +128,13 @@ def test_origins_come_from_metadata_and_dates_are_checked(lpvobs, config, chain,
     done = lpvobs(*drive, "--date", "31.1.2025")
     assert done.code == 2
     assert "--date 31.1.2025: expected for example 2025-01-31" in done.err
+
+
+def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, whole, tmp_path):
+    page = tmp_path / "fleet.html"
+    done = lpvobs("report", whole[0], "--html", page)
+    assert done.code == 0, done.err
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<polyline") == 2
+    assert text.count('id="v') == 4  # two vehicles, the section of all, and one of the residuals
+    assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"

@@ -1,6 +1,6 @@
 """A fleet in one HDF5 file: the sums of all logs, by which it goes on without them, and what was found from them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +11,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.results.extrapolations import Axes, axes_of, grid_layout
 from lpvobs.io.results.hdf import creating, reading, write_group
 from lpvobs.io.results.mapping import fields, read, read_rows, rows, write
-from lpvobs.io.results.provenance import Provenance, read_provenance
+from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
@@ -48,10 +48,18 @@ class StoredFleet:
     kept: FleetSums
     found: Tracked
     provenance: Provenance
+    refused: tuple[str, ...] = ()  # why other logs were left out
 
 
 def write_fleet(
-    path: Path, air_path: str, axes: Axes, grid: Grid, kept: FleetSums, found: Tracked, provenance: Provenance
+    path: Path,
+    air_path: str,
+    axes: Axes,
+    grid: Grid,
+    kept: FleetSums,
+    found: Tracked,
+    provenance: Provenance,
+    refused: Sequence[str],
 ) -> None:
     """Write a fleet; at any instant the target is absent, the old file, or the complete new one."""
     with creating(path) as file:
@@ -68,6 +76,7 @@ def write_fleet(
         ):
             write_group(file, name, rows(records, row, LABELS))
         provenance.write(file)
+        write_refused(file, refused)
 
 
 def read_fleet(path: Path) -> StoredFleet:
@@ -83,7 +92,9 @@ def read_fleet(path: Path) -> StoredFleet:
         )
         axes = axes_of(file)
         grid, kept = read(file["map"], grid_layout(axes)), read(file["sums"], FleetSums)
-        return StoredFleet(path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file))
+        return StoredFleet(
+            path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file), read_refused(file)
+        )
 
 
 def expect_key(path: Path, kept: FleetSums, key: str) -> None:

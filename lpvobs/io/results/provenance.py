@@ -1,9 +1,10 @@
 """What made a result: inputs, configuration, versions, command line."""
 
+import json
 import platform
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -51,3 +52,13 @@ class Provenance:
 def read_provenance(file: h5py.File) -> Provenance:
     """Return what a stored result says of its own making."""
     return read(file["provenance"], Provenance)
+
+
+def write_refused(file: h5py.File, refused: Sequence[str]) -> None:
+    """Write why logs were left out, each with its reason."""
+    file.attrs["refused"] = json.dumps(list(refused))
+
+
+def read_refused(file: h5py.File) -> tuple[str, ...]:
+    """Return it; nothing for a result that does not say."""
+    return tuple(map(str, json.loads(str(file.attrs.get("refused", "[]")))))

@@ -1,0 +1,94 @@
+"""The page of a fleet: a line per vehicle, worst first, the types' maps, every vehicle by itself."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from lpvobs import __version__
+from lpvobs.engines.base import MapAxis
+from lpvobs.io.logs.origins import date_of
+from lpvobs.io.results.fleets import StoredFleet
+from lpvobs.report.content import SurfaceView
+from lpvobs.report.figures import error_limit, error_map
+from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
+from lpvobs.report.page import TEMPLATE, legible
+from lpvobs.report.residual import Section, picture
+from lpvobs.tracking.fleet import PeriodMap
+
+BODY = "fleet.html.j2"
+KNOWN = 1e-3
+"""[kg/s], standard error of a type's node from which it is drawn."""
+
+
+def fleet_page(name: str, fleet: StoredFleet) -> str:
+    """Return the page as text; the same fleet gives the same text."""
+    found = fleet.found
+    folder = files("lpvobs.report") / "templates"
+    whole = (folder / TEMPLATE).read_text(encoding="utf-8")
+    text = whole[: whole.index("<body>")] + (folder / BODY).read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    fuel, speed = (MapAxis(axis, item.unit, item.meaning) for axis, item in fleet.axes.items())
+    pictures = []
+    for number, each in enumerate(found.types):
+        known = np.diag(each.covariance) < KNOWN**2
+        values = np.where(known, each.mean, np.nan).reshape(fleet.grid.shape)
+        view = SurfaceView(fleet.grid, (fuel, speed), values, np.zeros(fleet.grid.shape, dtype=bool))
+        drawing = error_map(f"t{number}", f"map of type {each.kind}", view, error_limit([view]))
+        pictures.append(
+            picture(drawing, f"Type {each.kind}: what its vehicles have in common, where it is known within 1 g/s.")
+        )
+    page = environment.from_string(text).render(
+        version=__version__,
+        name=name,
+        summary=fleet_summary(fleet),
+        header=vehicle_rows(fleet, True)[0][3:],
+        vehicles=list(_told(fleet)),
+        refused=fleet.refused,
+        types=Section("", tuple(pictures)),
+    )
+    return legible(page)
+
+
+def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
+    """Yield what the page says of each vehicle."""
+    changes, own, cells = (
+        change_rows(fleet)[1],
+        defaultdict[str, list[PeriodMap]](list),
+        defaultdict[str, list[str]](list),
+    )
+    for item in fleet.found.maps:
+        own[item.vehicle].append(item)
+    for cell in fleet.found.cells:
+        cells[cell.vehicle].append(f"{cell.speed:g} at {cell.fuel:g}: {cell.seconds:.0f} s")
+    axes = " at ".join(reversed(list(fleet.axes)))
+    rows = vehicle_rows(fleet, True)[1]
+    for number, (each, row) in enumerate(zip(fleet.found.worst_first(), rows, strict=True)):
+        weight = 1.0 / own[each.vehicle][-1].standard_error ** 2
+        mean = 1e3 * np.array([weight @ its.theta for its in own[each.vehicle]]) / weight.sum()
+        low, high = float(mean.min()), float(mean.max())
+        y = 16.0 - 14.0 * (mean - low) / max(high - low, 1e-9)
+        x = np.linspace(1.0, 89.0, mean.size) if mean.size > 1 else np.array([1.0])
+        told = [
+            f"{change[1]} on {change[2]} (90 %: {change[3]} to {change[4]}): {change[5]} {change[6]} g/s, {change[7]} {change[8]} %"
+            for change in changes
+            if change[0] == each.vehicle
+        ]
+        yield {
+            "id": f"v{number}",
+            "name": each.vehicle,
+            "verdict": each.verdict,
+            "logs": each.logs,
+            "cells": row[3:],
+            "low": f"{low:.2f}",
+            "high": f"{high:.2f}",
+            "points": " ".join(f"{a:.0f},{b:.1f}" for a, b in zip(x, y, strict=True)),
+            "lines": [
+                f"{date_of(each.first)} to {date_of(each.last)}, type {each.type}",
+                *told,
+                *([f"drive next ({axes}): " + "; ".join(cells[each.vehicle])] if cells[each.vehicle] else []),
+            ],
+        }
