@@ -20,12 +20,13 @@ from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.logs.finding import log_names
 from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.results.engines import CalibratedEngine, calibrated_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.log_summaries import summary_of, write_agreement, write_balance_agreement
 from lpvobs.io.results.parts import PartsFolder
-from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.results.provenance import Provenance, write_refused
 from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
@@ -181,7 +182,7 @@ def estimate_logs(
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
-    _refuse_doubles(paths)
+    names = log_names(paths)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
     before = before or engine_before(config, paths, None if engine is None else engine.stored)
     air_path = before.air_path
@@ -192,13 +193,14 @@ def estimate_logs(
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
     digests = {log.name: log.sha256 for log in done.summaries}
-    inputs = {path.name: digests[path.stem] for path in paths if path.stem in digests}
+    inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
     if engine is not None:
         inputs[engine.name] = engine.sha256
     provenance = Provenance(inputs, config_text)
 
     def further(file: h5py.File) -> None:
         write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
+        write_refused(file, done.refused)
         if done.agreement:
             write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
@@ -206,7 +208,7 @@ def estimate_logs(
     write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "").remove()
     if method == "observer":
-        learn_healthy(out, paths, [item.name for item in done.agreement if item.disagrees])
+        learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
     return done
 
@@ -218,6 +220,8 @@ def _one_after_another(
     refuse_copies(paths)
     grid = config.grid()
     logs, refused = usable(paths, partial(read_log, channels=air_path.channels, policies=config.reading))
+    names = log_names(paths)
+    logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
     progress(0.5)
     estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     refuse_empty(estimate)
@@ -286,20 +290,6 @@ def _estimate(
     if method == "ekf":
         return estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
     return estimate_batch(air_path, grid, gain, logs, settings)
-
-
-def _refuse_doubles(paths: Sequence[Path]) -> None:
-    seen: dict[str, Path] = {}
-    for path in paths:
-        try:
-            usable = path.stem.strip(".") and str(path).encode()
-        except UnicodeEncodeError:
-            usable = None
-        if not usable:
-            raise UsageError(f"{str(path)!a}: results keep logs by name, and this is none; rename the file")
-        if path.stem in seen:
-            raise UsageError(f"{path}: same name as {seen[path.stem]}; results keep logs by name, rename one")
-        seen[path.stem] = path
 
 
 def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:

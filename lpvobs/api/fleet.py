@@ -4,7 +4,7 @@ The result does not depend on how many processes or machines took part, nor on w
 with the logs that it had not finished, see `lpvobs.io.results.parts`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.mix_ups import Suspects
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
+from lpvobs.io.logs.finding import log_names
 from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
@@ -59,6 +60,7 @@ class Estimated:
     scatter: float = float("nan")  # [kg/s], between logs; NaN where it is not known
     agreement: tuple[Agreement, ...] = ()  # of each log with the map of all; none for a single log or a rival method
     engine: Path | None = None  # the calibrated engine that it started from
+    reused: int = 0  # logs that a run before this one had done
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def estimate_fleet(
     if no log can be used, or they inform no node.
     """
     refuse_copies(paths)
-    grid = config.grid()
+    grid, names = config.grid(), log_names(paths)
     known = air_path.knowledge()
     learned = "" if known is None else known.digest()
     learned += "" if engine is None else engine.sha256
@@ -126,27 +128,28 @@ def estimate_fleet(
         task = PartTask(
             Path(), point, grid, gain, config.reading, frozenset(), workplace == Workplace(), config.kind.suspects
         )
-        task, outcomes = linearised(workers, task, sorted(paths, key=lambda path: path.stem), progress)
+        task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
         store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
         for outcome in outcomes.values():
             store.keep(outcome)
         rest = [path for path in paths if path not in outcomes]
-        task = replace(task, done=store.done())
+        opened, task = {each.sha256 for each in outcomes.values()}, replace(task, done=store.done())
         outcomes |= outcomes_of(workers, task, rest, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f))
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
             store.remove()
             raise DataError("; ".join(refusals))
-        estimate, solution = merged(grid, store.parts(found), task.point)
+        called = {sha256: names[path] for sha256, path in found.items()}
+        estimate, solution = merged(grid, store.parts(called), task.point)
         refuse_empty(estimate)
-        sums = ((path.stem, store.read(sha256).balances) for sha256, path in sorted(found.items()))
+        sums = ((names[path], store.read(sha256).balances) for sha256, path in sorted(found.items()))
         doubts = doubts_of(config, judged(air_path, task.point.settings, task.point.known), estimate, sums)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
-            scatter, agreement = agreements(solution, store.parts(found), config.estimate.prior_map)
+            scatter, agreement = agreements(solution, store.parts(called), config.estimate.prior_map)
         done = OPENING_SHARE + PARTS_SHARE
         metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(done + 0.9 * (1.0 - done) * f))
     summaries = {
@@ -155,12 +158,13 @@ def estimate_fleet(
     compared_with_all = {item.name: item for item in agreement}
     used = [path for path in paths if path in summaries]
     return Estimated(
+        reused=len((task.done & found.keys()) - opened),
         estimate=estimate,
         summaries=tuple(summaries[path] for path in used),
         refused=refusals,
         doubts=doubts,
         scatter=scatter,
-        agreement=tuple(compared_with_all[path.stem] for path in used if path.stem in compared_with_all),
+        agreement=tuple(compared_with_all[names[path]] for path in used if names[path] in compared_with_all),
     )
 
 
@@ -292,11 +296,11 @@ class _Store:
     def read(self, sha256: str) -> StoredPart:
         return self.folder.read(sha256) if self.folder else self.held[sha256]
 
-    def parts(self, found: dict[str, Path]) -> Iterator[LogInformation]:
+    def parts(self, found: Mapping[str, str]) -> Iterator[LogInformation]:
         """Yield the parts in the order of their digests, each under the name that its log has now."""
         for sha256 in sorted(found):
             part = self.read(sha256).part
-            yield replace(part, run=replace(part.run, name=found[sha256].stem))
+            yield replace(part, run=replace(part.run, name=found[sha256]))
 
     def remove(self) -> None:
         if self.folder:

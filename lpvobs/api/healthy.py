@@ -1,6 +1,6 @@
 """What the drives that made a map show of the engine beside it: learned when the map is estimated, used when another is traced."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from lpvobs.records import Log
 GROUP = "healthy"
 
 
-def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> None:
+def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str]) -> None:
     """Write `/healthy` into a new result: what its own logs leave, without those that stand out.
 
     A result stays as it is where nothing can be learned: by an engine that knows its healthy errors already, from logs of less
@@ -35,8 +35,8 @@ def learn_healthy(out: Path, paths: Sequence[Path], outliers: Sequence[str]) -> 
         known = known_from(stored, model, engine.config.estimate.prior_map)
         logs: list[Log] = []
         digest = {log.name: log.sha256 for log in stored.logs}
-        for path in sorted(paths, key=lambda path: digest.get(path.stem, "")):  # the same bytes in any order
-            if path.stem in outliers or metadata_of(path).num_rows > MOST_ROWS:
+        for path in sorted(names, key=lambda path: digest.get(names[path], "")):  # the same bytes in any order
+            if names[path] in outliers or metadata_of(path).num_rows > MOST_ROWS:
                 continue
             if sum(log.time[-1] - log.time[0] for log in logs) > HEALTHY_SECONDS:
                 break

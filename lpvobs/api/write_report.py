@@ -111,7 +111,7 @@ def make_report(
                 temporary.write_text(made(gather(loaded), content.regions), encoding="utf-8")
         verdicts = judge(conditions, content.logs)
         if suite is not None:
-            write_junit(suite, verdicts)
+            write_junit(suite, verdicts, content.refused)
     return Reported(results, tuple(sentences(found)), content, verdicts)
 
 

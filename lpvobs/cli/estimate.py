@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from lpvobs.cli.common import chosen_config, guarded, leave, load_compiler, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, needed, option
+from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
@@ -12,6 +12,8 @@ WITH_OR_WITHOUT = (
 SIDE_BY_SIDE = (
     "Logs done at the same time, in processes of this machine; by default one for a few logs, else one per processor."
 )
+MOST_ROWS = 12
+"""Logs that are shown one by one; of more, a summary and the unusual ones."""
 MOST_LINES = 5
 """Doubts that are shown; of a fleet with a wrong constant every log has one."""
 
@@ -30,6 +32,7 @@ def estimate(
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
+    verbose: bool = flag("--verbose", f"A row for each log, also where they are more than {MOST_ROWS}."),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
@@ -43,7 +46,7 @@ def estimate(
     from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
     from lpvobs.api.estimate import estimate as estimate_map
     from lpvobs.report.outputs import LogOutput, log_fields
-    from lpvobs.report.tables import agreement_rows, log_rows
+    from lpvobs.report.tables import agreement_rows, log_rows, many_lines, told, unusual
 
     config = chosen_config(config)
     with progress("estimating") as report:
@@ -76,9 +79,18 @@ def estimate(
         )
         print_json("estimate", content)
     else:
-        print(table(*log_rows(summaries)))
+        agreement = done.agreement
+        if len(summaries) > MOST_ROWS and not verbose:
+            print(many_lines(summaries, agreement, len(done.refused), done.reused) + "\n")
+            summaries = tuple(unusual(summaries, agreement))
+            agreement = tuple(item for item in agreement if item.disagrees)
+        elif done.reused:
+            say(f"{done.reused} logs had been done before")
+        if summaries:
+            print(table(*told(log_rows(summaries))))
+        if agreement:
+            print("\n" + table(*told(agreement_rows(agreement))))
         if done.agreement:
-            print("\n" + table(*agreement_rows(done.agreement)))
             say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         if done.doubts.agreement.where:

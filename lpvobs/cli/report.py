@@ -52,6 +52,7 @@ def report(
             print("\n" + "\n".join(visible(line) for line in done.told))
         print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in done.results))
     enforce(done.verdicts)
+    leave(done.content.refused)
 
 
 def _other(kind: str, path: Path, html: Path | None, as_json: bool) -> None:

@@ -122,33 +122,38 @@ def _first_of(messages: Sequence[str]) -> str:
     return messages[0] if len(messages) == 1 else f"{messages[0]} (and {len(messages) - 1} more)"
 
 
-def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
+def write_junit(path: Path, verdicts: Sequence[Verdict], refused: Sequence[str] = ()) -> None:
     """Write one suite per result and one test case per log and gate; the file appears whole or not at all.
 
-    A log that fails a gate is a `failure`, one that cannot have the metric an `error`. Same verdicts, same bytes: there are no
-    time stamps.
+    A log that fails a gate is a `failure`, one that cannot have the metric, or could not be used, an `error`. Same verdicts, same
+    bytes: there are no time stamps.
     """
     with replacing(path) as temporary:
-        temporary.write_bytes(junit_xml(verdicts))
+        temporary.write_bytes(junit_xml(verdicts, refused))
 
 
-def junit_xml(verdicts: Sequence[Verdict]) -> bytes:
+def junit_xml(verdicts: Sequence[Verdict], refused: Sequence[str] = ()) -> bytes:
     """Return the document, UTF-8."""
-    root = ElementTree.Element("testsuites", {"name": "lpvobs", **_counts(verdicts)})
+    root = ElementTree.Element("testsuites", {"name": "lpvobs", **_counts(verdicts, len(refused))})
     for result in dict.fromkeys(item.result for item in verdicts):
         own = [item for item in verdicts if item.result == result]
         suite = ElementTree.SubElement(root, "testsuite", {"name": _text(result), **_counts(own)})
         for item in own:
             _add_case(suite, item)
+    if refused:
+        suite = ElementTree.SubElement(root, "testsuite", {"name": "logs left out", **_counts((), len(refused))})
+        for line in refused:
+            case = ElementTree.SubElement(suite, "testcase", {"classname": "logs", "name": _text(line), "time": "0"})
+            ElementTree.SubElement(case, "error", {"type": "log cannot be used", "message": _text(line)})
     ElementTree.indent(root)
     written: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return written + b"\n"
 
 
-def _counts(verdicts: Sequence[Verdict]) -> dict[str, str]:
+def _counts(verdicts: Sequence[Verdict], refused: int = 0) -> dict[str, str]:
     missing = sum(item.value is None for item in verdicts)
     failed = sum(not item.holds for item in verdicts) - missing
-    return {"tests": str(len(verdicts)), "failures": str(failed), "errors": str(missing)}
+    return {"tests": str(len(verdicts) + refused), "failures": str(failed), "errors": str(missing + refused)}
 
 
 def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:

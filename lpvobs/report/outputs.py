@@ -12,7 +12,7 @@ from msgspec import UNSET, Meta, UnsetType
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
-from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds, Sha
+from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Refused, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import Filled
 from lpvobs.report.names import paper_error
@@ -149,6 +149,7 @@ class ReportOutput:
     extrapolation: QuadraticOutput | None
     results: Sequence[ReportedResult]
     regions: Sequence[RegionMean]
+    refused: Refused
 
 
 def log_fields(log: LogSummary) -> dict[str, Any]:
@@ -211,7 +212,10 @@ def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[M
         for name, result in results
         for log in result.logs
     ]
-    return ReportOutput(logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every, regions=())
+    refused = [f"{name}: {line}" for name, result in results for line in result.refused]
+    return ReportOutput(
+        logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every, regions=(), refused=refused
+    )
 
 
 def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:

@@ -53,6 +53,7 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
         ],
         gains=[(view.name, tables.gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
         defects=defect_rows(report),
+        refused=[line for view in report.results for line in view.stored.refused],
         origins=[(view.name, view.stored.provenance) for view in report.results],
     )
     return legible(text)

@@ -18,6 +18,8 @@ from lpvobs.report.outputs import RegionMean, log_fields
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
+MUCH = 0.1
+"""Share of its rows that are dropped, from which a log is unusual."""
 METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "stability certified")
 
 
@@ -54,6 +56,30 @@ def _metric_cells(log: LogSummary) -> list[str]:
         NONE if known["visited_cells"] is None else str(known["visited_cells"]),
         percent(log.share_certified, 1),
     ]
+
+
+def told(table: Table) -> Table:
+    """Return a table without the columns in which no row says anything."""
+    header, rows = table
+    kept = [c for c in range(len(header)) if not rows or any(row[c] != NONE for row in rows)]
+    return [header[c] for c in kept], [[row[c] for c in kept] for row in rows]
+
+
+def unusual(logs: Sequence[LogSummary], agreement: Sequence[Agreement]) -> list[LogSummary]:
+    """Return the logs that disagree with the map of all, or of which much was dropped."""
+    apart = {item.name for item in agreement if item.disagrees}
+    return [log for log in logs if log.name in apart or log.dropped_rows > MUCH * log.samples_read]
+
+
+def many_lines(logs: Sequence[LogSummary], agreement: Sequence[Agreement], refused: int, reused: int) -> str:
+    """Return in a few lines what came of many logs."""
+    hours, apart = sum(log.duration for log in logs) / 3600.0, sum(item.disagrees for item in agreement)
+    longest = max(logs, key=lambda log: log.duration)
+    return (
+        f"{len(logs) + refused} logs, {len(logs)} used, {refused} left out; {reused} had been done before\n"
+        f"{sum(log.samples for log in logs)} samples, {hours:.1f} h; the longest is {longest.name}, {longest.duration:.0f} s\n"
+        f"{len(agreement) - apart} agree with the map of all, {apart} do not"
+    )
 
 
 def agreement_rows(logs: Sequence[Agreement]) -> Table:

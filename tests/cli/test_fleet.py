@@ -1,10 +1,12 @@
 """Many logs from the command line: found by folder, done side by side, one bad log left out, resumed after a kill."""
 
 import os
+import shutil
 import signal
 import subprocess
 import time
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import h5py
 import numpy as np
@@ -82,6 +84,46 @@ def test_a_bad_log_among_many_is_named_and_the_rest_go_on(estimate, fleet, toget
     assert str(bad) in done.json["refused"][0]
     with h5py.File(out) as file, h5py.File(together[0]) as whole:
         np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
+
+
+def test_a_log_that_was_left_out_is_in_every_artefact(estimate, lpvobs, fleet, tmp_path):
+    bad, out = tmp_path / "bad.parquet", tmp_path / "r.h5"
+    bad.write_bytes(b"PAR1")
+    assert estimate(fleet / "drive 0.parquet", bad, "--out", out).code == 3
+    page, suite = tmp_path / "r.html", tmp_path / "gates.xml"
+    done = lpvobs("report", out, "--html", page, "--junit", suite, "--gate", "samples>=1", "--json")
+    assert done.code == 3
+    assert str(bad) in done.json["refused"][0]
+    assert str(bad) in done.err
+    assert str(bad) in page.read_text(encoding="utf-8")
+    root = ElementTree.fromstring(suite.read_bytes())
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("2", "0", "1")
+
+
+def test_logs_of_one_name_are_told_apart_by_their_folders(estimate, fleet, together, tmp_path):
+    for number in range(LOGS):
+        (tmp_path / f"V{number}").mkdir()
+        shutil.copy(fleet / f"drive {number}.parquet", tmp_path / f"V{number}" / "jan.parquet")
+    done = estimate(tmp_path, "--jobs", 1, "--out", tmp_path / "r.h5", "--json")
+    assert done.code == 0, done.err
+    assert [log["log"] for log in done.json["logs"]] == [f"V{number}_jan" for number in range(LOGS)]
+    with h5py.File(tmp_path / "r.h5") as file, h5py.File(together[0]) as whole:
+        np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
+
+
+def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_path):
+    bare = table.drop_columns([name for name in table.column_names if name.startswith("ref_")])
+    place, field = table.column_names.index("W_maf"), table.schema.field("W_maf")
+    for number in range(14):
+        piece = bare.slice(300 * number, 4000)
+        low = piece.set_column(place, field, [0.9 * piece["W_maf"].to_numpy()]) if number == 3 else piece
+        pq.write_table(low, tmp_path / f"d{number}.parquet")
+    done = estimate(tmp_path, "--jobs", 1, "--out", tmp_path / "r.h5")
+    assert done.code == 0, done.err
+    assert done.out.startswith("14 logs, 14 used, 0 left out; 0 had been done before\n")
+    rows = [line for line in done.out.splitlines() if line.startswith("d")]
+    assert {line.split()[0] for line in rows} == {"d3"}
+    assert " - " not in done.out
 
 
 def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tmp_path):

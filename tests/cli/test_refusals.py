@@ -75,7 +75,9 @@ def test_usage(lpvobs, config, chain, tmp_path):
         "magic",
     )
     refused(
-        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out), 2, "same name"
+        lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out),
+        2,
+        "same bytes",
     )
     refused(
         lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "none" / "r.h5"),

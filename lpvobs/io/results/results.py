@@ -17,7 +17,7 @@ from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_grou
 from lpvobs.io.results.hdf import changing, creating, reading, write_group
 from lpvobs.io.results.log_summaries import LogSummary, write_log
 from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, values
-from lpvobs.io.results.provenance import Provenance, read_provenance
+from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
@@ -56,6 +56,7 @@ class StoredResult:
     agreement: tuple[Agreement, ...] = ()
     engine: EngineOfMap | None = None
     state: tuple[int, ...] = ()
+    refused: tuple[str, ...] = ()  # why other logs were left out
 
 
 def write_result(
@@ -139,6 +140,7 @@ def read_result(path: Path) -> StoredResult:
             agreement=read_rows(file.get("agreement"), Agreement, "log"),
             engine=read_if_there(file.get(ENGINE_FOUND), EngineOfMap),
             state=state,
+            refused=read_refused(file),
         )
 
 
