@@ -126,6 +126,7 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/surfaces.py
 	$(VENV)/bin/python benchmarks/mismatch.py
 	$(VENV)/bin/python benchmarks/intervals.py
+	$(VENV)/bin/python benchmarks/probabilities.py
 	$(VENV)/bin/python benchmarks/speed.py
 	$(VENV)/bin/python benchmarks/scaling.py
 	$(VENV)/bin/python benchmarks/where.py

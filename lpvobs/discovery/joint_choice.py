@@ -32,7 +32,7 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
         simpler = _simpler(linear, candidate, curve)
         if simpler is None:
             return _curve_again(linear, candidate, curve)
-        return choose_again(fit(problem, [*linear.terms[:newest], simpler.term], start=linear), simpler, None)
+        return choose_again(fit(problem, [*linear.terms[:newest], simpler[0].term], start=linear), *simpler)
     if linear.terms[newest].course is not None:
         return (in_place(linear, newest, candidate), curve), linear
     bare = without(linear, newest)
@@ -60,14 +60,14 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
     return (in_place(linear, newest, again), curve), linear
 
 
-def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
-    """Return an effect of the catalogue that explains more than a component's curve less its cost, on whatever course."""
+def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Named | None:
+    """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
     own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
     taken = {term.effect.id for term in bare.terms}
     ranked = rank(bare, [effect for effect in linear.problem.catalogue if effect.id not in taken])[:SHORTLIST]
-    best, _ = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
-    return best if score(best) > own.gain - surface.cost else None
+    best, curve = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
+    return (best, curve) if score(best) > own.gain - surface.cost else None
 
 
 def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Named, Linear]:

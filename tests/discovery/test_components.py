@@ -10,6 +10,7 @@ from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.engines.diesel.balances import Lacks
+from lpvobs.report.residual_figures import component_curve
 from lpvobs.report.spoken import in_words
 
 BUMP = 0.05
@@ -61,6 +62,13 @@ def test_words_say_how_much_and_where(found):
     said = in_words(found.trace.as_json(refined=True)["effects"])
     assert said.startswith("the cylinders take 5")
     assert "around n_e = 2" in said
+
+
+def test_the_report_draws_the_curve_with_its_band(found):
+    (effect,) = found.trace.as_json(refined=True)["effects"]
+    drawn = component_curve("curve", "the curve", effect["surface"])
+    assert drawn.startswith("<svg")
+    assert "more than the model" in drawn
 
 
 def test_the_stored_effect_is_the_found_one(found, wrong, clean):
