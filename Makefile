@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is series unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -29,6 +29,7 @@ help:
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
+	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws; ten minutes of one processor'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
@@ -141,6 +142,10 @@ as-it-is: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py constants
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py structure
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py healthy
+
+series: export OPENBLAS_NUM_THREADS = 1
+series: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/series.py
 
 unit: export OPENBLAS_NUM_THREADS = 1
 unit: $(VENV)/.ready
