@@ -44,13 +44,18 @@ def state_gain(config: Config) -> StateGain:
 
 
 def drive(
-    config: Config, cycle: str, seed: int, surface: ErrorSurface | None = None, engine: DieselEngine | None = None
+    config: Config,
+    cycle: str,
+    seed: int,
+    surface: ErrorSurface | None = None,
+    engine: DieselEngine | None = None,
+    every: int = 1,
 ) -> Drive:
-    """Return a simulated log of the configured engine, or of another one."""
+    """Return a simulated log of the configured engine, or of another one; every so many samples are recorded."""
     if config.simulation is None:
         raise ValueError("the configuration has no simulation")
     made = simulate(engine or config.engine, config.simulation, cycle, seed=seed, surface=surface)
-    channels = dict(made.channels)
+    channels = {name: np.ascontiguousarray(column[::every]) for name, column in made.channels.items()}
     time = channels.pop("time")
     log = Log(
         name=cycle,
