@@ -258,4 +258,4 @@ def speed_density(setting: Setting, table: BenchTable, d: Drive) -> Array:
 
 if __name__ == "__main__":
     chosen = sys.argv[1] if len(sys.argv) > 1 else "constants"
-    main(chosen, int(sys.argv[2]) if len(sys.argv) > 2 else {"constants": 10, "structure": 2, "healthy": 10}[chosen])
+    main(chosen, int(sys.argv[2]) if len(sys.argv) > 2 else {"structure": 2}.get(chosen, 10))
