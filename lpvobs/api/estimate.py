@@ -39,6 +39,7 @@ from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
+from lpvobs.report.spoken import headline
 
 MANY = 8
 """Number of logs from which on other processes are started, each of which takes about a second to start."""
@@ -67,6 +68,7 @@ class EstimateOutput:
 
     result: str
     method: str
+    headline: Annotated[str, Meta(description="What the map says, in a sentence.")]
     logs: Sequence[LogOutput]
     refused: Refused
     map: NodeCounts
@@ -142,7 +144,9 @@ def estimate(
         done = estimate_logs(
             configuration, text, stored, paths, target, method, progress or silent, workplace, known, before
         )
-    return replace(done, engine=calibrated)
+    found = done.estimate
+    says = headline(found.grid, configuration.kind.air_path.axes, found.theta, found.covariance, found.supported)
+    return replace(done, engine=calibrated, headline=says)
 
 
 def used_engine(config: Config, engine: Path | None, method: str) -> CalibratedEngine | None:

@@ -61,6 +61,7 @@ class Estimated:
     agreement: tuple[Agreement, ...] = ()  # of each log with the map of all; none for a single log or a rival method
     engine: Path | None = None  # the calibrated engine that it started from
     reused: int = 0  # logs that a run before this one had done
+    headline: str = ""  # what the map says, in a sentence
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,7 @@ def estimate(
         content = EstimateOutput(
             result=str(out),
             method=found.method,
+            headline=done.headline,
             logs=[LogOutput(**log_fields(log)) for log in summaries],
             refused=done.refused,
             map=NodeCounts(nodes=found.grid.size, estimated=nodes),
@@ -93,6 +94,7 @@ def estimate(
         if done.agreement:
             say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
+        say(f"{done.headline}; next: lpvobs extrapolate {out}")
         if done.doubts.agreement.where:
             say(f"the balances differ by {done.doubts.agreement.ratio:.2f} times what noise and tolerances allow")
     for item in done.agreement:

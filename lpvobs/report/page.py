@@ -17,6 +17,7 @@ from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.outputs import RegionMean
 from lpvobs.report.residual import Picture, Section, picture, residual_sections
+from lpvobs.report.spoken import headline
 
 TEMPLATE = "report.html.j2"
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -72,9 +73,11 @@ def verdict(view: ResultView) -> str:
 def _sentence(view: ResultView, log: LogSummary) -> str:
     nodes = f"{int(view.stored.supported.sum())} of {view.stored.grid.size} nodes estimated"
     if log.metrics is None:
+        stored = view.stored
+        says = headline(stored.grid, view.axes, stored.theta, stored.covariance, stored.supported)
         return (
             f"{view.name} ({method_title(view.stored.method)}): {nodes}; the log {log.name} has no references, "
-            f"so the standard errors are all that is known of the map's accuracy."
+            f"so the standard errors are all that is known of the map's accuracy: {says}."
         )
     m = log.metrics
     beside = paper_error(view.stored.air_path, log.name)

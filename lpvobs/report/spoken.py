@@ -5,6 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.engines.base import MapAxis
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.joint import NORMAL_90, combined
+from lpvobs.records import Array
+
 LEAST_CHANCE = 1e-16
 
 
@@ -29,7 +37,7 @@ def with_interval(value: float, low: float, high: float) -> tuple[str, str, str]
         digits = max(math.floor(math.log10(largest)) - last, 0)
         return f"{value:.{digits}e}", f"{low:.{digits}e}", f"{high:.{digits}e}"
     digits = max(-last, 0)
-    return f"{value:.{digits}f}", f"{low:.{digits}f}", f"{high:.{digits}f}"
+    return f"{value:z.{digits}f}", f"{low:z.{digits}f}", f"{high:z.{digits}f}"
 
 
 def chance(p: float | None) -> str:
@@ -96,6 +104,31 @@ BY_IDENTIFIER = {
         "the exhaust's back pressure is {} % higher", "the exhaust's back pressure is {} % lower", 100.0, 1.0
     ),
 }
+
+
+def headline(
+    grid: Grid, axes: tuple[MapAxis, MapAxis], theta: Array, covariance: Array, supported: NDArray[np.bool_]
+) -> str:
+    """Return what a map [kg/s] over (p_2, p_1) nodes says in one sentence; its covariance is that of all nodes, row by row."""
+    on = np.flatnonzero(supported)
+    if not on.size:
+        return "the drives say nothing of the map"
+    weights = np.zeros((1, grid.size))
+    weights[0, on] = 1.0 / on.size
+    where = f"over the {on.size} nodes that were driven"
+    if not np.isfinite(covariance[np.ix_(on, on)]).all():
+        return f"the sensor's error is {1e3 * theta.ravel()[on].mean():.2g} g/s on average {where}"
+    mean = combined(weights, theta.ravel(), covariance)
+    value, low, high = with_interval(*(1e3 * float(x) for x in (mean.values[0], *mean.ci90[0])))
+    worst = int(on[np.argmax(np.abs(theta.ravel()[on]))])
+    row, column = np.unravel_index(worst, grid.shape)
+    place = f"{grid.speed[row]:g} {axes[1].unit} and {grid.fuel[column]:g} {axes[0].unit}"
+    largest = 1e3 * theta.ravel()[worst]
+    known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
+    return (
+        f"the sensor's error is {value} g/s on average {where} (90 %: {low} to {high}), "
+        f"{largest:+.2g} g/s at most, at {place}; the middle node is known to {known:.2g} g/s"
+    )
 
 
 def in_words(effects: Sequence[Mapping[str, Any]]) -> str:
