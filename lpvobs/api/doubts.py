@@ -20,8 +20,8 @@ READS = 0.4
 drives it was 0.52 to 1.06; g/s called kg/h make 0.28 of that."""
 SURE, OFF = 6.0, 0.1
 """Standard deviations, and share of it, by which logs may ask for another volume. 7 right drives of 20 Hz asked for one off by 0.12
-at 3.7, or by 0.08 at 4.2, at most; with V_im 20 % off, 7 of FTP75 and ETC asked for 0.12 at 5.5 at least, six of them for 0.15 at 9.
-NEDC hardly shows it, and its map hardly suffers."""
+at 3.7, or by 0.08 at 4.2, at most; with V_im 20 % off, 7 of FTP75 and ETC asked for 0.12 at 5.5 at least, six of them for 0.15 at
+9. NEDC hardly shows it, and its map hardly suffers."""
 
 
 @dataclass(frozen=True)
