@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is series unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -30,6 +30,7 @@ help:
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws; ten minutes of one processor'
+	@echo 'make fleet-proof a fleet that ages, twenty times: what track finds, whom it accuses, how good its maps are; half an hour of one processor'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'
@@ -147,6 +148,10 @@ as-it-is: $(VENV)/.ready
 series: export OPENBLAS_NUM_THREADS = 1
 series: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/series.py
+
+fleet-proof: export OPENBLAS_NUM_THREADS = 1
+fleet-proof: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/fleet.py $(BUILD)/fleet
 
 unit: export OPENBLAS_NUM_THREADS = 1
 unit: $(VENV)/.ready
