@@ -47,8 +47,8 @@ def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Itera
         return sums
 
     total = reduce(add, (noted(name, sums) for name, sums in logs))
-    says.extend(_another_volume(engine.air_path.volumes, estimate.engine))
     refuse_too_large(estimate, total, config.estimate.largest_error, says)
+    says.extend(_another_volume(engine.air_path.volumes, estimate.engine))  # of a map that is refused they tell nothing
     says.extend(filter(None, [config.kind.caveat]))
     return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says))
 

@@ -146,10 +146,10 @@ def verb_of(content):
 
 
 def shortened(value):
-    """Return the same with the first item of each list or table of alike, two of a pair."""
+    """Return the same with the first items of each list or table of alike, as many as level, gain and shape are."""
     if isinstance(value, dict):
         return {key: shortened(item) for key, item in value.items()}
-    return [shortened(item) for item in value[:2]] if isinstance(value, list) else value
+    return [shortened(item) for item in value[:3]] if isinstance(value, list) else value
 
 
 def leaves(value, at=()):
@@ -171,8 +171,8 @@ def replaced(content, path, value):
 
 ERROR = Comparison(2e-4, 1e-4, 0.5, (0.4, 0.6))
 FINDING = Finding(
-    "channel:T_amb", {"amplitude": Parameter(1.0, "1", (0.9, 1.1))}, 3.0, None, 0.4, 0.001, ("maf.temperature",), "a cold day",
-    Followed("T_amb", "value", "maf.gain", (280.0, 300.0), (0.0, 0.1)),
+    "channel:T_amb", {"amplitude": Parameter(1.0, "1", (0.9, 1.1))}, 3.0, None, 0.4, 0.001, ("maf.temperature",),
+    drive="a cold day", curve=Followed("T_amb", "value", "maf.gain", (280.0, 300.0), (0.0, 0.1)),
 )  # fmt: skip
 LEADING = Leading(id="maf.lag", parameters={"tau": Parameter(0.1, "s", (0.05, 0.15))}, explained=0.3)
 LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.0), 3.0, 0.02, "filling", {"T_im": 0.4})
