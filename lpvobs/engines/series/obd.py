@@ -68,7 +68,7 @@ class SpeedDensity(Series):
 
 def _flow(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
     stored = c.V_im / (c.R_a * x["T_im"]) * (rates["p_im"] - x["p_im"] / x["T_im"] * rates["T_im"])
-    return np.asarray(intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"]) + stored)  # Eq. (1) without EGR
+    return np.asarray(intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"]) + stored)  # Eq. (1)
 
 
 def residual_model(*_: Any) -> Any:
