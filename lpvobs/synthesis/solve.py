@@ -14,7 +14,8 @@ from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
 
-EPSILON = 0.49  # eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much
+EPSILON = 0.49
+"""eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much."""
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
 
 
