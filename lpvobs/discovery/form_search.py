@@ -257,7 +257,7 @@ def _library(problem: Problem) -> _Products:
 
 def _targets(problem: Problem) -> list[Form]:
     """Return what may be off: every channel, and what a catalogued effect changes in the engine."""
-    channels = list(problem.signals.value)
+    channels = [name for name, x in problem.signals.value.items() if np.isfinite(x).all()]  # a log may lack one
     readings = {"sensor", "fuel", *channels}
     return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
 

@@ -204,6 +204,7 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     cells, fast, raw = everywhere[problem.used], classes[problem.used], raw[:, problem.used]
     B = raw.shape[0]
     spread = np.ones((len(TRANSIENT) + 1, B))
+    silent = np.flatnonzero(~raw.any(axis=1))  # a balance that the logs never tell anything of
     time = _pool(np.bincount(cells, minlength=shape[0] * shape[1]).astype(float), shape) + LEAST_IN_CELL
     for _ in range(3):
         x = raw / spread[fast].T
@@ -212,6 +213,7 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
             for b in range(a + 1):
                 sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=time.size)
         noise = (_pool(sums, shape) + LEAST_IN_CELL * sums.sum(0) / cells.size) / time[:, None, None]
+        noise[:, silent, silent] = 1.0
         y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
         power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
         spread = np.sqrt(power / np.maximum(np.bincount(fast, minlength=len(spread)), 1)[:, None])

@@ -41,7 +41,7 @@ class Series(AsKnown):
 
     name: ClassVar[str] = "series"
     learns: ClassVar[bool] = False
-    dispensable: ClassVar[tuple[str, ...]] = ("u_egr", "p_em", "T_em", "lambda_e")
+    dispensable: ClassVar[tuple[str, ...]] = ()  # a channel that a log lacks reads NaN
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = ("rho_cyl", "a_im")

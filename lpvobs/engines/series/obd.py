@@ -27,7 +27,6 @@ class SpeedDensity(Series):
     """The air path, as if the EGR valve were shut."""
 
     name: ClassVar[str] = "speed_density"
-    dispensable: ClassVar[tuple[str, ...]] = ()
     calmed: ClassVar[tuple[str, ...]] = ("p_im",)
     smoothed: ClassVar[tuple[str, ...]] = ("n_e", "p_im", "T_im")
     balance_names: ClassVar[tuple[str, ...]] = ("filling",)
