@@ -16,7 +16,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind blind2 thresholds wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -26,6 +26,7 @@ help:
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
 	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'
+	@echo 'make forms   formulas for what no catalogue has, beside PySINDy (SEED of other drives: DRAWN=...); ten minutes of one processor'
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
@@ -133,6 +134,11 @@ bench: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/scaling.py
 	$(VENV)/bin/python benchmarks/where.py
 	$(VENV)/bin/python benchmarks/known_sensors.py
+
+forms: export OPENBLAS_NUM_THREADS = 1
+forms: $(VENV)/.ready
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --target $(BUILD)/rival 'pysindy>=2.0'
+	$(VENV)/bin/python benchmarks/forms.py $(or $(DRAWN),dev)
 
 wrong: export OPENBLAS_NUM_THREADS = 1
 wrong: $(VENV)/.ready
