@@ -113,9 +113,15 @@ class Form:
         def change(s: Signals, coefficient: float) -> Signals:
             return apply(s, null + coefficient * shape)
 
+        # A share stays below one anywhere: a reading that is no multiple of the truth divides by zero.
+        most = (
+            thresholds.FORM_MOST * size
+            if not self.relative
+            else thresholds.FORM_SHARE_MOST / max(float(np.abs(shape).max()), 1e-300)
+        )
         moving = ", ".join(sorted({factor.signal for factor in self.factors})) or self.target
         return Effect(
-            self.id(units), "coefficient", self.unit(model, units), 0.0, size, -50.0 * size, 50.0 * size, place, change,
+            self.id(units), "coefficient", self.unit(model, units), 0.0, size, -most, most, place, change,
             f"drives on which {moving} change by themselves", moves_point=self.target in (model.fuel, model.speed),
         )  # fmt: skip
 

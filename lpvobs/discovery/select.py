@@ -107,7 +107,10 @@ def _form_beats(search: _Search) -> bool:
 def _with_forms(problem: Problem, progress: Callable[[float], None], search: _Search) -> _Search:
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
     wider = _search(problem, progress, best_with_forms)
-    if any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (len(search.accepted) or 3):
+    form = any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (
+        len(search.accepted) or 3
+    )
+    if form and cross_validated(_bare(wider.linear), wider.linear).comparison().ratio < thresholds.FORM_LEAVES:
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search

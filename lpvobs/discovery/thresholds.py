@@ -280,6 +280,14 @@ FORM_OVER_MORE = 1.05
 ambient pressure that reads 15 hPa too high: three names, and the formula left 0.98 of what they do."""
 FORM_SHARE = 0.01
 """[1] Share of its gain that each further unknown of a form must bring beside COST. Set by choice: as each end of an interval."""
+FORM_LEAVES = 0.9
+"""[1] Error on blocks left out, after over before, that a named formula must stay under. Set by drives with altered readings:
+a wrong formula left 0.935, on the stretches that are judged 0.94; right ones left 0.78 and less on those."""
+FORM_MOST = 50.0
+"""[1] Noticeable sizes within which the coefficient of a form is sought. Set by choice: a reading may be off by all of itself."""
+FORM_SHARE_MOST = 0.8
+"""[1] Largest share of itself that a reading may be off by at any place. Set by choice: at one, the truth is a division by
+zero, which a search came upon."""
 FORM_NOTICED = 0.02
 """[1] Share of a reading, rms, that a careful engineer would notice. Set by choice: as for the listed gains."""
 FORM_RIVALS = 3
