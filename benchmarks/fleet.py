@@ -27,14 +27,11 @@ from lpvobs.observer.parts import LogInformation
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
-from lpvobs.tracking.changes import history
 from lpvobs.tracking.fleet import Driven, Tracked, track
 from lpvobs.tracking.sums import TrackedLog, VehicleSums, flow_at_nodes, kept, weighed
-from lpvobs.tracking.timeline import CHANGE, vehicle_of
+from lpvobs.tracking.timeline import CHANGE
 
 SEED = 1
-DRIFTS, AFTER = (0.0002, 0.0005, 0.001, 0.003), (2, 4, 6, 12)
-"""Of the gain a month, and months after which it is looked for: what the power is stated for."""
 NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
@@ -86,7 +83,7 @@ def main(folder: Path, fleets: int) -> None:
     publish(
         "fleet",
         "A fleet that ages",
-        _page(whole, drawn, few, fleets, timed, _power(stored, courses)),
+        _page(whole, drawn, few, fleets, timed),
         "make fleet-proof",
     )
 
@@ -220,40 +217,7 @@ def _few(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
     return total
 
 
-def _power(stored: StoredFleet, courses: Sequence[Course]) -> str:
-    """Return how many vehicles are found to drift, by how fast and after how many logs."""
-    rng, rows = np.random.default_rng(SEED), []
-    basis, sizes = stored.kept.basis, stored.found.sizes
-    cells = (stored.grid.speed.size - 1) * (stored.grid.fuel.size - 1)
-    vehicles, days = fleet(SEED)[len(KINDS) :], np.sqrt(sizes.daily) * CHANGE
-    for drift in DRIFTS:
-        row = [f"{100 * drift:g} % a month"]
-        for months in AFTER:
-            found = 0
-            for number, vehicle in enumerate(vehicles, len(KINDS)):
-                ages = replace(vehicle, slope=drift)
-                made = []
-                engine = rng.standard_normal(basis.engine.shape[1])
-                for course in courses:
-                    if course.vehicle == number and (course.date - (FIRST - EPOCH).days) / MONTH < months:
-                        error = _error(ages, stored, course.flow, course.date)
-                        error = error + basis.modes(course.flow) @ (days * rng.standard_normal(days.size))
-                        noise = course.root @ rng.standard_normal(course.root.shape[1])
-                        products = course.products.copy()
-                        products[:-2, -1] = products[:-2, :-2] @ np.concatenate([error, engine]) + noise
-                        products[-1, :-2] = products[:-2, -1]
-                        origin = (course.part.run.name, vehicle.name, "diesel", course.date)
-                        made.append(kept(course.part, products, basis, origin, cells))
-                sums = reduce(lambda a, b: a.plus(b), [own for _, own in made])
-                course_of = vehicle_of(sums, [log for log, _ in made], basis, configuration().estimate.prior_map)
-                found += any(event.kind == "trend" for event in history(course_of, sizes).events)
-            row.append(f"{found} of {len(vehicles)}")
-        rows.append(row)
-    header = ["drift of the gain", *(f"after {months} months, {months * A_MONTH} logs" for months in AFTER)]
-    return markdown(header, rows)
-
-
-def _page(whole: Count, drawn: Count, few: Count, fleets: int, timed: dict[str, float], power: str) -> str:
+def _page(whole: Count, drawn: Count, few: Count, fleets: int, timed: dict[str, float]) -> str:
     both = whole + drawn
     rows = []
     for name, count in (("simulated whole", whole), (f"{fleets - 1} drawn anew", drawn), ("together", both)):
@@ -276,8 +240,6 @@ def _page(whole: Count, drawn: Count, few: Count, fleets: int, timed: dict[str, 
             markdown(header, rows),
             "A trend counts twice: level and gain. The truth is the change of the sensor's error at the nodes that the vehicle "
             "drives, weighted as `track` weights it.",
-            "Of vehicles that were driven as the healthy ones, but drift, this many are found to drift:",
-            power,
             f"Maps of {len(few.alone)} vehicles with {FEW} drives, nodes that these have driven: {alone:.3f} g/s rms alone, "
             f"{member:.3f} g/s as members of their type.",
             f"`track` of the stored sums of {VEHICLES * MONTHS * A_MONTH} logs takes {timed['sums']:.1f} s of one processor, "
