@@ -36,3 +36,9 @@ def test_whatever_looks_like_a_test_is_collected():
     found = {path for path in TESTS.rglob("*.py") if re.search(r"^def test_", path.read_text(encoding="utf-8"), re.M)}
     assert [path for path in found if not path.name.startswith("test_")] == []
     assert set(TESTS.rglob("test_*.py")) - found == set()
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "configs", "data", "docs", "lpvobs", "schemas", "tests", "tools"])
+def test_no_file_is_a_link_to_somewhere_else(folder):
+    """A link that leaves the checkout is a missing file for everybody else, and the package cannot be built."""
+    assert not [path for path in (ROOT / folder).rglob("*") if path.is_symlink()]
