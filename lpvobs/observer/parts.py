@@ -6,9 +6,9 @@ follows (weights of the balances, amplitudes of corrections, the map) is compute
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, Trajectory
@@ -28,8 +28,8 @@ SETTLED = 0.25
 """Of the constants' prior spread that is left where they have been found once."""
 ROUGH = 1.94
 """Second differences of white noise that say as much as one that is alone: one and twice the sum of 4/9 and 1/36."""
-SOURCES = 16
-"""Windows after which signs of noise repeat, one more than there may be sources: over so many, each is free of all others."""
+SIGNS = reduce(np.kron, [np.array([[1.0, 1.0], [1.0, -1.0]])] * 4)
+"""Of noise by window and source, a Hadamard matrix: over 16 windows each of 15 sources is free of all others."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Sums:
         J, flow = self._at(channels, rates)
         box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
         in_rate = float(np.linalg.norm(np.convolve(box, by_rate)))
-        signs = iter(np.resize(scipy.linalg.hadamard(SOURCES), (n, SOURCES)).T[1:])
+        signs = iter(np.resize(SIGNS, (n, len(SIGNS))).T[1:])
         moved = {name: channels[name] + next(signs) * sd * np.sqrt(step / stay) for name, sd in noise.items()}
         J_moved, flow_moved = self._at(
             {**channels, **moved}, {name: rates[name] + next(signs) * sd * in_rate for name, sd in noise.items()}

@@ -76,6 +76,7 @@ BY_KIND = {
     "offset kg/s": Phrase("{name} reads {} g/s too much", "{name} reads {} g/s too little", 1e3),
     "offset Pa": Phrase("{name} reads {} Pa too much", "{name} reads {} Pa too little"),
     "offset %": Phrase("{name} reads {} % of its range too much", "{name} reads {} % of its range too little"),
+    "curve": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0),
     "lag": Phrase("{name} follows with a time constant of {} s", "{name} runs ahead with a time constant of {} s"),
     "delay": Phrase("{name} reads {} s late", "{name} reads {} s early"),
 }
@@ -95,7 +96,6 @@ BY_IDENTIFIER = {
     "turbine.efficiency": Phrase(
         "the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0, 1.0
     ),
-    "eta_vol.curve": Phrase("the cylinders take {} % more", "the cylinders take {} % less", 100.0),
     "compressor.curve": Phrase("the compressor passes {} % more", "the compressor passes {} % less", 100.0),
     "egr.curve": Phrase("the EGR passage is {} % wider", "the EGR passage is {} % narrower", 100.0),
     "turbine.curve": Phrase("the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0),

@@ -60,7 +60,7 @@ def test_the_curve_is_that_of_the_engine(found, clean):
 
 def test_words_say_how_much_and_where(found):
     said = in_words(found.trace.as_json(refined=True)["effects"])
-    assert said.startswith("the cylinders take 5")
+    assert said.startswith("eta_vol is 5")
     assert "around n_e = 2" in said
 
 
