@@ -42,10 +42,10 @@ class _Lot:
         left = own - (white**2).sum(0)
         left = np.where(left > thresholds.FORM_SEEN * np.abs(own), left, np.inf)
         cross = rows[1:] * y @ self.power - white[:, 1:].T @ white[:, 0]
-        both = left[1:] * left[0] - cross**2
-        both = np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
-        shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
         with np.errstate(divide="ignore", invalid="ignore"):
+            both = left[1:] * left[0] - cross**2
+            both = np.where(both > thresholds.FORM_SEEN * left[1:] * left[0], both, np.inf)
+            shape, constant = cross * slope[0] - left[0] * slope[1:], cross * slope[1:] - left[1:] * slope[0]
             referred = -0.5 * (slope[1:] * shape + slope[0] * constant) / both
             return 0.5 * slope[1:] ** 2 / left[1:], np.nan_to_num(referred), np.nan_to_num(-constant / shape)
 

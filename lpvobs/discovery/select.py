@@ -97,7 +97,8 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
 
 def _form_beats(search: _Search) -> bool:
     """Return whether a formula leaves far less than one name does, or no more than several do, where noise drops out of both."""
-    if not search.accepted or search.first.problem.blocks is not None:
+    listed = [c.id for c, _ in search.accepted]
+    if not listed or search.first.problem.blocks is not None or any(name.startswith("channel:") for name in listed):
         return False
     share = thresholds.FORM_OVER_ONE if len(search.accepted) == 1 else thresholds.FORM_OVER_MORE
     most, rivals = share * objective(search.linear), best_forms(search.first)[: thresholds.SHORTLIST]

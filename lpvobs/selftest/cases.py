@@ -113,8 +113,8 @@ UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
 FACTOR = 1.2
 """Of the reading of a faulty sensor."""
 METHODS = {"observer": 2e-4, "batch": 1e-9}
-"""Tolerance of a node, [kg/s], of a map that reaches 3e-3: this drive has no noise, and what is rough in its signals, taken for noise,
-costs 1.5e-4; without that, rounding is left."""
+"""Tolerance of a node, [kg/s], of a map that reaches 3e-3: this drive has no noise, and what is rough in its signals is taken for
+noise, which costs 1.5e-4; without that, rounding is left."""
 
 
 def shipped_config() -> tuple[Config, str]:
