@@ -136,5 +136,5 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     assert done.code == 0, done.err
     text = page.read_text(encoding="utf-8")
     assert text.count("<polyline") == 2
-    assert text.count('id="v') == 4  # two vehicles, the section of all, and one of the residuals
+    assert text.count('id="v') == 3  # two vehicles, and the section of all
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
