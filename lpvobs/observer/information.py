@@ -183,6 +183,8 @@ class _Solved:
                 + LEAST_ERROR**2 * np.eye(self.layout.balances)
             )
         fast, slow = found
+        # The noise of smoothed signals is taken out of the products, and a short log may have less left than was taken out.
+        fast, slow = _positive(fast, np.abs(fast)), _positive(slow, fast)
         S = slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast
         # The map takes up what balances have in common, and leaves them with opposite errors: those are none of their own.
         S = np.where(np.eye(self.layout.balances, dtype=bool), S, np.maximum(S, 0.0))
@@ -250,6 +252,14 @@ class _Solved:
         p, q = self.layout.nodes, self.layout.unknowns
         (N, answers, _), _, _ = self.without_map(S)
         return N, np.column_stack([answers[:, :q], N @ self.normal(S)[:p, self.layout.terms]])
+
+
+def _positive(S: Array, instead: Array) -> Array:
+    """Return a covariance as it is; where it is none, the diagonal of another instead of variances that are not positive."""
+    if np.linalg.eigvalsh(S)[0] > 0.0:
+        return S
+    variances = np.where(np.diag(S) > 0.0, np.diag(S), np.diag(instead))
+    return np.diag(np.maximum(variances, LEAST_ERROR**2))
 
 
 def considered(solution: Solution, moments: Moments, node: float, unknowns: Unknowns) -> Solution:
