@@ -109,7 +109,7 @@ def make_report(
                 raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
             with replacing(page) as temporary:
                 temporary.write_text(made(gather(loaded), content.regions), encoding="utf-8")
-        verdicts = judge(conditions, content.logs)
+        verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:
             write_junit(suite, verdicts, content.refused)
     return Reported(results, tuple(sentences(found)), content, verdicts)

@@ -168,8 +168,8 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1) -> str:
-    """Return rows as text in columns; the first column is left-aligned, the others right-aligned.
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1, left: int = 1) -> str:
+    """Return rows as text in columns; the first one, or `left` of them, are left-aligned, the others right-aligned.
 
     On a terminal that is too narrow, the columns go on below, behind the first `labels` columns, which name the row. Elsewhere
     a row stays a line, for the programs that read it.
@@ -186,7 +186,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1)
     most = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     return "\n\n".join(
         "\n".join(
-            "  ".join(line[c].rjust(widths[c]) if c else line[c].ljust(widths[c]) for c in block).rstrip()
+            "  ".join(line[c].rjust(widths[c]) if c >= left else line[c].ljust(widths[c]) for c in block).rstrip()
             for line in lines
         )
         for block in folded(widths, labels, most)

@@ -43,9 +43,9 @@ def argument(metavar: str, told: str, default: Any = ...) -> Any:
     return typer.Argument(default, readable=False, metavar=metavar, help=told)
 
 
-def flag(name: str, told: str, default: bool | None = False) -> Any:
+def flag(name: str, told: str, default: bool | None = False, **more: Any) -> Any:
     """Return an option without a value."""
-    return typer.Option(default, name, help=told)
+    return typer.Option(default, name, help=told, **more)
 
 
 CONFIG = option(

@@ -2,9 +2,25 @@
 
 from pathlib import Path
 
+import typer
+
 from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
-from lpvobs.cli.options import JSON, REGION, argument, option
+from lpvobs.cli.options import JSON, REGION, argument, flag, option
 from lpvobs.cli.track import show_fleet
+
+
+def _list_metrics(asked: bool) -> None:
+    """Print what a gate may ask for, and leave."""
+    if asked:
+        from lpvobs.report.gates import METRICS, OF_RESULT
+
+        rows = [
+            [name, item.unit, of, item.meaning + (f"; needs {item.needs}" if item.needs else "")]
+            for of, metrics in (("log", METRICS), ("result", OF_RESULT))
+            for name, item in metrics.items()
+        ]
+        print(table(["metric", "unit", "of a", "meaning"], rows, left=4))
+        raise typer.Exit
 
 
 @guarded
@@ -17,10 +33,13 @@ def report(
     ),
     html: Path | None = option("FILE", "Write one self-contained page."),
     gate: list[str] | None = option(
-        "EXPR", "metric<=number, also <, >=, >; exit code 1 if a log fails it. Repeatable."
+        "EXPR", "metric<=number (or <, >=, >, ==, !=), or verdict==none; exit code 1 if it does not hold. Repeatable."
     ),
     junit: Path | None = option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems."),
     region: str | None = REGION,
+    list_metrics: bool = flag(
+        "--list-metrics", "Print what a gate may ask for, and leave.", callback=_list_metrics, is_eager=True
+    ),
     as_json: bool = JSON,
 ) -> None:
     """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.

@@ -4,110 +4,171 @@ import difflib
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.report.outputs import LogOutput, ReportedLog
+from lpvobs.report.outputs import ReportedLog, ReportedResult
 
-METRICS = tuple(field.name for field in fields(LogOutput) if field.name not in ("log", "sha256", "found"))
-"""The numbers that the JSON has for every log."""
-RELATIONS: Mapping[str, Callable[[float, float], bool]] = {
+TRUTH, SOUGHT, GIVEN = "a log with reference channels", "trace or refine on the result", "the log beside the result"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a gate may ask of a log, or of a result."""
+
+    unit: str
+    meaning: str
+    needs: str = ""  # what there must be, or the metric is missing
+    words: tuple[str, ...] = ()  # its values, where it is no number
+
+
+METRICS: Mapping[str, Metric] = {
+    "samples": Metric("1", "samples that the estimate used"),
+    "samples_read": Metric("1", "samples in the file"),
+    "dropped_rows": Metric("1", "samples that a policy dropped"),
+    "gaps": Metric("1", "pauses of the recording that split the log"),
+    "repeated": Metric("1", "samples whose time repeats or runs backward"),
+    "duration": Metric("s", "time that the samples cover"),
+    "share_certified": Metric("1", "share of the samples where the observer is proven stable"),
+    "balance_ratio": Metric("1", "disagreement of the balances on this log, over what noise and tolerances allow"),
+    "mean_relative_error": Metric("1", "mean of |estimate - reference| / |reference|", TRUTH),
+    "share_left_out": Metric("1", "share of the samples whose reference is too small for that mean", TRUTH),
+    "rms_ratio": Metric("1", "rms of estimate - reference, over the rms of the reference", TRUTH),
+    "rmse": Metric("kg/s", "rms of estimate - reference", TRUTH),
+    "bias": Metric("kg/s", "mean of estimate - reference", TRUTH),
+    "visited_cells": Metric("1", "cells of the map with a compared sample", TRUTH),
+    "compared_samples": Metric("1", "samples that were compared with the reference", TRUTH),
+    "floor_mean_relative_error": Metric("1", "mean_relative_error of the best bilinear map", TRUTH),
+    "floor_rms_ratio": Metric("1", "rms_ratio of the best bilinear map", TRUTH),
+    "paper_mean_relative_error": Metric(
+        "1", "mean_relative_error that the paper prints for this cycle", "a cycle of the paper"
+    ),
+}
+"""What every log of a result may have."""
+OF_RESULT: Mapping[str, Metric] = {
+    "nodes_estimated": Metric("1", "nodes of the map that the logs inform"),
+    "standard_error": Metric("kg/s", "standard error of the middle one of these nodes", "a method that has one"),
+    "balance_agreement": Metric("1", "disagreement of the balances over all logs: about 1 or less", "two balances"),
+    "verdict": Metric("-", "what trace has found, or else refine", SOUGHT, ("none", "effect", "unexplained")),
+    "residual": Metric("kg/s", "rms of the residual held out; after refine, with its effects in the model", SOUGHT),
+}
+"""What a result has as a whole."""
+RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
     "<=": operator.le,
     ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
     "<": operator.lt,
     ">": operator.gt,
 }
-SHAPE = re.compile(r"\s*(?P<metric>\w+)\s*(?P<relation><=|>=|<|>)\s*(?P<limit>\S+)\s*")
+SHAPE = re.compile(r"\s*(?P<metric>\w+)\s*(?P<relation><=|>=|==|!=|<|>)\s*(?P<limit>\S+)\s*")
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What XML 1.0 cannot hold, not even escaped; names of files may."""
 
 
 @dataclass(frozen=True)
 class Gate:
-    """A condition on one metric, for example `mean_relative_error<=0.02`; fractions are fractions."""
+    """A condition on one metric, such as `mean_relative_error<=0.02` or `verdict==none`; fractions are fractions."""
 
     metric: str
     relation: str
-    limit: float
+    limit: float | str
 
     def __str__(self) -> str:
-        return f"{self.metric}{self.relation}{self.limit:g}"
+        return f"{self.metric}{self.relation}{_said(self.limit)}"
 
-    def holds(self, value: float) -> bool:
+    def holds(self, value: float | str) -> bool:
         """Tell whether a value passes."""
         return RELATIONS[self.relation](value, self.limit)
 
 
-def parse_gate(expression: str, unit: float = 1.0, metrics: Sequence[str] = METRICS) -> Gate:
+def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*METRICS, *OF_RESULT)) -> Gate:
     """Return the gate that an expression states, its limit times a unit.
 
-    Raises UsageError if it is not `metric<=number` (or with <, >=, >), or nothing is measured under that name.
+    Raises UsageError if it is no condition, or nothing is measured under that name.
     """
     found = SHAPE.fullmatch(expression)
-    limit = _number(found["limit"]) if found else None
-    if found is None or limit is None:
-        raise UsageError(
-            f"--gate '{expression}': not a condition; expected metric<=number with <=, <, >= or >, "
-            f"fractions as fractions, for example mean_relative_error<=0.02"
-        )
-    metric = found["metric"]
+    if found is None:
+        raise UsageError(f"--gate '{expression}': {NO_GATE}")
+    metric, relation, limit = found["metric"], found["relation"], found["limit"]
     if metric not in metrics:
         near = difflib.get_close_matches(metric, metrics, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(metrics)}"
+        hint = f"did you mean '{near[0]}'?" if near else "lpvobs report --list-metrics shows what there is"
         raise UsageError(f"--gate '{expression}': no metric '{metric}'; {hint}")
-    return Gate(metric, found["relation"], unit * limit)
+    if metric in OF_RESULT and (words := OF_RESULT[metric].words):
+        if relation not in ("==", "!=") or limit not in words:
+            raise UsageError(
+                f"--gate '{expression}': {metric} is a word; expected == or !=, and one of {', '.join(words)}"
+            )
+        return Gate(metric, relation, limit)
+    number = _number(limit)
+    if number is None:
+        raise UsageError(f"--gate '{expression}': {NO_GATE}")
+    return Gate(metric, relation, unit * number)
+
+
+NO_GATE = "is no condition; expected metric<=number (or <, >=, >, ==, !=), such as mean_relative_error<=0.02 for 2 %"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One gate on one log."""
+    """One gate on one log, or on a result."""
 
     gate: Gate
     result: str
-    log: str
-    value: float | None  # None where the log cannot have the metric
+    log: str  # empty for what the result has as a whole
+    value: float | str | None  # None where there is no such metric
 
     @property
     def holds(self) -> bool:
-        """Whether the log has the metric and passes."""
+        """Whether there is a value, and it passes."""
         return self.value is not None and self.gate.holds(self.value)
 
     def __str__(self) -> str:
-        place = f"{self.result}: log {self.log}"
+        place = f"{self.result}: log {self.log}" if self.log else self.result
         if self.value is None:
-            return f"{place} has no {self.gate.metric}, which the gate {self.gate} needs"
-        return f"{place} has {self.gate.metric} = {self.value:.6g}, the gate is {self.gate}"
+            needs = {**METRICS, **OF_RESULT}[self.gate.metric].needs
+            return f"{place} has no {self.gate.metric}, which the gate {self.gate} asks for" + (
+                needs and f"; it takes {needs}"
+            )
+        return f"{place} has {self.gate.metric} = {_said(self.value)}, the gate is {self.gate}"
 
 
-def judge(gates: Sequence[Gate], logs: Sequence[ReportedLog]) -> tuple[Verdict, ...]:
-    """Return every gate's verdict on every log."""
+def judge(
+    gates: Sequence[Gate], logs: Sequence[ReportedLog], results: Sequence[ReportedResult] = ()
+) -> tuple[Verdict, ...]:
+    """Return the verdict of every gate on every log; of a metric that a result has as a whole, on every result."""
     return tuple(
-        Verdict(gate, log.result, log.log, _finite(getattr(log, gate.metric))) for gate in gates for log in logs
+        Verdict(gate, item.result, getattr(item, "log", ""), _finite(getattr(item, gate.metric)))
+        for gate in gates
+        for item in (results if gate.metric in OF_RESULT else logs)
     )
 
 
 def enforce(verdicts: Sequence[Verdict]) -> None:
-    """Return when every log passes every gate.
+    """Return when all gates hold.
 
-    Raises NotProven if a log fails a gate, even where another log could not be judged; DataError if a log lacks a metric that a
-    gate asks for.
+    Raises NotProven if a gate fails, even where another could not be judged; DataError if a metric is missing.
     """
     failed = [str(item) for item in verdicts if item.value is not None and not item.holds]
     missing = [str(item) for item in verdicts if item.value is None]
     if failed:
         raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or widen the gate")
     if missing:
-        raise DataError(
-            f"gate cannot be judged: {_first_of(missing)}; estimate from a log with reference channels, or drop the gate"
-        )
+        raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide it, or drop the gate")
 
 
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
+def _finite(value: float | str | None) -> float | str | None:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _said(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.6g}"
 
 
 def _number(text: str) -> float | None:
@@ -157,7 +218,8 @@ def _counts(verdicts: Sequence[Verdict], refused: int = 0) -> dict[str, str]:
 
 
 def _add_case(suite: ElementTree.Element, verdict: Verdict) -> None:
-    name = {"classname": _text(verdict.result), "name": _text(f"{verdict.log}: {verdict.gate}"), "time": "0"}
+    place = f"{verdict.log}: {verdict.gate}" if verdict.log else str(verdict.gate)
+    name = {"classname": _text(verdict.result), "name": _text(place), "time": "0"}
     case = ElementTree.SubElement(suite, "testcase", name)
     if verdict.value is None:
         ElementTree.SubElement(case, "error", {"type": "no such metric", "message": _text(str(verdict))})

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
+import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.io.results.gains import StoredGain
@@ -124,6 +125,11 @@ class ReportedResult:
     file: str
     method: str
     map: MapCounts
+    nodes_estimated: Count
+    standard_error: Annotated[KgPerS | None, Meta(description="Of the middle one of the estimated nodes.")]
+    balance_agreement: Annotated[float, Meta(description="Disagreement of the balances over all logs.")]
+    verdict: Annotated[str | None, Meta(description="Of trace, or else of refine; null where neither has run.")]
+    residual: Annotated[KgPerS | None, Meta(description="Rms held out, from the same.")]
     extrapolation: QuadraticOutput | None
     gain: ReportedGain
     trace: StoredOutcome | UnsetType = UNSET
@@ -219,16 +225,24 @@ def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[M
 
 
 def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:
-    fitted = result.extrapolation
+    fitted, nodes = result.extrapolation, int(result.supported.sum())
+    errors = result.standard_error[result.supported]
+    sought = found.get("trace") or found.get("refinement") or {"verdict": None, "error": {}}
+
     return ReportedResult(
         result=name,
         file=str(result.path),
         method=result.method,
         map=MapCounts(
             cells=result.grid.size,
-            estimated=int(result.supported.sum()),
+            estimated=nodes,
             extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
         ),
+        nodes_estimated=nodes,
+        standard_error=float(np.median(errors)) if errors.size and (errors > 0.0).all() else None,
+        balance_agreement=result.balance_agreement,
+        verdict=sought["verdict"],
+        residual=sought["error"].get("after", sought["error"].get("before")),
         extrapolation=None if fitted is None else QuadraticOutput(**quadratic_fields(fitted)),
         gain=ReportedGain(**gain_fields(result.gain), smallest_pivot=result.gain.gain.certificate.smallest_pivot),
         **found,

@@ -2,6 +2,8 @@
 
 from xml.etree import ElementTree
 
+from repository import ROOT
+
 
 def outcomes(path):
     root = ElementTree.parse(path).getroot()
@@ -25,6 +27,27 @@ def test_every_gate_is_judged_and_the_file_is_there_when_one_fails(lpvobs, chain
     assert done.code == 0, done.err
     assert done.json["schema"] == "lpvobs/report/1"
     assert set(outcomes(xml).values()) == {"system-out"}
+
+
+def test_a_real_log_has_gates(lpvobs, chain, tmp_path):
+    """Nothing here needs the truth; the verdict waits for trace."""
+    gates = ("--gate", "standard_error<=1e-3", "--gate", "nodes_estimated>=20", "--gate", "balance_agreement<=3")
+    xml = tmp_path / "gates.xml"
+    done = lpvobs("report", chain.result, *gates, "--junit", xml)
+    assert done.code == 0, done.err
+    names = [case.get("name") for case in ElementTree.parse(xml).getroot().iter("testcase")]
+    assert names == ["standard_error<=0.001", "nodes_estimated>=20", "balance_agreement<=3"]
+    assert lpvobs("report", chain.result, "--gate", "standard_error<=1e-9").code == 1
+    done = lpvobs("report", chain.result, "--gate", "verdict==none")
+    assert done.code == 3
+    assert "it takes trace or refine" in done.err
+
+
+def test_the_page_of_metrics_has_what_the_command_line_lists(lpvobs):
+    page = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    done = lpvobs("report", "--list-metrics")
+    assert done.code == 0
+    assert done.out in page
 
 
 def test_refusals(lpvobs, chain, tmp_path):

@@ -1,16 +1,22 @@
 """Gates: what is judged, who wins where one log fails and another has no such metric, and the JUnit file of it."""
 
+from dataclasses import fields
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
 
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.report.gates import Gate, enforce, judge, junit_xml, parse_gate, write_junit
+from lpvobs.report.gates import METRICS, OF_RESULT, Gate, enforce, judge, junit_xml, parse_gate, write_junit
+from lpvobs.report.outputs import ReportedLog, ReportedResult
 
 
 def log(name, error, result="map"):
     return SimpleNamespace(result=result, log=name, mean_relative_error=error, gaps=0)
+
+
+def whole(verdict, name="map"):
+    return SimpleNamespace(result=name, verdict=verdict, residual=None if verdict is None else 2e-4)
 
 
 GOOD, BAD, BARE = log("good", 0.01), log("bad", 0.3), log("bare", None)
@@ -31,7 +37,21 @@ def test_relations(expression, value, passes):
     assert parse_gate(expression).holds(value) is passes
 
 
-@pytest.mark.parametrize("expression", ["", "rmse", "rmse=1", "rmse<=x", "rmse<=nan", "1>=rmse", "rmsse<=1"])
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "",
+        "rmse",
+        "rmse=1",
+        "rmse<=x",
+        "verdict<=none",
+        "verdict==nothing",
+        "rmse==none",
+        "rmse<=nan",
+        "1>=rmse",
+        "rmsse<=1",
+    ],
+)
 def test_what_is_no_gate_is_refused(expression):
     with pytest.raises(UsageError, match="--gate"):
         parse_gate(expression)
@@ -43,6 +63,25 @@ def test_a_failure_outweighs_a_metric_that_is_missing():
     with pytest.raises(DataError, match="log bare has no mean_relative_error"):
         enforce(judge([GATE], [BARE, GOOD]))
     enforce(judge([GATE, Gate("gaps", "<=", 0.0)], [GOOD]))
+
+
+def test_what_a_result_has_as_a_whole_is_judged_once():
+    gates = [parse_gate("verdict==none"), parse_gate("residual<=3e-4")]
+    found = judge(gates, [GOOD, BAD], [whole("none")])
+    assert [(item.log, item.holds) for item in found] == [("", True), ("", True)]
+    with pytest.raises(NotProven, match="map has verdict = effect, the gate is verdict==none"):
+        enforce(judge(gates, [], [whole("effect")]))
+    with pytest.raises(DataError, match="it takes trace or refine on the result"):
+        enforce(judge(gates, [], [whole(None)]))
+    assert judge([parse_gate("verdict!=effect")], [], [whole("none")])[0].holds
+
+
+def test_every_number_of_the_json_is_a_metric():
+    """Those of results are scalars beside what describes them."""
+    known = {field.name for field in fields(ReportedLog)} - {"result", "log", "sha256", "found", "method"}
+    assert set(METRICS) == known
+    others = {"result", "file", "method", "map", "extrapolation", "gain", "trace", "refinement"}
+    assert set(OF_RESULT) == {field.name for field in fields(ReportedResult)} - others
 
 
 def test_numbers_that_are_not_finite_cannot_be_judged():

@@ -22,6 +22,7 @@ from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
+from lpvobs.observer.balance_agreement import BalanceAgreement
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array, Item
@@ -54,6 +55,7 @@ class StoredResult:
     outer_coverage: float
     provenance: Provenance
     agreement: tuple[Agreement, ...] = ()
+    balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
     engine: EngineOfMap | None = None
     state: tuple[int, ...] = ()
     refused: tuple[str, ...] = ()  # why other logs were left out
@@ -121,6 +123,7 @@ def read_result(path: Path) -> StoredResult:
         for name, layout in _layouts(*axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
+        found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
         extrapolation, outer_coverage = read_extrapolation(file, axes)
         return StoredResult(
             path=path,
@@ -137,6 +140,7 @@ def read_result(path: Path) -> StoredResult:
             extrapolation=extrapolation,
             outer_coverage=outer_coverage,
             provenance=read_provenance(file),
+            balance_agreement=found_agreement.ratio if found_agreement else np.nan,
             agreement=read_rows(file.get("agreement"), Agreement, "log"),
             engine=read_if_there(file.get(ENGINE_FOUND), EngineOfMap),
             state=state,
