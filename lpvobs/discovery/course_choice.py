@@ -142,7 +142,8 @@ def finer(bare: Linear, found: Candidate) -> Candidate:
 
 def _near(bare: Linear, found: Candidate, step: float) -> Candidate:
     """Return an effect on the best course near its own, which follows an input."""
-    effect, problem = next(e for e in bare.problem.catalogue if e.id == found.id), bare.problem
+    problem, own = bare.problem, found.term.effect
+    effect = next((e for e in problem.catalogue if e.id == found.id), own)  # a formula is in no catalogue
     courses = [] if found.term.course is None else list(near(found.term.course, step))
     place = np.arange(problem.K)
     apart = replace(bare, problem=replace(problem, block=place, first=place))
