@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 
 from lpvobs.api.files import File, as_path, as_paths, writing
+from lpvobs.api.fitted import fits_of
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.configuration.config import config_of
@@ -96,7 +97,14 @@ def make_report(
         loaded = load(paths)
         results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
         found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]
-        content = report_output(results, [contents(discovered) for _, discovered in found])
+        fits = [
+            fit
+            for name, item in results
+            for log in item.logs
+            if log.sha256 in loaded.paths
+            for fit in fits_of(name, item, loaded.paths[log.sha256])
+        ]
+        content = report_output(results, [contents(discovered) for _, discovered in found], fits)
         if region is not None:
             content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in results])
         if page is not None:
@@ -108,7 +116,7 @@ def make_report(
                 said = str(error).partition(";")[0]
                 raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
             with replacing(page) as temporary:
-                temporary.write_text(made(gather(loaded), content.regions), encoding="utf-8")
+                temporary.write_text(made(gather(loaded, fits), content.regions), encoding="utf-8")
         verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:
             write_junit(suite, verdicts, content.refused)

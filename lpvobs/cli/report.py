@@ -49,7 +49,7 @@ def report(
     from lpvobs.api.compare import region_of
     from lpvobs.api.write_report import kind_of, make_report
     from lpvobs.report.gates import enforce
-    from lpvobs.report.tables import coefficient_tables, gain_line, region_line, report_rows
+    from lpvobs.report.tables import coefficient_tables, fit_rows, gain_line, region_line, report_rows
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
         _other(kind, result, html, as_json)
@@ -65,6 +65,8 @@ def report(
         print(table(*report_rows(done.results), labels=3))
         for coefficients in coefficient_tables(done.results):
             print("\n" + table(*coefficients))
+        if done.content.fits:
+            print("\n" + table(*fit_rows(done.content.fits), labels=3))
         for mean in done.content.regions:
             print("\n" + region_line(mean))
         if done.told:

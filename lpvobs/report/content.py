@@ -15,6 +15,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
 from lpvobs.report.discovered import Discovered
+from lpvobs.report.fit import ResidualFit
 from lpvobs.report.load import Loaded, LoadedLog, air_path_of
 from lpvobs.report.names import cycle_title, distinct
 
@@ -96,16 +97,17 @@ class Report:
 
     results: tuple[ResultView, ...]
     cycles: tuple[CycleView, ...]
+    fits: tuple[ResidualFit, ...] = ()  # how well the results follow the logs that were given
 
 
-def gather(loaded: Loaded) -> Report:
+def gather(loaded: Loaded, fits: Sequence[ResidualFit] = ()) -> Report:
     """Return the content of the page for results and the logs that belong to them."""
     names = distinct([result.path for result in loaded.results])
     views = [_view(*item) for item in zip(names, loaded.results, loaded.discovered, strict=True)]
     given = {log.sha256: (log, references) for log, references in loaded.logs}
     summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
     cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
-    return Report(tuple(views), cycles)
+    return Report(tuple(views), cycles, tuple(fits))
 
 
 def _view(name: str, stored: StoredResult, discovered: tuple[Discovered, ...]) -> ResultView:

@@ -45,6 +45,9 @@ METRICS: Mapping[str, Metric] = {
     "compared_samples": Metric("1", "samples that were compared with the reference", TRUTH),
     "floor_mean_relative_error": Metric("1", "mean_relative_error of the best bilinear map", TRUTH),
     "floor_rms_ratio": Metric("1", "rms_ratio of the best bilinear map", TRUTH),
+    "fit": Metric("1", "1 - |reading - prediction| / |reading - its mean|, of the best balance", GIVEN),
+    "lags_outside": Metric("1", "share of 25 lags at which its residual's autocorrelation leaves the 99 % band", GIVEN),
+    "input_lags_outside": Metric("1", "the same of 51 lags, with the input that it goes with most", GIVEN),
     "paper_mean_relative_error": Metric(
         "1", "mean_relative_error that the paper prints for this cycle", "a cycle of the paper"
     ),

@@ -1,7 +1,7 @@
 """What a report is made of: results, and the logs that belong to them."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +29,7 @@ class Loaded:
     results: tuple[StoredResult, ...]
     discovered: tuple[tuple[Discovered, ...], ...]
     logs: tuple[LoadedLog, ...]
+    paths: Mapping[str, Path]  # of the logs, by the digest of each
 
 
 def load(paths: Sequence[Path]) -> Loaded:
@@ -49,6 +50,7 @@ def load(paths: Sequence[Path]) -> Loaded:
         results=results,
         discovered=tuple(read_discovered(result.path) for result in results),
         logs=tuple(_load_log(path, digest, results) for digest, path in logs.items()),
+        paths=logs,
     )
 
 

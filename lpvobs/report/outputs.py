@@ -16,6 +16,7 @@ from lpvobs.io.results.results import StoredResult
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Refused, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import Filled
+from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import paper_error
 
 StoredOutcome = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/StoredOutcome"})]
@@ -99,6 +100,9 @@ class ReportedLog(LogOutput):
     result: str
     method: str
     paper_mean_relative_error: Fraction
+    fit: Annotated[Fraction, Meta(description="Of the balance that follows the reading best; null without the log.")]
+    lags_outside: Annotated[Fraction, Meta(description="Of its residual's autocorrelation, beyond the 99 % band.")]
+    input_lags_outside: Annotated[Fraction, Meta(description="The same of the input that it goes with most.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +159,7 @@ class ReportOutput:
     extrapolation: QuadraticOutput | None
     results: Sequence[ReportedResult]
     regions: Sequence[RegionMean]
+    fits: Annotated[Sequence[ResidualFit], Meta(description="Fit and residual of each balance on the logs given.")]
     refused: Refused
 
 
@@ -202,7 +207,11 @@ def state_bound_output(stored: StoredGain) -> StateBoundOutput | None:
     return None if bound is None else StateBoundOutput(**{name: value.tolist() for name, value in vars(bound).items()})
 
 
-def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[Mapping[str, Any]] = ()) -> ReportOutput:
+def report_output(
+    results: Sequence[tuple[str, StoredResult]],
+    found: Sequence[Mapping[str, Any]] = (),
+    fits: Sequence[ResidualFit] = (),
+) -> ReportOutput:
     """Return the object of `report --json` for named results; `found` is what `trace` and `refine` said of each."""
     every = [
         _result_output(name, result, each)
@@ -213,6 +222,7 @@ def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[M
             result=name,
             method=result.method,
             paper_mean_relative_error=paper_error(result.air_path, log.name),
+            **_best_fit([each for each in fits if (each.result, each.log) == (name, log.name)]),
             **log_fields(log),
         )
         for name, result in results
@@ -220,8 +230,25 @@ def report_output(results: Sequence[tuple[str, StoredResult]], found: Sequence[M
     ]
     refused = [f"{name}: {line}" for name, result in results for line in result.refused]
     return ReportOutput(
-        logs=logs, map=every[0].map, extrapolation=every[0].extrapolation, results=every, regions=(), refused=refused
+        logs=logs,
+        map=every[0].map,
+        extrapolation=every[0].extrapolation,
+        results=every,
+        regions=(),
+        fits=fits,
+        refused=refused,
     )
+
+
+def _best_fit(fits: Sequence[ResidualFit]) -> dict[str, float | None]:
+    if not fits:
+        return dict.fromkeys(("fit", "lags_outside", "input_lags_outside"))
+    best = min(fits, key=lambda item: item.rms or 0.0)
+    return {
+        "fit": best.fit,
+        "lags_outside": best.lags_outside,
+        "input_lags_outside": max(best.outside.values(), default=0.0),
+    }
 
 
 def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:

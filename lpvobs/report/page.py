@@ -16,7 +16,7 @@ from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultVie
 from lpvobs.report.discovered import sentences
 from lpvobs.report.names import method_title, paper_error
 from lpvobs.report.outputs import RegionMean
-from lpvobs.report.residual import Picture, Section, picture, residual_sections
+from lpvobs.report.residual import Picture, Section, fit_section, picture, residual_sections
 from lpvobs.report.spoken import headline
 
 TEMPLATE = "report.html.j2"
@@ -43,7 +43,8 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
         cycles=[Section(each.title, tuple(_pictures(each, f"c{number}"))) for number, each in enumerate(report.cycles)],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
-        residuals=[part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
+        residuals=[*filter(None, [fit_section(report.fits)])]
+        + [part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
         bounds=tables.bounds_table(widest.gain, widest.logs),
         coefficients=tables.coefficient_tables(named),
         remarks=list(dict.fromkeys(found.remark for found in printed if found is not None)),

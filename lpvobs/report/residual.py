@@ -1,6 +1,6 @@
 """The section of the page on the residual: verdict, tables and figures of every trace and refinement."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,8 @@ from lpvobs.discovery.portrait import Portrait
 from lpvobs.report import discovered
 from lpvobs.report import residual_figures as figures
 from lpvobs.report.content import ResultView
-from lpvobs.report.tables import Table
+from lpvobs.report.fit import ResidualFit
+from lpvobs.report.tables import Table, fit_rows
 
 MOST_LOGS = 6
 """Logs whose residual is drawn over time; the tables have all."""
@@ -49,6 +50,25 @@ def residual_sections(view: ResultView, number: int) -> list[Section]:
         )
         for found in view.discovered
     ]
+
+
+def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
+    """Return how well each balance follows each log, and what is left of the best one; None where no log was given."""
+    if not fits:
+        return None
+    best = {(item.result, item.log): item for item in sorted(fits, key=lambda item: -(item.rms or 0.0))}
+    return Section(
+        title="Does the model follow the log?",
+        tables=((fit_rows(fits), "Reading against the flow of each balance plus the map"),),
+        pictures=tuple(
+            picture(
+                figures.resid_panels(f"fit{number}", f"correlations of the residual, {log}, {result}", item),
+                f"{log}, {result}: what the balance {item.balance} leaves. First its autocorrelation, then its correlation with "
+                f"each input. Lags outside the shaded band show what the model lacks.",
+            )
+            for number, ((result, log), item) in enumerate(best.items())
+        ),
+    )
 
 
 def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:

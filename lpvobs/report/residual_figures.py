@@ -13,6 +13,8 @@ from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Array
+from lpvobs.report.fit import LAGS as LAGS_99
+from lpvobs.report.fit import ResidualFit
 from lpvobs.report.svg import INK, drawn, label_of
 
 BEFORE, AFTER = "#c4621a", "#2f7fc1"
@@ -165,6 +167,28 @@ def _panels(figure: Figure, balances: Sequence[str]) -> Iterator[tuple[int, Axes
     for spare in panels[len(balances) :]:
         spare.set_visible(False)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+
+
+@drawn()
+def resid_panels(figure: Figure, seen: ResidualFit) -> None:
+    """Draw the autocorrelation of a residual, and its correlation with each input at lags of either sign, with 99 % bands."""
+    columns = 4
+    figure.set_figheight(1.1 + 1.05 * -(-(1 + len(seen.cross)) // columns))
+    panels = figure.subplots(-(-(1 + len(seen.cross)) // columns), columns).ravel()
+    drawn_in = [("itself", np.array(seen.autocorrelation), 0, seen.band)]
+    drawn_in += [(name, np.array(seen.cross[name]), -LAGS_99, seen.cross_band[name]) for name in seen.outside]
+    for axes, (name, values, first, band) in zip(panels, drawn_in, strict=False):
+        lag = np.arange(first, LAGS_99 + 1)
+        axes.axhspan(-band, band, **WHITE | {"label": "99 % of independent noise"})
+        axes.vlines(lag, 0.0, values, color=AFTER, linewidth=1.2)
+        axes.axhline(0.0, color=INK, linewidth=0.5)
+        axes.set_title(label_of(name), fontsize=7.5)
+        axes.tick_params(labelsize=6.5)
+        if first:
+            axes.set_ylim(*np.clip([min(values.min(), -band) * 1.3, max(values.max(), band) * 1.3], -1.05, 1.05))
+    for spare in panels[len(drawn_in) :]:
+        spare.set_visible(False)
+    figure.supxlabel(f"residual later by lags of {seen.step:.3g} s", fontsize=8.0)
 
 
 @drawn()

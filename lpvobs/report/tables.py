@@ -13,6 +13,7 @@ from lpvobs.io.results.log_summaries import LogSummary
 from lpvobs.io.results.results import StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
+from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import cycle_title, paper_error
 from lpvobs.report.outputs import RegionMean, log_fields
 
@@ -99,6 +100,24 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
             ]
         )
     return header, rows
+
+
+def fit_rows(fits: Sequence[ResidualFit]) -> Table:
+    """Return how well each balance follows its log, and what its residual still goes with."""
+    header = ["result", "log", "balance", "fit", "residual g/s rms", "lags outside 99 %", "inputs outside 99 %"]
+    return header, [
+        [
+            item.result,
+            cycle_title(item.log),
+            item.balance,
+            percent(item.fit, 1),
+            grams(item.rms),
+            percent(item.lags_outside, 0),
+            ", ".join(f"{name} {percent(share, 0)}" for name, share in list(item.outside.items())[:3] if share > 0.02)
+            or "none",
+        ]
+        for item in fits
+    ]
 
 
 def coefficient_tables(results: Sequence[tuple[str, StoredResult]]) -> list[Table]:
