@@ -9,6 +9,7 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Seconds
 from lpvobs.records import Array
@@ -75,12 +76,14 @@ def fit_along(
         return None
     y, e = means(reading), means(reading - predicted)
     left = _spectrum(e, on)
-    own, crossed, bands = _products(left, left), {}, {}
+    own = _products(left, left)
+    crossed: dict[str, list[float]] = {}
+    bands: dict[str, float] = {}
     for name, values in inputs.items():
         if np.ptp(u := means(values)) > 0.0:
             other = _spectrum(u, on)
             crossed[name] = np.roll(_products(other, left), LAGS)[: 2 * LAGS + 1].tolist()
-            bands[name] = NORMAL_99 * float(np.sqrt(max(own @ _products(other, other), 1.0) / n))
+            bands[name] = NORMAL_99 * float(np.sqrt(max(float(own @ _products(other, other)), 1.0) / n))
     return ResidualFit(
         result=names[0],
         log=names[1],
@@ -96,13 +99,13 @@ def fit_along(
     )
 
 
-def _spectrum(values: Array, on: Array) -> Array:
+def _spectrum(values: Array, on: NDArray[np.bool_]) -> NDArray[np.complex128]:
     """Return the transform of values of variance one, zero in gaps, long enough that no lag wraps around."""
     whole = np.zeros(on.size)
     whole[on] = (values - values.mean()) / (np.linalg.norm(values - values.mean()) or 1.0)
     return np.asarray(np.fft.rfft(whole, 2 * on.size + 2 * LAGS))
 
 
-def _products(first: Array, second: Array) -> Array:
+def _products(first: NDArray[np.complex128], second: NDArray[np.complex128]) -> Array:
     """Return sums of products, the second signal later by 0, 1, ... lags, and by negative ones from the end on."""
     return np.asarray(np.fft.irfft(np.conj(first) * second))

@@ -240,7 +240,7 @@ def report_output(
     )
 
 
-def _best_fit(fits: Sequence[ResidualFit]) -> dict[str, float | None]:
+def _best_fit(fits: Sequence[ResidualFit]) -> dict[str, Any]:
     if not fits:
         return dict.fromkeys(("fit", "lags_outside", "input_lags_outside"))
     best = min(fits, key=lambda item: item.rms or 0.0)
