@@ -64,6 +64,7 @@ def test_healthy_logs_and_meters_teach(lpvobs, other_engine, chain, folder):
     assert (lacking.code, "'W_reference' is missing" in lacking.err) == (3, True)
 
 
+@pytest.mark.slow
 def test_a_plan_names_points_that_help(lpvobs, other_engine, folder):
     bench = ("--bench", other_engine.bench, "--plan", "--out", folder / "plan.h5")
     known = lpvobs("calibrate", "--config", DIESEL, *bench, "--json")

@@ -55,6 +55,7 @@ def test_nothing_is_found_before_the_fault_begins(folder, traced, name):
     assert traced(f"morning_{name}").verdict == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     expected, factor = FAULTS[name]
@@ -71,6 +72,7 @@ def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
     assert all(share > 0.7 for balance, share in moved.items() if (name, balance) != ("wltp_f_iml_6mm", "fuel"))
 
 
+@pytest.mark.slow
 def test_a_refined_model_of_the_real_engine_has_its_map_estimated_again(folder):
     refined = lpvobs.refine(
         folder / "healthy.h5", folder / "wltp_f_waf_110.parquet", folder / "refined.h5", freeze_map=False

@@ -1,8 +1,10 @@
 """A small part of `make kill`: SIGKILL at random moments of the quick verbs."""
 
+import pytest
 from robust.kill import VERBS, run
 
 
+@pytest.mark.slow
 def test_no_kill_tears_or_loses_a_file():
     hits = run(24, 7, ["estimate", "extrapolate", "export"], lambda line: None)
     assert hits >= 8  # otherwise the verbs had ended before, and nothing was tried
