@@ -135,7 +135,7 @@ def track(
         provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
         write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, refused)
         PartsFolder(target, "").remove()
-        fleet = read_fleet(target)
+        fleet = StoredFleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, tuple(refused))
         if table is not None:
             write_table(as_path(table), fleet)
     return fleet, output_of(fleet, len(sums.logs) - len(known), refused)

@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvobs.records import Array
 from lpvobs.tracking.sums import MODES
-from lpvobs.tracking.timeline import Event, Fleetwide, Story, Timeline
+from lpvobs.tracking.timeline import Event, Fleetwide, Story, Timeline, terms_of
 
 SURPRISE = 1000.0
 """To one: one healthy vehicle of a thousand may be accused by chance."""
@@ -46,38 +46,49 @@ def _events(vehicle: Timeline, fleet: Fleetwide) -> tuple[Event, ...]:
     days = np.unique(vehicle.day)
     middles = 0.5 * (days[1:] + days[:-1])
     while len(events) < MOST_EVENTS:
+        free = np.setdiff1d(middles, [each.day for each in events])
         explained = vehicle.explained(fleet, events)
-        scored = [(_gain(vehicle, explained, move), move) for move in _moves(events, middles)]
+        scored = [(move, _gains(vehicle, explained, *move)) for move in _moves(events, free)]
         if not scored:
             break
-        gain, best = max(scored, key=lambda item: item[0])
-        if gain <= 0.0:
+        (before, kind, since), gains = max(scored, key=lambda item: item[1].max())
+        best = int(np.argmax(gains))
+        if gains[best] <= 0.0:
             break
-        alike = [
-            (g, move[-1].day) for g, move in scored if [each.kind for each in move] == [each.kind for each in best]
-        ]
-        events += (*best[:-1], _with_interval(best[-1], days, np.array(alike)))
+        events += (*before, _with_interval(Event(kind, float(since[best])), days, np.column_stack([gains, since])))
     return events
 
 
-def _moves(events: Sequence[Event], middles: Array) -> Iterator[tuple[Event, ...]]:
-    """Yield what may be added: a trend, a step at any day, a renewal at any day with the trend that it ends."""
+Moves = tuple[tuple[Event, ...], str, Array]
+"""Events that come first, and the kind of the last with the days on which it may be."""
+
+
+def _moves(events: Sequence[Event], free: Array) -> Iterator[Moves]:
+    """Yield what may be added: a trend, a step at any free day, a renewal at any free day with the trend that it ends."""
     before = () if any(each.kind == "trend" for each in events) else (Event("trend"),)
     if before:
-        yield before
-    for day in middles.tolist():
-        if all(each.day != day for each in events):
-            yield (Event("step", day),)
-            yield (*before, Event("renewal", day))
+        yield (), "trend", np.zeros(1)
+    if free.size:
+        yield (), "step", free
+        yield before, "renewal", free
 
 
-def _gain(vehicle: Timeline, explained: tuple[Array, Array], added: Sequence[Event]) -> float:
-    """Return what events add to the logarithm of the evidence, less what speaks against them beforehand."""
-    R, r = explained
-    X = np.kron(vehicle.design(added, vehicle.day), np.eye(MODES))
-    A, b = np.eye(X.shape[1]) + X.T @ R @ X, X.T @ r
-    against = sum(_against(each, vehicle.day.size) for each in added)
-    return float(0.5 * b @ np.linalg.solve(A, b) - 0.5 * np.linalg.slogdet(A)[1] - against)
+def _gains(
+    vehicle: Timeline, explained: tuple[Array, Array], before: Sequence[Event], kind: str, since: Array
+) -> Array:
+    """Return what an event adds on each day to the logarithm of the evidence, less what speaks against it beforehand."""
+    L, day = vehicle.day.size, vehicle.day
+    R, r = explained[0].reshape(L, MODES, L, MODES), explained[1].reshape(L, MODES)
+    first = np.broadcast_to(vehicle.design(before, day), (since.size, L, sum(each.slopes().size for each in before)))
+    F = np.concatenate([first, terms_of(kind, since, day)], axis=-1)  # (days, L, terms)
+    size = F.shape[2] * MODES
+    half = np.tensordot(F, R, (1, 0))  # (days, terms, modes, L, modes)
+    A = np.einsum("mtalb,mlu->mtaub", half, F).reshape(-1, size, size) + np.eye(size)
+    b = np.einsum("mlt,la->mta", F, r).reshape(-1, size, 1)
+    root = np.linalg.cholesky(A)
+    fit = np.linalg.solve(root, b)[..., 0]
+    against = sum(_against(each, L) for each in (*before, Event(kind)))
+    return np.asarray(0.5 * (fit**2).sum(1) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(1) - against)
 
 
 def _with_interval(event: Event, days: Array, alike: Array) -> Event:

@@ -184,7 +184,7 @@ class Fleet:
 
     def as_member(self, name: str, own: OverTime, kind: TypeMap) -> tuple[Array, Array, float]:
         """Return maps and their standard errors at all nodes, shape (N, p), and how unlike the type the last one is."""
-        on, last = own.nodes, own.covariance[-1]
+        on, last = own.nodes, own.last
         apart = kind.between + kind.covariance
         full = last + apart[np.ix_(on, on)]
         away = own.mean[-1] - kind.mean[on]
@@ -193,11 +193,15 @@ class Fleet:
         gain = np.linalg.solve(full, np.column_stack([away, apart[on]]))
         mean, covariance = kind.mean + apart[:, on] @ gain[:, 0], apart - apart[:, on] @ gain[:, 1:]
         values, errors = (np.tile(each, (own.mean.shape[0], 1)) for each in (mean, np.sqrt(np.diag(covariance))))
-        moved, mean, back = covariance[np.ix_(on, on)] - last, mean[on] - own.mean[-1], np.linalg.inv(last)
-        for i, across in enumerate(own.with_last[:-1]):  # what the type adds to the last map, it adds to all
-            onto = across @ back
-            values[i, on] = own.mean[i] + onto @ mean
-            errors[i, on] = np.sqrt(np.diag(own.covariance[i] + onto @ moved @ onto.T))
+        moved, added = covariance[np.ix_(on, on)] - last, mean[on] - own.mean[-1]
+        onto = own.beyond[:-1] @ np.linalg.inv(
+            last
+        )  # what the type adds to the last map, it adds to all: 1 + modes onto
+        values[:-1, on] = own.mean[:-1] + added + onto @ added @ own.modes.T
+        across = onto @ moved  # (N - 1, k, p)
+        spread = np.einsum("pa,nab,pb->np", own.modes, across @ onto.transpose(0, 2, 1), own.modes)
+        spread += np.diag(moved) + 2.0 * np.einsum("pa,nap->np", own.modes, across)
+        errors[:-1, on] = np.sqrt(own.variance[:-1] + spread)
         return values, errors, unlike
 
     def visit(self, sums: VehicleSums, error: Array) -> Iterator[NextCell]:

@@ -6,11 +6,13 @@ type: the type's mean and how vehicles differ (a level, shapes, a gain, every no
 likelihood, and what a vehicle has not driven comes from there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Annotated
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
@@ -18,18 +20,24 @@ from lpvobs.tracking.sums import MODES, Basis, VehicleSums
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline
 
 SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
-"""Over `CHANGE`, and over 1 g/s of a node: what is tried of how vehicles differ."""
+"""Over `CHANGE`, and over `NODE`: what is tried of how vehicles differ."""
+NODE, LEAST = 1e-3, 0.01
+"""[kg/s] of a node by itself, and the least share of it: vehicles of a kind are never alike to a bit."""
 SWEEPS = 2
 
 
 @dataclass(frozen=True)
 class OverTime:
-    """Maps of a vehicle at N days, of the p nodes that it has driven."""
+    """Maps of a vehicle at N days, of the p nodes that it has driven; days differ by k modes, so their covariances do."""
 
     nodes: NDArray[np.int64]  # (p,) their numbers
     mean: Array  # (N, p) [kg/s]
-    covariance: Array  # (N, p, p) [kg^2/s^2] of the errors of each day
-    with_last: Array  # (N, p, p) of the errors of each day with those of the last
+    last: Array  # (p, p) [kg^2/s^2] of the errors of the last day
+    variance: Array  # (N, p) [kg^2/s^2] of the errors of each day
+    modes: Array  # (p, k) [kg/s]
+    beyond: (
+        Array  # (N, k, p) [kg/s]: `modes` times this is what the covariance of each day with the last has beyond `last`
+    )
 
 
 def alone(
@@ -43,34 +51,34 @@ def alone(
     """Return the maps of a vehicle at some days.
 
     The map of a day is P (r - C m) + Phi c(day), where P, r and C are inverse and right side of map and engine, and their products
-    with the modes; c, and m, which has a part of each log's own day beside it, are one Gaussian process.
+    with the modes; c, and m, which has a part of each log's own day beside it, are one Gaussian process. With S = P + B W^T,
+    W = P C^T K, B = P C^T - W R and L the covariance of c(day) with m, the covariance of two days is
+    S + Phi (Q - L R L'^T) Phi^T - Phi L B^T - B L'^T Phi^T.
     """
     p, on = basis.flow.size, sums.columns[:-2]
     nodes = on[on < p]
-    M = sums.whole(basis.size) / basis.lasting
-    A = M[np.ix_(on, on)] + np.diag(np.where(on < p, prior**-2, 1.0))
-    P = np.linalg.inv(A)[: nodes.size]
+    M = sums.whole(basis.size)[np.ix_(sums.columns, sums.columns)] / basis.lasting
+    A = M[:-2, :-2] + np.diag(np.where(on < p, prior**-2, 1.0))
+    P = scipy.linalg.solve(A, np.eye(on.size, nodes.size), assume_a="pos").T  # the nodes are the first columns
     C = np.concatenate([CHANGE[:, None] * log.modes[:, on] for log in vehicle.logs]) / basis.lasting
     R, r = vehicle.explained(*story)
-    own, answers = basis.modes(basis.flow)[nodes] * CHANGE, P @ C.T
-    fixed, last = P @ M[on, -1], day[-1:]
-    with_m = answers @ vehicle.prior(*story)  # of the part that all days share
+    modes, answers = basis.modes(basis.flow)[nodes] * CHANGE, P @ C.T
+    W = answers @ vehicle.prior(*story)
+    B = answers - W @ R
+    S = P[:, : nodes.size] + B @ W.T
+    over_time, k = vehicle.over_time(*story, day, day), np.eye(MODES)
+    L = vehicle.process(*story, day, vehicle.day).reshape(day.size, MODES, -1)
+    LR, LB = L @ R, L @ B.T  # (N, k, m), (N, k, p)
 
-    def of(when: Array) -> tuple[Array, Array]:
-        """Return the covariance of the map of a day with m, and that of the process with m."""
-        lasting = vehicle.process(*story, when, vehicle.day)
-        return own @ lasting - with_m, lasting
+    def between(one: int, other: int) -> Array:
+        return np.asarray(over_time[one, other] * k - LR[one] @ L[other].T)
 
-    (to_last, last_process), found = of(last), []
-    for k in range(day.size):
-        to_m, process = of(day[k : k + 1])
-        both = []
-        for when, other, its in ((day[k : k + 1], to_m, process), (last, to_last, last_process)):
-            prior_of = own @ vehicle.process(*story, day[k : k + 1], when) @ own.T - own @ process @ answers.T
-            prior_of += answers @ (with_m.T - its.T @ own.T)
-            both.append(P[:, : nodes.size] + prior_of - to_m @ R @ other.T)
-        found.append((fixed + to_m @ r, *both))
-    return OverTime(nodes, *(np.stack(each) for each in zip(*found, strict=True)))
+    beyond = np.stack([(between(i, -1) - between(-1, -1)) @ modes.T - LB[i] + LB[-1] for i in range(day.size)])
+    own = [np.sum(modes @ between(i, i) * modes, 1) - 2.0 * np.sum(modes * LB[i].T, 1) for i in range(day.size)]
+    across = modes @ LB[-1]
+    last = S + modes @ between(-1, -1) @ modes.T - across - across.T
+    mean = P @ M[:-2, -1] - W @ r + (L @ r) @ modes.T
+    return OverTime(nodes, mean, 0.5 * (last + last.T), np.diag(S) + np.stack(own), modes, beyond)
 
 
 @dataclass(frozen=True)
@@ -85,32 +93,57 @@ class TypeMap:
 
 def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> TypeMap:
     """Return the map of a type from the last map of each of its vehicles."""
-    seen = [(each.nodes, each.mean[-1], each.covariance[-1]) for each in maps]
+    pools = cache(partial(_Pool, maps, Phi, prior))
+
+    @cache
+    def pooled(level: float, shape: float, gain: float, node: float) -> tuple[Array, Array, float]:
+        return pools(NODE * max(node, LEAST)).with_modes(_deviations(level, shape, gain))
+
     sizes = dict.fromkeys(("level", "shape", "gain", "node"), 1.0)
-
-    def between(sizes: Mapping[str, float]) -> Array:
-        modes = CHANGE * np.array([sizes["shape"]] * (MODES - 2) + [sizes["level"], sizes["gain"]])
-        return np.asarray((Phi * modes**2) @ Phi.T) + (1e-3 * max(sizes["node"], 0.01)) ** 2 * np.eye(Phi.shape[0])
-
-    for _ in range(SWEEPS if len(seen) > 2 else 0):
+    for _ in range(SWEEPS if len(maps) > 2 else 0):
         for name in sizes:
-            tried = ({**sizes, name: size} for size in SIZES)
-            sizes = max(tried, key=lambda sizes: _pooled(seen, between(sizes), prior)[2])
-    information, right, _ = _pooled(seen, between(sizes), prior)
+            sizes = max(({**sizes, name: size} for size in SIZES), key=lambda sizes: pooled(**sizes)[2])
+    information, right, _ = pooled(**sizes)
     covariance = np.linalg.inv(information)
-    return TypeMap(kind, np.asarray(covariance @ right), np.asarray(covariance), between(sizes))
+    modes = Phi * _deviations(sizes["level"], sizes["shape"], sizes["gain"])
+    between = modes @ modes.T + (NODE * max(sizes["node"], LEAST)) ** 2 * np.eye(len(Phi))
+    return TypeMap(kind, np.asarray(covariance @ right), np.asarray(covariance), np.asarray(between))
 
 
-def _pooled(
-    seen: Sequence[tuple[NDArray[np.int64], Array, Array]], between: Array, prior: float
-) -> tuple[Array, Array, float]:
-    """Return information and right side of the type's map, and the logarithm of the restricted likelihood."""
-    information, right, total = prior**-2 * np.eye(between.shape[0]), np.zeros(between.shape[0]), 0.0
-    for nodes, mean, covariance in seen:
-        full = covariance + between[np.ix_(nodes, nodes)]
-        inverse = np.linalg.inv(full)
-        information[np.ix_(nodes, nodes)] += inverse
-        right[nodes] += inverse @ mean
-        total -= float(0.5 * mean @ inverse @ mean + np.log(np.diag(np.linalg.cholesky(full))).sum())
-    total += float(0.5 * right @ np.linalg.solve(information, right))
-    return information, right, total - float(np.log(np.diag(np.linalg.cholesky(information))).sum())
+def _deviations(level: float, shape: float, gain: float) -> Array:
+    """Return how vehicles differ in every mode, shape (k,)."""
+    return CHANGE * np.array([shape] * (MODES - 2) + [level, gain])
+
+
+class _Pool:
+    """Vehicles whose nodes differ by `node` [kg/s] each, all put together; modes come on top by the matrix inversion lemma."""
+
+    def __init__(self, maps: Sequence[OverTime], Phi: Array, prior: float, node: float):
+        self.node, p = node, len(Phi)
+        self.information, self.right, self.likelihood = prior**-2 * np.eye(p), np.zeros(p), 0.0
+        self.members = []
+        for each in maps:
+            on, mean = each.nodes, each.mean[-1]
+            root = scipy.linalg.cho_factor(each.last + node**2 * np.eye(on.size), lower=True)
+            inverse = scipy.linalg.cho_solve(root, np.eye(on.size))
+            self.information[np.ix_(on, on)] += inverse
+            self.right[on] += (weighed := inverse @ mean)
+            self.likelihood -= float(0.5 * mean @ weighed + np.log(np.diag(root[0])).sum())
+            across = np.zeros((p, MODES))
+            across[on] = inverse @ Phi[on]
+            self.members.append((across, Phi[on].T @ across[on], Phi[on].T @ weighed))
+
+    def with_modes(self, d: Array) -> tuple[Array, Array, float]:
+        """Return information and right side of the type's map, and the logarithm of the restricted likelihood."""
+        likelihood, taken, fits = self.likelihood, [], []
+        for across, inner, weighed in self.members:
+            root = np.linalg.cholesky(np.eye(MODES) + d[:, None] * inner * d)
+            solved = np.linalg.solve(root, np.column_stack([(across * d).T, d * weighed]))
+            taken.append(solved[:, :-1])
+            fits.append(solved[:, -1])
+            likelihood += float(0.5 * fits[-1] @ fits[-1] - np.log(np.diag(root)).sum())
+        Z = np.concatenate(taken)
+        information, right = self.information - Z.T @ Z, self.right - Z.T @ np.concatenate(fits)
+        root = np.linalg.cholesky(information)
+        fit = scipy.linalg.solve_triangular(root, right, lower=True)
+        return information, right, likelihood + float(0.5 * fit @ fit - np.log(np.diag(root)).sum())

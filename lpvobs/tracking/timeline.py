@@ -11,9 +11,12 @@ from the first log on, a step, a new slope. `Fleetwide` holds the variances, fou
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Annotated
 
 import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums
@@ -47,7 +50,7 @@ class Fleetwide:
 
 @dataclass(frozen=True)
 class Event:
-    """What happens to a vehicle: a `trend` from the first log on, a `step`, or a `renewal`, a step to another slope."""
+    """What happens to a vehicle: a `trend` from the first log, day 0, on, a `step`, or a `renewal`, a step to another slope."""
 
     kind: str
     day: float = 0.0  # [years]
@@ -56,13 +59,18 @@ class Event:
 
     def terms(self, day: Array) -> Array:
         """Return its terms on some days, shape (N, 1) or (N, 2)."""
-        after = (day >= self.day).astype(float)
-        slope = after * (day - self.day)
-        return np.column_stack({"trend": [day], "step": [after], "renewal": [after, slope]}[self.kind])
+        return terms_of(self.kind, np.array(self.day), day)
 
     def slopes(self) -> Array:
         """Return the slope of each term at the end."""
         return np.array({"trend": [1.0], "step": [0.0], "renewal": [0.0, 1.0]}[self.kind])
+
+
+def terms_of(kind: str, since: Array, day: Array) -> Array:
+    """Return the terms of events since some days [years] on others, shape (..., N, 1) or (..., N, 2)."""
+    after = (day >= since[..., None]).astype(float)
+    slope = after * (day - since[..., None])
+    return np.stack({"trend": [slope], "step": [after], "renewal": [after, slope]}[kind], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,28 +88,42 @@ class Timeline:
         """Return what each term of the events is on some days, shape (N, terms)."""
         return np.column_stack([np.zeros((day.size, 0)), *(event.terms(day) for event in events)])
 
+    def over_time(self, fleet: Fleetwide, events: Sequence[Event], day: Array, other: Array) -> Array:
+        """Return the covariance between days of all that lasts in a mode, shape (N, M)."""
+        walked = fleet.walk**2 * np.minimum.outer(day, other)
+        return np.asarray(walked + self.design(events, day) @ self.design(events, other).T)
+
     def process(self, fleet: Fleetwide, events: Sequence[Event], day: Array, other: Array) -> Array:
-        """Return the covariance between days of all that lasts, shape (N k, M k)."""
-        over_time = fleet.walk**2 * np.minimum.outer(day, other)
-        over_time += self.design(events, day) @ self.design(events, other).T
-        return np.asarray(np.kron(over_time, np.eye(MODES)))
+        """Return it for all modes, shape (N k, M k)."""
+        return np.asarray(np.kron(self.over_time(fleet, events, day, other), np.eye(MODES)))
 
     def prior(self, fleet: Fleetwide, events: Sequence[Event]) -> Array:
         """Return the covariance of m."""
         return self.process(fleet, events, self.day, self.day) + np.diag(np.tile(fleet.daily, self.day.size))
 
     def evidence(self, fleet: Fleetwide, events: Sequence[Event] = ()) -> float:
-        """Return the logarithm of the marginal likelihood, up to what no prior changes."""
-        root = np.linalg.cholesky(self.prior(fleet, events) + 1e-12 * np.eye(self.h.size))
-        factor = np.linalg.cholesky(np.eye(self.h.size) + root.T @ self.G @ root)
-        fit = np.linalg.solve(factor, root.T @ self.h)
-        return float(0.5 * fit @ fit - np.log(np.diag(factor)).sum())
+        """Return the logarithm of the marginal likelihood, up to what no prior changes.
+
+        It is h^T K (I + G K)^-1 h / 2 - log|I + G K| / 2.
+        """
+        lower_upper, swaps, Kh = self._factored(fleet, events)
+        fit = Kh @ scipy.linalg.lu_solve((lower_upper, swaps), self.h, check_finite=False)
+        return float(0.5 * (fit - np.log(np.abs(np.diag(lower_upper))).sum()))
 
     def explained(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
         """Return information and right side for what comes on top of a prior: R = (I + G K)^-1 G and (I + G K)^-1 h."""
-        K = self.prior(fleet, events)
-        found = np.linalg.solve(np.eye(self.h.size) + self.G @ K, np.column_stack([self.G, self.h]))
+        lower_upper, swaps, _ = self._factored(fleet, events)
+        found = scipy.linalg.lu_solve((lower_upper, swaps), np.column_stack([self.G, self.h]), check_finite=False)
         return np.asarray(0.5 * (found[:, :-1] + found[:, :-1].T)), np.asarray(found[:, -1])
+
+    def _factored(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, NDArray[np.int32], Array]:
+        """Return the factors of I + G K, and K h; what lasts is the same for all modes, so K acts day by day and mode by mode."""
+        days = self.over_time(fleet, events, self.day, self.day)
+        daily = np.tile(fleet.daily, self.day.size)
+        right = np.column_stack([self.G, self.h])
+        times = (days @ right.reshape(self.day.size, -1)).reshape(right.shape) + daily[:, None] * right
+        factors = scipy.linalg.lu_factor(np.eye(self.h.size) + times[:, :-1].T, overwrite_a=True, check_finite=False)
+        return *factors, times[:, -1]
 
 
 def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
@@ -112,7 +134,8 @@ def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prio
     A = M[np.ix_(on, on)] + np.diag(np.where(on < p, prior**-2, 1.0))
     modes = CHANGE[:, None] * np.stack([log.modes for log in by_date])
     across = modes[:, :, on].reshape(-1, on.size)
-    found = np.linalg.solve(np.linalg.cholesky(A), np.column_stack([across.T, M[on, -1]]))
+    right = np.column_stack([across.T, M[on, -1]])
+    found = scipy.linalg.solve_triangular(np.linalg.cholesky(A), right, lower=True, check_finite=False)
     G = -found[:, :-1].T @ found[:, :-1]
     for i, log in enumerate(by_date):
         at = slice(i * MODES, (i + 1) * MODES)
@@ -146,6 +169,7 @@ def fleetwide(start: Fleetwide, vehicles: Mapping[Timeline, Story]) -> Fleetwide
     """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
     chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.name)[:MOST_VEHICLES]
 
+    @cache
     def likelihood(sizes: Fleetwide) -> float:
         return sum(each.evidence(sizes.uneasy(vehicles[each].factor), vehicles[each].events) for each in chosen)
 
