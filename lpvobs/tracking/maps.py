@@ -112,7 +112,7 @@ def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> T
 
 def _deviations(level: float, shape: float, gain: float) -> Array:
     """Return how vehicles differ in every mode, shape (k,)."""
-    return CHANGE * np.array([shape] * (MODES - 2) + [level, gain])
+    return np.asarray(CHANGE * np.array([shape] * (MODES - 2) + [level, gain]))
 
 
 class _Pool:
