@@ -31,8 +31,8 @@ from lpvobs.maps.metrics import best_fit, compare
 from lpvobs.observer.estimate import MapEstimate, Point, calmed, estimate_default, of_parts
 from lpvobs.observer.parts import StateGain, inform
 from lpvobs.records import Array
-from lpvobs.simulation.drawing import drawn
 from lpvobs.simulation.parameters import ErrorSurface
+from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.stationary import BenchTable, bench
 
 FIRST_SEED = 601

@@ -26,10 +26,10 @@ from lpvobs.maps.metrics import best_fit
 from lpvobs.maps.quadratic import Filled, fit, interval_factor, scaled_terms
 from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.records import Array
-from lpvobs.simulation.drawing import drawn
+from lpvobs.simulation.instruments import measure
 from lpvobs.simulation.parameters import Bump, ErrorSurface
+from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.readings import surface_error
-from lpvobs.simulation.sensors import measure
 
 FIRST_PLANT = 641
 FAMILIES = ("paper's", "King's", "plane", "hollow", "random bumps")

@@ -10,9 +10,9 @@ from common import configuration
 
 from lpvobs.io.logs.parquet import write_log
 from lpvobs.simulation.cycles import TABLES, shipped_folder
-from lpvobs.simulation.drawing import drawn
+from lpvobs.simulation.instruments import measure
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.sensors import measure
+from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.simulate import UNITS, simulate
 
 VEHICLES, MONTHS, A_MONTH = 20, 12, 2

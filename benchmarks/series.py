@@ -28,8 +28,8 @@ from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.observer.estimate import Point
 from lpvobs.records import Array, Defects, Log
-from lpvobs.simulation.drawing import drawn
 from lpvobs.simulation.parameters import ErrorSurface
+from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.simulate import SimulatedLog, simulate
 from lpvobs.simulation.stationary import BenchTable, bench
 

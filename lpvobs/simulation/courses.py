@@ -25,8 +25,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "lagged": ("input", "from", "to", "time_constant"),
 }
 """What each course needs; a ramp without `end` reaches the whole at the end of the drive."""
-GRADED = ("ramp", "saturating", "lagged")
-"""Courses in which a part of the effect is there."""
+GRADED = ("ramp", "saturating", "lagged")  # courses in which a part of the effect is there
 
 
 @dataclass(frozen=True)

@@ -23,15 +23,12 @@ TABLES = {
     "whtc": "whtc.csv",
     "wltc": "wltc_class3b.csv",
 }
-ENDS = {"etc_part1": 600.0, "ftp75_cold": 505.0}
-"""[s]; cycles that are the beginning of a table."""
+ENDS = {"etc_part1": 600.0, "ftp75_cold": 505.0}  # [s]; cycles that are the beginning of a table
 SPEED_COLUMNS = ("time_s", "speed_kmh")
 ENGINE_COLUMNS = ("time_s", "speed_norm_pct", "torque_norm_pct", "motoring")
-LONGEST = 1e5
-"""[s], more than a day of driving: beyond that the time column is not in seconds."""
+LONGEST = 1e5  # [s], more than a day of driving: beyond that the time column is not in seconds
 
-LARGEST = 2**26
-"""[bytes] of a table, ten times what a day at one row per second takes."""
+LARGEST = 2**26  # [bytes] of a table, ten times what a day at one row per second takes
 
 
 @dataclass(frozen=True)

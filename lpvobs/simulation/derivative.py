@@ -1,37 +1,19 @@
 """The right-hand side of the plant: flows, temperatures and powers of a state, and how the state moves."""
 
 from lpvobs.compiled import njit
+from lpvobs.records import Array
 from lpvobs.simulation import plant as relation
-from lpvobs.simulation.plant import (
-    OMEGA_T,
-    P_EM,
-    P_IM,
-    SLOWEST_TURBINE,
-    T_IM,
-    U_EGR1,
-    U_EGR2,
-    U_VGT,
-    X_OEM,
-    X_OIM,
-    Array,
-    Flows,
-    Inputs,
-    Plant,
-)
-from lpvobs.simulation.structure.filling import filling_factor
-from lpvobs.simulation.structure.slow import cooler_effectiveness
-from lpvobs.simulation.structure.turbo import Stage, compressor_stage, other_turbine
-from lpvobs.simulation.structure.valve import other_egr
+from lpvobs.simulation.instruments import cooler_effectiveness
+from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, T_IM, U_EGR1, U_EGR2, U_VGT, X_OEM, X_OIM, Inputs, Plant
+from lpvobs.simulation.structure import Stage, compressor_stage, filling_factor, other_egr, other_turbine
 
 
 @njit(cache=True)
-def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
-    """Return flows, temperatures and powers for state x, shape (9,).
-
-    The forms of another structure are called where they are at work: a call takes along all constants of the plant.
-    """
+def flows(plant: Plant, x: Array, given: Inputs) -> relation.Flows:
+    """Return flows, temperatures and powers for state x, shape (9,)."""
+    # The forms of another structure are called where they are at work: a call takes along all constants of the plant.
     c, b, s = plant.engine, plant.body, plant.structure
-    p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], SLOWEST_TURBINE), x[T_IM]
+    p_im, p_em, omega_t, T_im = x[P_IM], x[P_EM], max(x[OMEGA_T], relation.SLOWEST_TURBINE), x[T_IM]
     W_ei = relation.cylinder_flow(plant, p_im, given.n_e, T_im)
     if s.wave + s.residual_gas + s.charge_heating > 0.0:
         W_ei *= filling_factor(s, given.n_e, p_im, p_em, T_im, given.T_wall, W_ei / c.V_d, b.compression_ratio)
@@ -63,7 +45,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
         W_egr = other_egr(plant, p_im, p_em, u_egr, T_im, T_em, given.n_e, u_delta)
     else:
         W_egr = relation.egr_flow(plant, p_im, p_em, u_egr, T_im, T_em)
-    return Flows(
+    return relation.Flows(
         air.W_c,
         W_egr,
         W_ei,
@@ -81,7 +63,7 @@ def flows(plant: Plant, x: Array, given: Inputs) -> Flows:
 
 
 @njit(cache=True)
-def mixed_temperature(plant: Plant, f: Flows, T_im: float, T_amb: float) -> float:
+def mixed_temperature(plant: Plant, f: relation.Flows, T_im: float, T_amb: float) -> float:
     """Return the temperature [K] of cooled charge air, cooled EGR and air from a leak together, weighted with W c_p (+)."""
     c, b = plant.engine, plant.body
     charge = T_amb + f.charge_warming
@@ -94,10 +76,8 @@ def mixed_temperature(plant: Plant, f: Flows, T_im: float, T_amb: float) -> floa
 
 @njit(cache=True)
 def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
-    """Write dx/dt for state x, both of shape (9,), into `out`.
-
-    Departure from the paper's Eq. (1): dp_im/dt has the term (p_im / T_im) dT_im/dt, because T_im is a state here.
-    """
+    """Write dx/dt for state x, both of shape (9,), into `out`."""
+    # Departure from the paper's Eq. (1): dp_im/dt has the term (p_im / T_im) dT_im/dt, because T_im is a state here.
     c, b = plant.engine, plant.body
     f = flows(plant, x, given)
     p_im, T_im = x[P_IM], x[T_IM]
@@ -110,7 +90,7 @@ def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
     out[P_EM] = empty * (f.W_ei + f.W_f - f.W_t - f.W_egr)  # Eq. (1)
     out[X_OIM] = fill / p_im * oxygen_in
     out[X_OEM] = empty / x[P_EM] * oxygen_out
-    out[OMEGA_T] = (f.P_t - f.P_c) / (c.J_t * max(x[OMEGA_T], SLOWEST_TURBINE))  # Eq. (1)
+    out[OMEGA_T] = (f.P_t - f.P_c) / (c.J_t * max(x[OMEGA_T], relation.SLOWEST_TURBINE))  # Eq. (1)
     out[U_EGR1] = (given.u_egr - x[U_EGR1]) / b.tau_egr1
     out[U_EGR2] = (given.u_egr - x[U_EGR2]) / b.tau_egr2
     out[U_VGT] = (given.u_vgt - x[U_VGT]) / b.tau_vgt

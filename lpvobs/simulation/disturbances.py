@@ -63,21 +63,13 @@ class ChannelEffect(Timed):
                 f"{self.id}: {self.channel} does not change on this drive, nothing can follow it; "
                 f"take a longer cycle or another seed"
             )
-        found = self._filled_in(course)
-        found._check_size(course)
-        return found
-
-    def _filled_in(self, course: Array) -> "ChannelEffect":
-        if self.form in ("additive", "gain") and self.reference is None:
-            return replace(self, reference=float(course.mean()))
+        if self.form in ("additive", "gain"):
+            reference = float(course.mean()) if self.reference is None else self.reference
+            _check_strength(self.id, self.form, self.amplitude * float(np.abs(course - reference).max()))
+            return replace(self, reference=reference)
         if self.form == "switch" and self.threshold is None:
             return replace(self, threshold=float(0.5 * (course.min() + course.max())))
         return self
-
-    def _check_size(self, course: Array) -> None:
-        if self.form in ("additive", "gain"):
-            most = self.amplitude * float(np.abs(course - (self.reference or 0.0)).max())
-            _check_strength(self.id, self.form, most)
 
     def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
         """Return the reading W [kg/s] with the effect, shape (N,); settled, with the channel's true values at the same times."""
@@ -155,15 +147,12 @@ class UnloggedEffect:
 
     def on(self, W: Array, time: Array, point: Mapping[str, Array]) -> Array:
         """Return the reading W [kg/s] with the effect, shape (N,); settled."""
-        strength = self.amplitude * sum(_episode(time, *span, self.shape) for span in self._spans())
+        spans = () if isinstance(self.episodes, Telegraph) else self.episodes
+        strength = self.amplitude * sum(_episode(time, *span, self.shape) for span in spans)
         return np.asarray(W + strength if self.form == "additive" else W * (1.0 + strength))
 
-    def _spans(self) -> tuple[tuple[float, float], ...]:
-        return () if isinstance(self.episodes, Telegraph) else self.episodes
 
-
-Injected = catalogue.CatalogueEffect | ChannelEffect | UnloggedEffect
-"""Whatever an effects file can hold."""
+Injected = catalogue.CatalogueEffect | ChannelEffect | UnloggedEffect  # Whatever an effects file can hold
 
 
 def _episode(time: Array, start: float, stop: float, shape: str) -> Array:
@@ -234,17 +223,16 @@ def _channel_effect_of(name: str, table: Mapping[str, Any]) -> ChannelEffect:
 
 def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
     catalogue.refuse_others("unlogged", table, ("id", "form", "amplitude", "episodes", "telegraph", "shape"))
-    shape = _text("unlogged", table, "shape") if "shape" in table else "abrupt"
+    shape = _text("unlogged", {"shape": "abrupt", **table}, "shape")
     if ("episodes" in table) == ("telegraph" in table):
         raise UsageError("unlogged: expected either episodes = [[start, stop], ...] or telegraph = { seed, on, off }")
-    drawn = (
-        _telegraph(table["telegraph"])
-        if "telegraph" in table
-        else catalogue.pairs_of("unlogged", "episodes", table["episodes"])
-    )
-    return UnloggedEffect(
-        _text("unlogged", table, "form"), catalogue.number("unlogged", table, "amplitude"), drawn, shape
-    )
+    drawn: tuple[tuple[float, float], ...] | Telegraph
+    if "telegraph" in table:
+        drawn = _telegraph(table["telegraph"])
+    else:
+        drawn = catalogue.pairs_of("unlogged", "episodes", table["episodes"])
+    form, amplitude = _text("unlogged", table, "form"), catalogue.number("unlogged", table, "amplitude")
+    return UnloggedEffect(form, amplitude, drawn, shape)
 
 
 def _telegraph(table: Any) -> Telegraph:

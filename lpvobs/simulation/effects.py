@@ -1,6 +1,6 @@
 """The effects that a simulation can be given: the catalogue by identifier, and each as a frozen value.
 
-What an effect does to the engine stands in `condition.py`, what it does to a sensor in `readings.py`.
+What an effect does to the engine stands in `simulate.py`, what it does to a sensor in `readings.py`.
 """
 
 import difflib
@@ -57,8 +57,7 @@ CATALOGUE = {
 OTHER_ENGINE = ("p_ic.gain", "p_ic.offset", "alpha_th.offset")
 """Identifiers of the contract that need the throttled engine's sensors."""
 
-OUTSIDE = ("channel:NAME", "unlogged")
-"""How effects files call what stands in `disturbances.py`."""
+OUTSIDE = ("channel:NAME", "unlogged")  # how effects files call what stands in `disturbances.py`
 
 
 @dataclass(frozen=True)

@@ -4,86 +4,93 @@ SI units unless a name or a comment says otherwise; speeds in rpm, fuel in mg pe
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from math import isfinite
+from math import inf, isfinite
+from typing import Annotated
 
-from lpvobs.simulation.structure.amplitudes import Structure
+from lpvobs.engines.flat import flat, flat_type, names_of
 
 Row = tuple[float, ...]
 EQUATION_40 = (2.10e-5, -8.62e-4, 1.46e-9, -6.40e-6, -1.84e-8, 0.0032316)
 """a_2, a_1, b_2, b_1, c_2, c_1 as printed in the paper's Eq. (40): kg/s, with u_delta in mg/cycle and n_e in rpm."""
 SURFACE_KINDS = ("quadratic", "king", "zero", "table")
 
+# A number of a record, what holds of it, and what is said where it does not.
+Positive = Annotated[float, (lambda x: 0 < x < inf, "must be positive")]
+NotNegative = Annotated[float, (lambda x: 0 <= x < inf, "must not be negative")]
+Share = Annotated[float, (lambda x: 0 <= x <= 1, "lies between 0 and 1")]
+# Twice what real diesels show; with more, the control of the plant no longer reaches its set-points.
+Amplitude = Annotated[float, (lambda x: 0 <= x <= 2, "must lie between 0 and 2; 1 is what real diesels show")]
+
 
 @dataclass(frozen=True)
-class Ambient:
-    """The surroundings during a drive."""
-
-    p_amb: float  # Pa
-    T_amb: float  # K
+class Checked:
+    """A record that refuses, with ValueError, numbers of which the annotation of their field does not hold."""
 
     def __post_init__(self) -> None:
-        _positive(self, "p_amb", "T_amb")
+        for item in fields(self):
+            for holds, says in getattr(item.type, "__metadata__", ()):
+                _require(holds(getattr(self, item.name)), f"{item.name} {says}")
 
 
 @dataclass(frozen=True)
-class Combustion:
+class Ambient(Checked):
+    """The surroundings during a drive."""
+
+    p_amb: Positive  # Pa
+    T_amb: Positive  # K
+
+
+@dataclass(frozen=True)
+class Combustion(Checked):
     """Fuel, heat release, exhaust pipe and friction."""
 
-    X_Oc: float  # mass fraction of oxygen in fresh air
-    q_HV: float  # J/kg
-    air_fuel_stoichiometric: float
+    X_Oc: Positive  # mass fraction of oxygen in fresh air
+    q_HV: Positive  # J/kg
+    air_fuel_stoichiometric: Positive
     gamma_cyl: float
     compression_ratio: float
-    eta_ig: float  # indicated efficiency factor
-    eta_sc: float  # compensation of the ideal cycle's temperature
+    eta_ig: Positive  # indicated efficiency factor
+    eta_sc: Positive  # compensation of the ideal cycle's temperature
     x_cv: float  # share of the heat released at constant volume
     h_tot: float  # W/(m^2 K)
     d_pipe: float  # m
     l_pipe: float  # m
     n_pipe: int
     friction_bar: tuple[float, float, float]  # f_0 (n_e/1000)^2 + f_1 n_e/1000 + f_2
-    lambda_min: float  # the smoke limit: air in the cylinder over stoichiometric air
+    lambda_min: Positive  # the smoke limit: air in the cylinder over stoichiometric air
 
     def __post_init__(self) -> None:
-        _positive(self, "X_Oc", "q_HV", "air_fuel_stoichiometric", "eta_ig", "eta_sc", "lambda_min")
+        super().__post_init__()
         _require(self.compression_ratio > 1 and self.gamma_cyl > 1, "compression_ratio and gamma_cyl must exceed one")
 
 
 @dataclass(frozen=True)
-class Cooling:
+class Cooling(Checked):
     """Intercooler, EGR cooler and how fast the intake manifold's temperature follows."""
 
-    effectiveness_intercooler: float
-    effectiveness_egr: float
-    T_cool: float  # K
-    tau_T_im: float  # s
-
-    def __post_init__(self) -> None:
-        _positive(self, "T_cool", "tau_T_im")
-        shares = (self.effectiveness_intercooler, self.effectiveness_egr)
-        _require(all(0 <= share <= 1 for share in shares), "an effectiveness lies between 0 and 1")
+    effectiveness_intercooler: Share
+    effectiveness_egr: Share
+    T_cool: Positive  # K
+    tau_T_im: Positive  # s
 
 
 @dataclass(frozen=True)
-class Actuators:
+class Actuators(Checked):
     """Lags of the EGR valve, which overshoots, and of the VGT vanes."""
 
-    tau_egr1: float  # s
-    tau_egr2: float  # s
+    tau_egr1: Positive  # s
+    tau_egr2: Positive  # s
     K_egr: float
-    tau_vgt: float  # s
-
-    def __post_init__(self) -> None:
-        _positive(self, "tau_egr1", "tau_egr2", "tau_vgt")
+    tau_vgt: Positive  # s
 
 
 @dataclass(frozen=True)
-class Control:
+class Control(Checked):
     """Gains of the simulator's own EGR and VGT control."""
 
-    period: float  # s, between two actions
+    period: Positive  # s, between two actions
     egr_proportional: float  # % per unit of relative error of the fresh air
     egr_integral: float  # %/s
     egr_max: float  # %
@@ -95,7 +102,7 @@ class Control:
     vgt_max: float  # %
 
     def __post_init__(self) -> None:
-        _positive(self, "period")
+        super().__post_init__()
         _require(0 <= self.vgt_min < self.vgt_max <= 100, "0 <= vgt_min < vgt_max <= 100 is needed")
 
 
@@ -120,106 +127,97 @@ class Setpoints:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class Sensors(Checked):
     """Standard deviation of white noise per channel and, in `quantisation`, the step to which readings are rounded."""
 
-    p_im: float  # Pa
-    p_em: float  # Pa
-    omega_t: float  # rad/s
-    T_im: float  # K
-    T_em: float  # K
-    W_maf_relative: float
-    W_maf_absolute: float  # kg/s
-    n_e: float  # rpm
-    u_delta: float  # mg/cycle
+    p_im: NotNegative  # Pa
+    p_em: NotNegative  # Pa
+    omega_t: NotNegative  # rad/s
+    T_im: NotNegative  # K
+    T_em: NotNegative  # K
+    W_maf_relative: NotNegative
+    W_maf_absolute: NotNegative  # kg/s
+    n_e: NotNegative  # rpm
+    u_delta: NotNegative  # mg/cycle
     quantisation: "Quantisation"
 
-    def __post_init__(self) -> None:
-        _not_negative(self, *(name for name in self.__dataclass_fields__ if name != "quantisation"))
-
 
 @dataclass(frozen=True)
-class Quantisation:
+class Quantisation(Checked):
     """Smallest step of each reading; zero leaves it as it is."""
 
-    p_im: float = 0.0  # Pa
-    p_em: float = 0.0  # Pa
-    omega_t: float = 0.0  # rad/s
-    T_im: float = 0.0  # K
-    T_em: float = 0.0  # K
-    W_maf: float = 0.0  # kg/s
-    n_e: float = 0.0  # rpm
-    u_delta: float = 0.0  # mg/cycle
-
-    def __post_init__(self) -> None:
-        _not_negative(self, *self.__dataclass_fields__)
+    p_im: NotNegative = 0.0  # Pa
+    p_em: NotNegative = 0.0  # Pa
+    omega_t: NotNegative = 0.0  # rad/s
+    T_im: NotNegative = 0.0  # K
+    T_em: NotNegative = 0.0  # K
+    W_maf: NotNegative = 0.0  # kg/s
+    n_e: NotNegative = 0.0  # rpm
+    u_delta: NotNegative = 0.0  # mg/cycle
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class Vehicle(Checked):
     """Body, drive line, gear shifts and driver."""
 
     gears: Row  # engine speed over that of the final drive's input
-    final_drive: float
-    wheel_radius: float  # m
-    efficiency: float  # of the drive line
-    mass: float  # kg
+    final_drive: Positive
+    wheel_radius: Positive  # m
+    efficiency: Positive  # of the drive line
+    mass: Positive  # kg
     road_constant: float  # N
     road_quadratic: float  # N/(km/h)^2
     rolling_resistance: float
     accessory_torque: float  # Nm
-    idle_speed: float  # rpm
+    idle_speed: Positive  # rpm
     launch_speed: float  # rpm, held by the slipping clutch
     shift_down_below: float  # rpm
     shift_up_light: float  # rpm, at no load
     shift_up_full: float  # rpm, at the limit of the pedal
     shift_up_always: float  # rpm
     shift_reserve: float  # share of the next gear's pedal limit that may be needed there before shifting up
-    shift_time: float  # s, without traction
+    shift_time: Positive  # s, without traction
     shift_dwell: float  # s, between two shifts
     speed_gain: float  # 1/s, of the driver
     reaction_time: float  # s, of the driver
-    pedal_time: float  # s, lag of the fuel behind the pedal
+    pedal_time: Positive  # s, lag of the fuel behind the pedal
     pedal_n_e: Row  # rpm
     pedal_u_delta: Row  # mg/cycle, most that the driver asks for before shifting down
 
     def __post_init__(self) -> None:
-        _positive(self, "final_drive", "wheel_radius", "efficiency", "mass", "idle_speed", "pedal_time", "shift_time")
+        super().__post_init__()
         _require(len(self.gears) >= 1 and all(ratio > 0 for ratio in self.gears), "gears need positive ratios")
         _check_axis(self.pedal_n_e, "pedal_n_e")
         _require(len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta differ in length")
 
 
 @dataclass(frozen=True)
-class FullLoad:
+class FullLoad(Checked):
     """What an engine cycle's 0 and 100 % mean: idle speed and the most fuel over speed."""
 
-    idle_speed: float  # rpm
+    idle_speed: Positive  # rpm
     n_e: Row  # rpm
     u_delta: Row  # mg/cycle
 
     def __post_init__(self) -> None:
-        _positive(self, "idle_speed")
+        super().__post_init__()
         _check_axis(self.n_e, "n_e")
         _require(len(self.n_e) == len(self.u_delta), "n_e and u_delta differ in length")
 
 
 @dataclass(frozen=True)
-class Bump:
+class Bump(Checked):
     """A Gaussian on top of a quadratic surface."""
 
     amplitude: float  # kg/s
     u_delta: float  # mg/cycle, centre
     n_e: float  # rpm, centre
-    width_u_delta: float  # mg/cycle, standard deviation
-    width_n_e: float  # rpm, standard deviation
-
-    def __post_init__(self) -> None:
-        _positive(self, "width_u_delta", "width_n_e")
+    width_u_delta: Positive  # mg/cycle, standard deviation
+    width_n_e: Positive  # rpm, standard deviation
 
 
 @dataclass(frozen=True)
-class ErrorSurface:
+class ErrorSurface(Checked):
     """The sensor's error over the operating point.
 
     Kind `quadratic`: Eq. (37) with `coefficients`, those of Eq. (40) unless given, plus `bumps`. `king`: King's law of a hot film
@@ -229,27 +227,56 @@ class ErrorSurface:
     kind: str
     coefficients: Row = EQUATION_40  # a_2, a_1, b_2, b_1, c_2, c_1: kg/s over mg/cycle and rpm
     bumps: tuple[Bump, ...] = ()
-    offset: float = 0.0  # (A' - A)/B of King's law [(kg/s)^exponent]
-    slope: float = 1.0  # B'/B of King's law
-    exponent: float = 0.5  # n of King's law
+    offset: NotNegative = 0.0  # (A' - A)/B of King's law [(kg/s)^exponent]
+    slope: Positive = 1.0  # B'/B of King's law
+    exponent: Positive = 0.5  # n of King's law
     u_delta: Row = ()  # mg/cycle, axis of the table
     n_e: Row = ()  # rpm, axis of the table
     values: tuple[Row, ...] = ()  # [kg/s], a row per n_e, a column per u_delta
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _require(self.kind in SURFACE_KINDS, f"kind must be one of {', '.join(SURFACE_KINDS)}, not '{self.kind}'")
         _require(len(self.coefficients) == 6, "coefficients are the six of Eq. (37): a_2, a_1, b_2, b_1, c_2, c_1")
-        _positive(self, "slope", "exponent")
-        _not_negative(self, "offset")
         if self.kind == "table":
             _check_table(self.n_e, self.u_delta, self.values, "values")
 
 
 @dataclass(frozen=True)
-class SimulationParameters:
+class Structure(Checked):
+    """Amplitude of each form of another structure: 0 leaves it out, 1 is the size that is typical of real diesels."""
+
+    wave: Amplitude = 0.0
+    residual_gas: Amplitude = 0.0
+    charge_heating: Amplitude = 0.0
+    egr: Amplitude = 0.0
+    compressor: Amplitude = 0.0
+    turbine: Amplitude = 0.0
+    pipes: Amplitude = 0.0
+    thermocouple: Amplitude = 0.0
+    maf_element: Amplitude = 0.0
+    rasters: Amplitude = 0.0
+
+    @property
+    def inside(self) -> "Amplitudes":
+        """The forms inside the engine."""
+        return flat(Amplitudes, self)
+
+    @property
+    def slow_sensors(self) -> bool:
+        """Whether a sensor or the recorder needs to know what has been between two samples."""
+        return self.thermocouple > 0.0 or self.maf_element > 0.0 or self.rasters > 0.0
+
+
+class Amplitudes(flat_type(names_of(Structure, without=("maf_element", "rasters")))):  # type: ignore[misc]
+    """The forms inside the engine; zero is the engine of the model."""
+
+
+@dataclass(frozen=True)
+class SimulationParameters(Checked):
     """All of `[simulation]`."""
 
-    step: float  # s, of the integrator
+    step: Positive  # s, of the integrator
     ambient: Ambient
     combustion: Combustion
     cooling: Cooling
@@ -263,7 +290,7 @@ class SimulationParameters:
     structure: Structure = field(default_factory=Structure)
 
     def __post_init__(self) -> None:
-        _positive(self, "step")
+        super().__post_init__()
         _require(self.step <= 2e-3, "step must not exceed 0.002 s: the exhaust manifold has a pole of 2 to 3 ms")
         ratio = self.control.period / self.step
         _require(round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9, "control.period must be a multiple of step")
@@ -272,16 +299,6 @@ class SimulationParameters:
 def _require(holds: bool, message: str) -> None:
     if not holds:
         raise ValueError(message)
-
-
-def _positive(record: object, *names: str) -> None:
-    for name in names:
-        _require(0 < getattr(record, name) < float("inf"), f"{name} must be positive")
-
-
-def _not_negative(record: object, *names: str) -> None:
-    for name in names:
-        _require(0 <= getattr(record, name) < float("inf"), f"{name} must not be negative")
 
 
 def _check_axis(axis: Sequence[float], name: str) -> None:

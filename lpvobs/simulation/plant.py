@@ -11,27 +11,20 @@ from math import exp, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
 from lpvobs.engines.flat import flat, flat_type, names_of
-from lpvobs.simulation.parameters import Actuators, Combustion, Cooling, SimulationParameters
-from lpvobs.simulation.structure.amplitudes import Amplitudes
-
-Array = NDArray[np.float64]
+from lpvobs.records import Array
+from lpvobs.simulation.parameters import Actuators, Amplitudes, Combustion, Cooling, SimulationParameters
 
 STATES = ("p_im", "p_em", "X_Oim", "X_Oem", "omega_t", "u_egr1", "u_egr2", "u_vgt", "T_im")
 P_IM, P_EM, X_OIM, X_OEM, OMEGA_T, U_EGR1, U_EGR2, U_VGT, T_IM = range(9)
 SLOWEST_TURBINE = 150.0  # rad/s
-ROTOR_SPEED = 1.0
-"""Place of the form `rotor_speed` among the forms of the compressor, and among those of the turbine."""
+ROTOR_SPEED = 1.0  # place of the form `rotor_speed` among the forms of the compressor, and among those of the turbine
 
 
-BODY = (*names_of(Combustion, Cooling, Actuators, without=("friction_bar",)), "pipe")
-
-
-class Body(flat_type(BODY)):  # type: ignore[misc]
+class Body(flat_type([*names_of(Combustion, Cooling, Actuators, without=("friction_bar",)), "pipe"])):  # type: ignore[misc]
     """The constants that only the plant has; `pipe` [W/K] is the exhaust pipes' heat transfer coefficient times their area."""
 
 
@@ -155,10 +148,8 @@ def compressor_flow(plant: Plant, p_im: float, omega_t: float, p_amb: float, T_a
 
 @njit(cache=True)
 def compressor_heating(plant: Plant, W_c: float, p_im: float, p_amb: float, T_amb: float, loss: float = 1.0) -> float:
-    """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this.
-
-    `loss` multiplies what efficiency lacks to one.
-    """
+    """Return by how much the compressor heats the air [K]; its power, Eq. (2), is W_c c_pa times this."""
+    # `loss` multiplies what efficiency lacks to one.
     c = plant.engine
     Pi_c = p_im / p_amb
     a = W_c - c.W_c_opt
@@ -289,11 +280,9 @@ def turbine_flow(
 
 @njit(cache=True)
 def restricted_flow(scale: float, p_em: float, p_amb: float, k_exhaust: float, K_t: float) -> tuple[float, float]:
-    """Return W_t [kg/s] and Pi_t of W_t = scale sqrt(1 - Pi_t^K_t), Pi_t = (p_amb + k_exhaust W_t^2) / p_em.
-
-    In the logarithm of Pi_t the one equation that is left is concave, and between its bends nearly straight: six steps of Newton
-    from nearly equal pressures come down to the solution from one side.
-    """
+    """Return W_t [kg/s] and Pi_t of W_t = scale sqrt(1 - Pi_t^K_t), Pi_t = (p_amb + k_exhaust W_t^2) / p_em."""
+    # In the logarithm of Pi_t the one equation that is left is concave, and between its bends nearly straight: six steps of
+    # Newton from nearly equal pressures come down to the solution from one side.
     strength, logarithm = k_exhaust / p_em * scale**2, log(0.9999)
     for _ in range(6):
         Pi_t, power = exp(logarithm), exp(K_t * logarithm)

@@ -13,7 +13,7 @@ from math import exp, pi, sqrt
 import numpy as np
 
 from lpvobs.records import Array
-from lpvobs.simulation.sensors import Quality, read_with
+from lpvobs.simulation.instruments import Quality, read_with
 
 GRID = 0.5  # s, of what changes slowly
 GRAVITY = 9.81  # m/s^2
@@ -114,10 +114,9 @@ def altitude(distance: Array, seed: int) -> Array:
 
 
 def wander(size: int, spread: float, memory: float, stream: np.random.Generator) -> Array:
-    """Return a random course from zero, shape (size,) every `GRID` seconds, that forgets within `memory` seconds.
-
-    Twice low-passed white noise, so that it bends but has no corners; `spread` is its standard deviation far from the start.
-    """
+    """Return a random course from zero, shape (size,) every `GRID` seconds, that forgets within `memory` seconds."""
+    # Twice low-passed white noise, so that it bends but has no corners; `spread` is its standard deviation far from the
+    # start.
     left = exp(-GRID / (0.5 * memory))
     # two equal poles: variance of the output per variance of white noise at the input is (1 - a)^4 (1 + a^2) / (1 - a^2)^3
     noise = spread * sqrt((1.0 - left**2) ** 3 / ((1.0 - left) ** 4 * (1.0 + left**2))) * stream.standard_normal(size)
@@ -153,10 +152,8 @@ def coolant(heat: Array, air: Array, seed: int) -> Array:
 
 
 def air_conditioning(time: Array, air: Array, seed: int) -> Array:
-    """Return 1 where the compressor of the air conditioning runs, else 0, shape (M,): the evaporator's thermostat.
-
-    The hotter it is outside, the longer it takes to cool down and the sooner it has to begin again.
-    """
+    """Return 1 where the compressor of the air conditioning runs, else 0, shape (M,): the evaporator's thermostat."""
+    # The hotter it is outside, the longer it takes to cool down and the sooner it has to begin again.
     stream = _stream(seed, "air conditioning")
     on, moment = bool(stream.random() < 0.5), float(-stream.uniform(0.0, AC_ON))
     running = np.zeros(time.size)

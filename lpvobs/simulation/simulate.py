@@ -1,4 +1,4 @@
-"""From a cycle to a recorded log with its truth."""
+"""From a cycle to a recorded log with its truth; effects inside the engine are its condition from each moment on."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,22 +12,63 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.sensors import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
-from lpvobs.simulation.condition import stages_of
-from lpvobs.simulation.control import targets_of
 from lpvobs.simulation.disturbances import ChannelEffect, Injected
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
-from lpvobs.simulation.integrate import drive, sample_times
+from lpvobs.simulation.instruments import measure, record, shown_late
+from lpvobs.simulation.integrate import drive, sample_times, targets_of
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
-from lpvobs.simulation.plant import plant_of, resting_state
-from lpvobs.simulation.readings import WARM, WITH_MEMORY
+from lpvobs.simulation.plant import SOUND, Condition, Plant, Rise, plant_of, resting_state
+from lpvobs.simulation.readings import WARM, WITH_MEMORY, Instruments, behind, sense
 from lpvobs.simulation.road import AUXILIARY, Auxiliary, measure_road
 from lpvobs.simulation.scene import DriveCourse, scene_of
-from lpvobs.simulation.sensing import Instruments, behind, sense
-from lpvobs.simulation.sensors import measure
-from lpvobs.simulation.structure.recorder import record
-from lpvobs.simulation.structure.slow import shown_late
 
-FINE = 500.0  # Hz, of the signals behind sensors with a memory: a hot film takes 15 ms
+FIELDS = {
+    "leak.intake": "leak_intake",
+    "egr.leak": "egr_leak",
+    "egr.area": "egr_area",
+    "eta_vol.factor": "eta_vol",
+    "compressor.flow": "compressor_flow",
+    "turbine.efficiency": "turbine_efficiency",
+    "exhaust.restriction": "exhaust_restriction",
+    "eta_vol.curve": "eta_vol_curve",
+    "compressor.curve": "compressor_curve",
+    "egr.curve": "egr_curve",
+    "turbine.curve": "turbine_curve",
+}
+"""Where in the plant's condition each effect enters."""
+LEVELS = 200  # steps in which an effect grows: half a per cent of it
+
+
+def stages_of(
+    plant: Plant, effects: Sequence[CatalogueEffect], period: float, actions: int
+) -> tuple[tuple[int, Plant], ...]:
+    """Return the plant from each action of the control on at which its condition changes, the first from action 0."""
+    # Of the effects those that live in the plant count. An onset between two actions, `period` seconds apart, waits for the
+    # later one; the drive has `actions` of them.
+    acting = [effect for effect in effects if effect.id in FIELDS]
+    time = np.arange(0.0, actions) * period
+    levels = np.array([np.round(LEVELS * effect.share(time)) for effect in acting]).reshape(len(acting), actions)
+    changes = np.flatnonzero(np.abs(np.diff(levels, axis=1)).sum(axis=0)) + 1
+    return tuple(
+        (now, plant._replace(condition=_condition(acting, (levels[:, now] / LEVELS).tolist())))
+        for now in [0, *changes.tolist()]
+    )
+
+
+def _condition(effects: Sequence[CatalogueEffect], shares: Sequence[float]) -> Condition:
+    """Return the condition with shares of effects: factors of the same kind multiply, areas add, of curves the last stands."""
+    values = SOUND._asdict()
+    for effect, share in zip(effects, shares, strict=True):
+        name, neutral = FIELDS[effect.id], effect.kind.neutral
+        value = effect.value if share == 1.0 else neutral + share * (effect.value - neutral)
+        if effect.kind.bump:
+            values[name] = Rise(value, *(effect.bump or effect.kind.bump)) if value else values[name]
+        else:
+            values[name] = values[name] + value if effect.kind.parameter == "area" else values[name] * value
+    return Condition(**values)
+
+
+FINE = 500.0  # hz, of the signals behind sensors with a memory: a hot film takes 15 ms
 UNITS = {
     "time": "s",
     **{name: channel.unit for name, channel in Diesel.channels.items()},

@@ -10,13 +10,11 @@ from lpvobs.compiled import njit
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array
-from lpvobs.simulation.control import Commands, targets_of
 from lpvobs.simulation.derivative import derivative, flows
-from lpvobs.simulation.integrate import Course, Samples, drive, inputs_at, runge_kutta
+from lpvobs.simulation.instruments import FREE, measure, wall_temperature
+from lpvobs.simulation.integrate import Commands, Course, Samples, drive, inputs_at, runge_kutta, targets_of
 from lpvobs.simulation.parameters import FullLoad, SimulationParameters
 from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, T_IM, U_VGT, Plant, plant_of, resting_state
-from lpvobs.simulation.sensors import measure
-from lpvobs.simulation.structure.slow import FREE, wall_temperature
 
 UNITS = {
     "n_e": "rpm", "u_delta": "mg/cycle", "u_egr": "%", "u_vgt": "%", "p_im": "Pa", "p_em": "Pa", "omega_t": "rad/s",
@@ -29,14 +27,12 @@ READ = ("n_e", "u_delta", "p_im", "p_em", "omega_t", "T_im", "T_em")
 RECORDED, RATE = 30.0, 100.0  # s and Hz, of every sensor at a point
 METER, FUEL = 0.0035, 0.0012
 """Relative standard deviations: thermal reference meters of air state 0.3 to 0.4 % at best, fuel mass flow meters 0.12 %."""
-EGR_METER = (0.02, 2e-5)
-"""Of the EGR flow from CO2 before and behind the engine: relative, and [kg/s]."""
+EGR_METER = (0.02, 2e-5)  # of the EGR flow from CO2 before and behind the engine: relative, and [kg/s]
 APPROACH = 15.0  # s under control, until the vanes have found the point
 STILL = 1e-5  # 1/s, relative rate of the states at which a point counts as stationary
 PATIENCE = 90.0  # s
 MOST_TRIES = 2  # points that are tried for each that is wanted
-COLD, WARM = 0.3, 0.15
-"""Shares of the points whose combustion air is cold, and warm."""
+COLD, WARM = 0.3, 0.15  # shares of the points whose combustion air is cold, and warm
 SHUT = 0.4  # share of the points with the EGR valve shut
 VANES = 30.0  # %, by which vanes are moved at most from where the control has them
 
@@ -99,11 +95,9 @@ def bench(
 
 
 def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[SteadyPoint]:
-    """Return points that fill the range evenly: speeds, loads, valve openings, vanes and air temperatures.
-
-    They follow the additive recurrence of Roberts, which any number of points leaves even: k times the powers of 1/phi, modulo
-    one, with phi^6 = phi + 1 for five dimensions.
-    """
+    """Return points that fill the range evenly: speeds, loads, valve openings, vanes and air temperatures."""
+    # They follow the additive recurrence of Roberts, which any number of points leaves even: k times the powers of 1/phi,
+    # modulo one, with phi^6 = phi + 1 for five dimensions.
     phi = float(np.max(np.real(np.roots([1.0, 0.0, 0.0, 0.0, 0.0, -1.0, -1.0]))))
     start = np.random.Generator(np.random.PCG64(seed)).random(5)
     return [_point(full_load, *row) for row in (start + np.outer(np.arange(points), phi ** -np.arange(1.0, 6.0))) % 1.0]
@@ -128,10 +122,8 @@ def _point(full_load: FullLoad, speed: float, load: float, valve: float, vanes: 
 def at_rest(
     engine: DieselEngine, parameters: SimulationParameters, plant: Plant, point: SteadyPoint
 ) -> dict[str, float] | None:
-    """Return the true signals and flows at a point: the control finds it, then valve and vanes are fixed until nothing moves.
-
-    None where it keeps moving: a compressor that surges, which a bench does not stay in.
-    """
+    """Return the true signals and flows at a point: the control finds it, then valve and vanes are fixed until nothing moves."""
+    # None where it keeps moving: a compressor that surges, which a bench does not stay in.
     p_amb, T_amb = parameters.ambient.p_amb, parameters.ambient.T_amb + point.warmer
     targets = targets_of(parameters, engine.geometry.n_cyl)
     still = np.ones(round(APPROACH / targets.period) + 1)

@@ -54,8 +54,8 @@ def test_an_effect_of_no_size_changes_no_byte(inject, clean, identifier):
 
 def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
     """Not because such effects are left out: the relations give the same bits when a condition says that nothing happened."""
-    from lpvobs.simulation.condition import stages_of
     from lpvobs.simulation.plant import plant_of
+    from lpvobs.simulation.simulate import stages_of
 
     plant = plant_of(config.engine, config.simulation)
     nothing = [CatalogueEffect(name, CATALOGUE[name].neutral) for name in PLANT]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
-from lpvobs.simulation.condition import FIELDS
 from lpvobs.simulation.effects import CATALOGUE, CatalogueEffect
 from lpvobs.simulation.plant import Condition, egr_flow, intake_leak, plant_of, turbine_flow
+from lpvobs.simulation.simulate import FIELDS
 
 RATE = 2000  # Hz, a sample at every step of the integrator
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.diesel.lpv import INPUTS, Diesel, along
-from lpvobs.simulation import derivative
+from lpvobs.simulation import derivative, instruments, structure
+from lpvobs.simulation.instruments import RASTERS, STEPS
+from lpvobs.simulation.parameters import Structure
 from lpvobs.simulation.plant import Inputs, compressor_flow, cylinder_flow, egr_flow, plant_of, turbine_flow
 from lpvobs.simulation.simulate import simulate
-from lpvobs.simulation.structure import filling, pulses, slow, turbo, valve
-from lpvobs.simulation.structure.amplitudes import Structure
-from lpvobs.simulation.structure.recorder import RASTERS, STEPS
 
 FORMS = tuple(item.name for item in fields(Structure))
 FILLING = ("wave", "residual_gas", "charge_heating")
@@ -175,21 +174,21 @@ def test_the_forms_are_frozen(config):
     """What they gave at one point when they were frozen: whoever corrects a model for them must not move them."""
     everything = replace(config.simulation, structure=Structure(compressor=1.0, pipes=1.0, turbine=1.0))
     plant = plant_of(config.engine, everything)
-    air = turbo.compressor_stage(plant, 1.3e5, 9000.0, 98e3, 298.0, 700.0)
+    air = structure.compressor_stage(plant, 1.3e5, 9000.0, 98e3, 298.0, 700.0)
     found = (
-        filling.wave(1700.0, 1.3e5, 320.0),
-        filling.residual_gas(1700.0, 1.3e5, 1.6e5, 17.5),
-        filling.charge_heating(310.0, 365.0, 25.0),
-        valve.area_factor(1.0, 20.0, -1.1104e-4, 1.7781e-2),
-        valve.pulsation(1.0, 1700.0, 18.0, 700.0),
+        structure.wave(1700.0, 1.3e5, 320.0),
+        structure.residual_gas(1700.0, 1.3e5, 1.6e5, 17.5),
+        structure.charge_heating(310.0, 365.0, 25.0),
+        structure.area_factor(1.0, 20.0, -1.1104e-4, 1.7781e-2),
+        structure.pulsation(1.0, 1700.0, 18.0, 700.0),
         air.W_c,
         air.loss,
         air.warming,
-        turbo.turbine_inlet(1.0, 700.0, 298.0, 25.0),
-        turbo.turbine_area(plant, 40.0, 9000.0, 700.0),
-        turbo.turbine_factor(1.0, 40.0, 1700.0),
-        slow.cooler_effectiveness(1.0, 0.7, 5.0, 25.0),
-        pulses.rectified(1.0, np.array([1200.0]), np.array([20.0]))[0],
+        structure.turbine_inlet(1.0, 700.0, 298.0, 25.0),
+        structure.turbine_area(plant, 40.0, 9000.0, 700.0),
+        structure.turbine_factor(1.0, 40.0, 1700.0),
+        instruments.cooler_effectiveness(1.0, 0.7, 5.0, 25.0),
+        instruments.rectified(1.0, np.array([1200.0]), np.array([20.0]))[0],
     )
     frozen = (
         0.01717988786, 0.02501955009, 0.002416579832, 1.110440542, 0.08863296206, 0.04520035626, 0.9493366575, 2.772901351,
