@@ -32,7 +32,7 @@ from lpvobs.observer.estimate import MapEstimate, Point, calmed, estimate_defaul
 from lpvobs.observer.parts import StateGain, inform
 from lpvobs.records import Array
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.plants import drawn
+from lpvobs.simulation.simulate import drawn
 from lpvobs.simulation.stationary import BenchTable, bench
 
 FIRST_SEED = 601

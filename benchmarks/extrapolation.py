@@ -28,8 +28,8 @@ from lpvobs.observer.estimate import MapEstimate, estimate_default
 from lpvobs.records import Array
 from lpvobs.simulation.instruments import measure
 from lpvobs.simulation.parameters import Bump, ErrorSurface
-from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.readings import surface_error
+from lpvobs.simulation.simulate import drawn
 
 FIRST_PLANT = 641
 FAMILIES = ("paper's", "King's", "plane", "hollow", "random bumps")

@@ -12,8 +12,7 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.simulation.cycles import TABLES, shipped_folder
 from lpvobs.simulation.instruments import measure
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.plants import drawn
-from lpvobs.simulation.simulate import UNITS, simulate
+from lpvobs.simulation.simulate import UNITS, drawn, simulate
 
 VEHICLES, MONTHS, A_MONTH = 20, 12, 2
 FIRST, MONTH = datetime.date(2025, 1, 1), 365.25 / 12.0

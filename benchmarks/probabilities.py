@@ -16,7 +16,7 @@ from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.records import Array
-from lpvobs.simulation.plants import drawn
+from lpvobs.simulation.simulate import drawn
 
 FIRST_SEED = 3001
 LIMITS = {0.01: 0.02, 0.1: 0.13}

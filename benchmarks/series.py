@@ -29,8 +29,7 @@ from lpvobs.io.configuration.config import load_config
 from lpvobs.observer.estimate import Point
 from lpvobs.records import Array, Defects, Log
 from lpvobs.simulation.parameters import ErrorSurface
-from lpvobs.simulation.plants import drawn
-from lpvobs.simulation.simulate import SimulatedLog, simulate
+from lpvobs.simulation.simulate import SimulatedLog, drawn, simulate
 from lpvobs.simulation.stationary import BenchTable, bench
 
 SERIES = Path(__file__).parent.parent / "configs" / "series.toml"

@@ -17,7 +17,7 @@ from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.observer.estimate import calmed
 from lpvobs.observer.recursion import observe
 from lpvobs.records import Array
-from lpvobs.simulation.plants import drawn
+from lpvobs.simulation.simulate import drawn
 
 FIRST_PLANT = 701
 SENSORS = np.array([300.0, 600.0, 40.0])

@@ -24,9 +24,8 @@ from lpvobs.io.logs.parquet import write_log
 from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.cycles import TABLES, shipped_folder
 from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
-from lpvobs.simulation.plants import drawn
 from lpvobs.simulation.road import Auxiliary
-from lpvobs.simulation.simulate import SimulatedLog, simulate
+from lpvobs.simulation.simulate import SimulatedLog, drawn, simulate
 from lpvobs.simulation.stationary import bench
 
 sys.path.insert(0, str(Path(__file__).parent.parent))

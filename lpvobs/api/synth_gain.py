@@ -25,7 +25,7 @@ from lpvobs.observer.parts import calm_log
 from lpvobs.observer.smoothing import stretches
 from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import GainSettings, Region
 

@@ -8,8 +8,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.report.outputs import StateBoundOutput
-from lpvobs.synthesis.bound import prove_bound
-from lpvobs.synthesis.certificate import Certificate, check
+from lpvobs.synthesis.certificate import Certificate, check, prove_bound
 from lpvobs.synthesis.problem import GainProblem
 
 

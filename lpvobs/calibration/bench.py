@@ -17,8 +17,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import TABLE_FLOW, MeasuredPart, Unknowns
 from lpvobs.records import Array, Defects, Log
 
-STEP = 1e-5
-"""Relative step of the difference quotients by constants."""
+STEP = 1e-5  # relative step of the difference quotients by constants
 REFERENCE, DEVIATION = "W_reference", "sd_W_reference"
 METER = 0.0035
 """Relative standard deviation of a reference meter of which nothing is said: thermal meters state 0.3 to 0.4 %."""
@@ -111,16 +110,14 @@ def _flow(air_path: AirPath, unknowns: Unknowns, table: Table, balance: int) -> 
     return found.flow[balance], J
 
 
-NEGLIGIBLE = 1e-5
-"""Share of the flow that no balance is surer than: it keeps matrices regular."""
+NEGLIGIBLE = 1e-5  # share of the flow that no balance is surer than: it keeps matrices regular
 
 
 def best_points(rows: Rows, covariance: Array, left: Mapping[str, float], count: int) -> tuple[list[int], list[float]]:
-    """Return the points worth most, the best first, and the uncertainty before and after each of them.
-
-    `rows` are those of feasible points, `covariance` (q, q) is that of the engine's unknowns, `left` by kind of row the share of
-    the flow that no correction follows. The uncertainty is the root mean square over all points, relative to the flow.
-    """
+    """Return the points worth most, the best first, and the uncertainty before and after each of them."""
+    # `rows` are those of feasible points, `covariance` (q, q) is that of the engine's unknowns, `left` by kind of row the
+    # share of the flow that no correction follows. The uncertainty is the root mean square over all points, relative to the
+    # flow.
     shares = np.array([left.get(kind.name, 0.0) for kind in rows.kind])[rows.of]
     own = (shares * rows.reference) ** 2
     G = rows.J @ covariance @ rows.J.T

@@ -24,13 +24,10 @@ AMPLITUDES = (0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
 """Of the corrections, over those of `Component.deviation`: what is tried."""
 LEFT = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the flow, what a component's correction does not follow: what is tried."""
-SPREAD = 1.5
-"""Standard deviation of the logarithm of an amplitude before any data."""
+SPREAD = 1.5  # standard deviation of the logarithm of an amplitude before any data
 SWEEPS = 2
-STEPS = 6
-"""Of Gauss-Newton on the constants."""
-SMALL_STEP = 1e-4
-"""Relative change of a constant from which on the engine stays where it is linearised."""
+STEPS = 6  # of Gauss-Newton on the constants
+SMALL_STEP = 1e-4  # relative change of a constant from which on the engine stays where it is linearised
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +135,7 @@ def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: 
     return away, error
 
 
-NO_ERROR = 1e-9
-"""[kg/s], standard deviation of a node of the map where the sensor is right."""
+NO_ERROR = 1e-9  # [kg/s], standard deviation of a node of the map where the sensor is right
 
 
 @dataclass(frozen=True)
@@ -154,10 +150,8 @@ class Taught:
 def taught(
     start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], progress: Callable[[float], None]
 ) -> Taught:
-    """Return the engine as logs show it whose sensor makes no error, from what is known of it before.
-
-    Sums are kept over the cells of the grid; each log is gone through once a pass.
-    """
+    """Return the engine as logs show it whose sensor makes no error, from what is known of it before."""
+    # Sums are kept over the cells of the grid; each log is gone through once a pass.
     point = start
     for turn in range(PASSES):
         unknowns = point.unknowns

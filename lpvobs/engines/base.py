@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from lpvobs.engines.channels import Channel, Recorded
+from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.knowledge import Knowledge
 from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.sensors import Pulsation
@@ -136,14 +136,28 @@ class AirPath(Protocol):
 
 
 class AsKnown:
-    """What an engine whose balances need no correction offers of these."""
+    """What an engine offers of these whose balances need no correction, and whose constants are all configured."""
 
+    learns: ClassVar[bool] = False
+    dispensable: ClassVar[tuple[str, ...]] = ()
     calmed: ClassVar[tuple[str, ...]] = ()
     components: ClassVar[tuple[Component, ...]] = ()
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}
     volumes: ClassVar[tuple[str, ...]] = ()
     balance_names: ClassVar[tuple[str, ...]]
+
+    def knowledge(self) -> Knowledge | None:
+        """Return nothing."""
+        return None
+
+    def knowing(self, known: Knowledge) -> Self:
+        """Return this very air path."""
+        return self
+
+    def learned_from(self, logs: Sequence[Log]) -> Self:
+        """Return this very air path."""
+        return self
 
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return none."""

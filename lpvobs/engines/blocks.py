@@ -9,14 +9,10 @@ from numpy.typing import NDArray
 from lpvobs.engines.curves import Weights
 from lpvobs.records import Array, Log
 
-LENGTH = 2.0
-"""[s] Length of a block: long against the filling of the manifold, short against a driver's manoeuvre."""
-EDGE = 0.1
-"""[s] Half width of the mean that stands for a reading at the edge of a block."""
-MOST = 1000
-"""Largest number of blocks of all logs together."""
-LEAST_FILLED = 0.7
-"""Share of a block's typical number of samples that it must hold."""
+LENGTH = 2.0  # [s] Length of a block: long against the filling of the manifold, short against a driver's manoeuvre
+EDGE = 0.1  # [s] Half width of the mean that stands for a reading at the edge of a block
+MOST = 1000  # largest number of blocks of all logs together
+LEAST_FILLED = 0.7  # share of a block's typical number of samples that it must hold
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,11 @@ from numpy.typing import NDArray
 
 from lpvobs.records import Array
 
-SENSOR = "W_maf"
-"""The channel of the sensor under test, of every engine."""
-AIR_AT_CALIBRATION = 298.0
-"""[K] Air temperature at which a sensor whose gain depends on temperature reads right."""
-PIVOT = 0.02
-"""[kg/s] Flow at which a contaminated film reads right. It reads too much below and too little above."""
-FILTER = 2.08e5
-"""[Pa/(kg/s)^2] Depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s."""
-LITTLE = 1e-3
-"""[kg/s] Flow below which the noise of a reading hides the other effects on it."""
+SENSOR = "W_maf"  # the channel of the sensor under test, of every engine
+AIR_AT_CALIBRATION = 298.0  # [K] Air temperature at which a sensor whose gain depends on temperature reads right
+PIVOT = 0.02  # [kg/s] Flow at which a contaminated film reads right. It reads too much below and too little above.
+FILTER = 2.08e5  # [Pa/(kg/s)^2] Depression of the air filter over the squared flow: 3 kPa at 0.12 kg/s
+LITTLE = 1e-3  # [kg/s] Flow below which the noise of a reading hides the other effects on it
 
 TRANSIENTS = "fast changes of load at constant speed"
 STEADY = "long stays at many operating points, before and after"

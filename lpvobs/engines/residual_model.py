@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.curves import Nodes
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.knowledge import Nodes
 from lpvobs.engines.unknowns import Component
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
@@ -52,8 +52,7 @@ def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequ
     return tuple(Level(name, units[name], value) for name, value in day.levels.items())
 
 
-FLAT = 1e3
-"""[1] Multiple of the length of an axis that a curve does not follow."""
+FLAT = 1e3  # [1] Multiple of the length of an axis that a curve does not follow
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from dataclasses import dataclass, fields
 
 from lpvobs.records import Array
 
-SLOWEST = 60.0
-"""[s] A sensor that takes longer shows nothing of a drive cycle."""
+SLOWEST = 60.0  # [s] A sensor that takes longer shows nothing of a drive cycle
 Pulsation = Callable[[Mapping[str, Array], float], Array]
 """Returns reading over truth of a sensor in a flow that pulsates, shape (N,), from channels and a coefficient."""
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from lpvobs.engines.bounds import Within
-from lpvobs.engines.curves import Weights
-from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.constants import Within
+from lpvobs.engines.curves import Nodes, Weights
 from lpvobs.records import Array
 
 NEGLIGIBLE = 1e-3
@@ -81,8 +80,7 @@ class MeasuredPart:
     absolute: float  # [kg/s], added to it
 
 
-TABLE_FLOW = "flow"
-"""The column of a component's points that has the flow."""
+TABLE_FLOW = "flow"  # the column of a component's points that has the flow
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from lpvobs.compiled import njit
 from lpvobs.maps.grid import Grid, local, locate
 from lpvobs.records import Array
 
-RIDGE = 1e-9
-"""Share of a node's own time that keeps nodes which nothing tells apart at zero, instead of failing."""
+RIDGE = 1e-9  # share of a node's own time that keeps nodes which nothing tells apart at zero, instead of failing
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,9 @@ class Excitation:
         return np.asarray(np.maximum(np.linalg.eigvalsh(self.cell_gram)[..., 0], 0.0))  # Eq. (29)
 
     def nodes(self) -> Array:
-        """Return the time that informs each node when all others are unknown, shape (p,), [s].
-
-        The reciprocal of the diagonal of the inverse Gram matrix: zero for a node whose value cannot be told from its
-        neighbours', the time spent exactly on the node at best.
-        """
+        """Return the time that informs each node when all others are unknown, shape (p,), [s]."""
+        # The reciprocal of the diagonal of the inverse Gram matrix: zero for a node whose value cannot be told from its
+        # neighbours', the time spent exactly on the node at best.
         touched = np.flatnonzero(np.diag(self.gram) > 0)
         time = np.zeros(self.gram.shape[0])
         if touched.size:
@@ -46,10 +43,8 @@ class Excitation:
 
 
 def node_values(gram: Array, right: Array) -> Array:
-    """Return node values that solve gram theta = right, shape of `right`; zero for nodes without data.
-
-    A direction that the data leave open gets the smallest values, by the ridge of `Excitation.nodes`.
-    """
+    """Return node values that solve gram theta = right, shape of `right`; zero for nodes without data."""
+    # A direction that the data leave open gets the smallest values, by the ridge of `Excitation.nodes`.
     stay = np.diag(gram)
     touched = np.flatnonzero(stay > 0)
     values = np.zeros(right.shape)

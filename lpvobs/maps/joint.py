@@ -12,8 +12,7 @@ from lpvobs.errors import DataError
 from lpvobs.records import Array
 
 NORMAL_90 = 1.6448536269514722
-SNAP = 1e-6
-"""Share of a cell by which an axis of rounded numbers may miss the node that it means."""
+SNAP = 1e-6  # share of a cell by which an axis of rounded numbers may miss the node that it means
 DIRECTIONS = 1e-3
 """Share of the largest variance below which a direction of a covariance is rounding, or more detail than a bilinear map has."""
 

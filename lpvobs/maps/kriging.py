@@ -31,14 +31,11 @@ USUAL, SPREAD = 0.3, 2.0
 """Of that ratio before any data: middle, and standard deviation of its logarithm. Sensors' errors are no quadratics: with all
 amplitudes alike beforehand, 85 instead of 88 % of the nodes beyond FTP75 were inside their 90 % intervals (100 surfaces). With a
 standard deviation of one, surfaces that are quadratics paid a tenth of their rms for it."""
-LEAST_WEIGHT = 1e-3
-"""Of the likeliest combination: what weighs less changes no interval by a hundredth."""
-ROUNDING = 1e-10
-"""Share of a variance by which a long process without noise stays positive definite."""
+LEAST_WEIGHT = 1e-3  # of the likeliest combination: what weighs less changes no interval by a hundredth
+ROUNDING = 1e-10  # share of a variance by which a long process without noise stays positive definite
 MOST_NODES = 300
 """That tell lengths and amplitude; of more, evenly spread ones are taken, for neighbours on a fine grid say the same."""
-Process = tuple[tuple[bool, float], tuple[float, float]]
-"""One of PROCESSES, and its lengths."""
+Process = tuple[tuple[bool, float], tuple[float, float]]  # one of PROCESSES, and its lengths
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from lpvobs.maps.excitation import corners, node_values, over_nodes
 from lpvobs.maps.grid import Grid, local
 from lpvobs.records import Array, Item
 
-NEGLIGIBLE = 0.01
-"""Samples whose reference is under this share of its maximum are left out of the mean relative error."""
+NEGLIGIBLE = 0.01  # samples whose reference is under this share of its maximum are left out of the mean relative error
 
 
 @dataclass(frozen=True)
@@ -43,10 +42,8 @@ def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Arra
 
 
 def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple[Array, Array, Array]]]) -> Metrics:
-    """Return the same for operating points and references that come piece by piece, and are gone through twice.
-
-    `pieces` returns fuel, speed and reference, piece by piece, each time from the beginning.
-    """
+    """Return the same for operating points and references that come piece by piece, and are gone through twice."""
+    # `pieces` returns fuel, speed and reference, piece by piece, each time from the beginning.
     flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
     cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
     gram, right, visited = np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells)  # Psi^T Psi, Psi^T reference

@@ -19,8 +19,7 @@ from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 
-OUTER_SHARE = 0.2
-"""Of the estimated nodes, taken away on one side to see whether the others predict them."""
+OUTER_SHARE = 0.2  # of the estimated nodes, taken away on one side to see whether the others predict them
 LACK_PASSES = 3
 """Weights and lack of fit depend on each other; after three rounds the latter moves by less than its own uncertainty."""
 COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
@@ -183,10 +182,9 @@ def _fit_operator(X: Array, variances: Array) -> Array:
 
 
 def _lack_of_fit(X: Array, z: Array, noise: Array, A: Array, variances: Array) -> float:
-    """Return the variance, the same at every node, that the residuals have beyond what noise explains.
-
-    The expected weighted sum of squared residuals is tr(W M (noise + lack I) M^T), M = I - X A; solved for lack, not below zero.
-    """
+    """Return the variance, the same at every node, that the residuals have beyond what noise explains."""
+    # The expected weighted sum of squared residuals is tr(W M (noise + lack I) M^T), M = I - X A; solved for lack, not
+    # below zero.
     weights = 1.0 / variances if np.all(variances > 0) else np.ones_like(variances)
     M = np.eye(z.size) - X @ A
     residual = M @ z

@@ -22,12 +22,9 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 
-BLOCK = 0.2
-"""[s] over which all channels are averaged first: noise goes, transients stay, and it costs little."""
-CHUNK = 1 << 14
-"""Blocks that are held in memory at a time."""
-LEAST_BLOCKS = 5
-"""In a cell that is compared: a second."""
+BLOCK = 0.2  # [s] over which all channels are averaged first: noise goes, transients stay, and it costs little
+CHUNK = 1 << 14  # blocks that are held in memory at a time
+LEAST_BLOCKS = 5  # in a cell that is compared: a second
 LEFT_OUT = 0.02
 """Share of the flow that a balance may be off in a cell for what its equations leave out, constants being right."""
 DISAGREE = 2.5

@@ -18,12 +18,9 @@ from lpvobs.observer.information import Solution
 from lpvobs.observer.parts import LogInformation
 from lpvobs.records import Array, Item
 
-INFORMED = 0.01
-"""Of the prior standard deviation: a node that the log knows no better is not compared."""
-LEAST_VARIANCE = 1e-3
-"""Of a node's own variance: what only this log knows cannot differ from what all know."""
-STANDS_OUT = 4.0
-"""Standard deviations from the median log at which a log disagrees; few logs have heavy tails."""
+INFORMED = 0.01  # of the prior standard deviation: a node that the log knows no better is not compared
+LEAST_VARIANCE = 1e-3  # of a node's own variance: what only this log knows cannot differ from what all know
+STANDS_OUT = 4.0  # standard deviations from the median log at which a log disagrees; few logs have heavy tails
 LEAST_SPREAD = 0.75
 """Of the logarithm of chi-square per degree of freedom between logs: a few of them may lie close together by chance."""
 HALVINGS = 60

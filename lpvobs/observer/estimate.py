@@ -31,8 +31,7 @@ from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Log, Recording
 from lpvobs.synthesis.region import Region
 
-PASSES = 3
-"""Over the logs, at most, until the engine is linearised where it is found."""
+PASSES = 3  # over the logs, at most, until the engine is linearised where it is found
 LINEAR = 0.003
 """Relative change of a constant within which the balances count as linear: near stall a compressor is not, beyond."""
 
@@ -150,11 +149,9 @@ def of_parts(grid: Grid, parts: Sequence[LogInformation], point: Point) -> MapEs
 
 
 def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[MapEstimate, Solution]:
-    """Return the map from the parts of logs, and the solution behind it.
-
-    The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order of the
-    logs' digests.
-    """
+    """Return the map from the parts of logs, and the solution behind it."""
+    # The parts are looked at once, one after the other; the bits of a sum depend on their order, so give them in the order
+    # of the logs' digests.
     runs: list[LogRun] = []
 
     def noted() -> Iterator[LogInformation]:

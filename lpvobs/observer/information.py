@@ -29,26 +29,16 @@ from lpvobs.engines.unknowns import Unknowns
 from lpvobs.observer.windows import GROUP, Columns, Moments
 from lpvobs.records import Array
 
-ROUNDS = 4
-"""Rounds between the covariance of the errors and the solution; the last changes it by less than a hundredth."""
-FIRST_ERROR = 5e-5
-"""[kg/s sqrt(s)] of every balance, from which the rounds start."""
-LEAST_ERROR = 1e-8
-"""[kg/s sqrt(s)], below any sensor: balances without errors need one."""
-AMPLITUDES = (0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
-"""Of the corrections, over those of `Component.deviation`: what is tried."""
-SWEEPS = 2
-"""Over the groups of corrections."""
-LEAST_FREE = 0.5
-"""Share of the rows that counts as left over, even if the unknowns have used up more."""
-LEAST_DEGREES = 0.5
-"""Of freedom, below which nothing contradicts the map: with one balance there are none."""
-LEAST_SEEN = 4.0
-"""[s] Of stay, below which a direction of the map tells nothing of whether errors come back."""
-NO_LEVEL = 1e-9
-"""[kg/s], standard deviation of a level of the day where none is configured."""
-AMPLITUDE_SPREAD = 1.5
-"""Standard deviation of the logarithm of an amplitude before any data."""
+ROUNDS = 4  # rounds between the covariance of the errors and the solution; the last changes it by less than a hundredth
+FIRST_ERROR = 5e-5  # [kg/s sqrt(s)] of every balance, from which the rounds start
+LEAST_ERROR = 1e-8  # [kg/s sqrt(s)], below any sensor: balances without errors need one
+AMPLITUDES = (0.05, 0.12, 0.3, 0.7, 1.5, 3.0)  # of the corrections, over those of `Component.deviation`: what is tried
+SWEEPS = 2  # over the groups of corrections
+LEAST_FREE = 0.5  # share of the rows that counts as left over, even if the unknowns have used up more
+LEAST_DEGREES = 0.5  # of freedom, below which nothing contradicts the map: with one balance there are none
+LEAST_SEEN = 4.0  # [s] Of stay, below which a direction of the map tells nothing of whether errors come back
+NO_LEVEL = 1e-9  # [kg/s], standard deviation of a level of the day where none is configured
+AMPLITUDE_SPREAD = 1.5  # standard deviation of the logarithm of an amplitude before any data
 
 
 @dataclass(frozen=True)
@@ -164,11 +154,9 @@ class _Solved:
         return mean, covariance, of_map + float(np.sum(told / (1.0 + told)))
 
     def errors(self, mean: Array, spent: float) -> tuple[Array, Array]:
-        """Return S from what the solution leaves, less the freedom that it has used up, and its part that is new in every window.
-
-        S is from sums over groups of windows, for errors of a model last; from windows where a short log leaves too few groups.
-        Errors that come back where the engine runs alike again make all of it larger.
-        """
+        """Return S from what the solution leaves, less the freedom used up, and its part that is new in every window."""
+        # S is from sums over groups of windows, for errors of a model last; from windows where a short log leaves too few
+        # groups. Errors that come back where the engine runs alike again make all of it larger.
         left = np.zeros(self.layout.size)
         left[: self.layout.solved], left[self.layout.z] = -mean, 1.0
         found = []
@@ -191,12 +179,11 @@ class _Solved:
         return S * self.coming_back(S, left), fast
 
     def coming_back(self, S: Array, left: Array) -> float:
-        """Return how much larger the variance of the errors is from visit to visit than S says; at least one.
-
-        An error of the model belongs to an operating point and is the same at each visit, so it does not average out as S has it.
-        What the balances leave at the nodes, Psi^T r_b, shows it where they contradict each other: the map takes up the rest. With
-        G = Psi^T Psi, the sum of S^-1_ab r_a^T Psi G^-1 Psi^T r_b is compared with what errors of S alone would make of it.
-        """
+        """Return how much larger the variance of the errors is from visit to visit than S says; at least one."""
+        # An error of the model belongs to an operating point and is the same at each visit, so it does not average out as S
+        # has it. What the balances leave at the nodes, Psi^T r_b, shows it where they contradict each other: the map takes
+        # up the rest. With G = Psi^T Psi, the sum of S^-1_ab r_a^T Psi G^-1 Psi^T r_b is compared with what errors of S
+        # alone would make of it.
         p, inverse = self.layout.nodes, np.linalg.inv(S)
         products = self.moments.products[:, :, :p]
         G = np.einsum("aaij->ij", products[..., :p]) / self.layout.balances
@@ -208,10 +195,9 @@ class _Solved:
         return max(1.0, float(seen / usual)) if usual > LEAST_DEGREES else 1.0
 
     def without_map(self, S: Array) -> tuple[tuple[Array, Array, Array], Array, Array]:
-        """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated.
-
-        The map's part: its covariance where all else is known, its answers to all else, its values where all else is as before.
-        """
+        """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated."""
+        # The map's part: its covariance where all else is known, its answers to all else, its values where all else is as
+        # before.
         p, k, z = self.layout.nodes, self.layout.solved, self.layout.z
         A, start = self.normal(S), self.prior.mean(self.layout)
         right = A[:k, z] - A[:k, :k] @ start
@@ -222,10 +208,9 @@ class _Solved:
         return (N, answers, alone), 0.5 * (rest + rest.T), right[p:] - A[p:k, :p] @ alone
 
     def likeliest(self, S: Array) -> tuple[float, ...]:
-        """Return the amplitudes of the largest restricted likelihood, each held near one by its own prior.
-
-        They are sought one after the other among `AMPLITUDES`: the likelihood is flat, and half or twice one changes little.
-        """
+        """Return the amplitudes of the largest restricted likelihood, each held near one by its own prior."""
+        # They are sought one after the other among `AMPLITUDES`: the likelihood is flat, and half or twice one changes
+        # little.
         p = self.layout.nodes
         _, A, right = self.without_map(S)
 

@@ -17,8 +17,7 @@ from lpvobs.observer.parts import StateGain, operating_point
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.records import Log
 
-NO_PRIOR = 1e4
-"""Against weights that count samples: a node seen for a thousandth of a sample is left to the data."""
+NO_PRIOR = 1e4  # against weights that count samples: a node seen for a thousandth of a sample is left to the data
 
 
 def estimate_ekf(
@@ -50,10 +49,8 @@ def estimate_ekf(
 def estimate_batch(
     air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], settings: EstimateSettings
 ) -> MapEstimate:
-    """Return the map that fits sensor minus compressor flow best in the least squares of all samples.
-
-    The standard errors are those of the textbook, for white errors of equal variance.
-    """
+    """Return the map that fits sensor minus compressor flow best in the least squares of all samples."""
+    # The standard errors are those of the textbook, for white errors of equal variance.
     p = grid.size
     gram, right, squares, samples = np.zeros((p, p)), np.zeros(p), 0.0, 0
     excited, runs = [], []

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from lpvobs.observer.smoothing import CALM
 
-CONSTANTS = ("joint", "consider")
-"""What becomes of the engine's constants."""
+CONSTANTS = ("joint", "consider")  # what becomes of the engine's constants
 
 
 @dataclass(frozen=True)

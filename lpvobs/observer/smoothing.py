@@ -22,10 +22,8 @@ LEAST = 2
 """Samples that a window has on either side at least, if the segment has them; the outermost have hardly any weight."""
 CALM_LEAST = 3
 """The same of the window for those channels: with `LEAST` nothing is smoothed, which at 20 Hz cost 3.5 % where this has 2."""
-ROW = 256
-"""Samples whose windows are computed side by side."""
-WIDEST = 64
-"""Samples on either side of a window up to which that is done; wider ones would not stay in the cache."""
+ROW = 256  # samples whose windows are computed side by side
+WIDEST = 64  # samples on either side of a window up to which that is done; wider ones would not stay in the cache
 
 
 def smooth(
@@ -70,11 +68,9 @@ class SmoothStretch:
 def stretches(
     pieces: Iterable[Piece], names: Sequence[str], half_width: float, calm: Sequence[str] = ()
 ) -> Iterator[SmoothStretch]:
-    """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit.
-
-    Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait for the
-    next piece.
-    """
+    """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit."""
+    # Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait
+    # for the next piece.
     windows = _Widths(tuple(names), tuple(calm), half_width)
     for held, ready in held_back(pieces, windows.widest):
         yield from held.smoothed(ready, windows)
@@ -194,10 +190,8 @@ def _smooth(
     values: Array,
     rates: Array,
 ) -> None:
-    """Fill values and rates for the samples wanted, from those of their segment that are known.
-
-    All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
-    """
+    """Fill values and rates for the samples wanted, from those of their segment that are known."""
+    # All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
     (low, high), (begin, end) = known, wanted
     if high - low < LEAST + 1:  # too short for a quadratic
         values[:, begin:end], rates[:, begin:end] = columns[:, begin:end], 0.0
@@ -266,11 +260,10 @@ def _one_by_one(time, columns, half_width, lo, hi, k, values, rates):  # type: i
 
 @njit(cache=True)
 def _side_by_side(time, columns, half_width, side, start, stop, values, rates):  # type: ignore[no-untyped-def]
-    """Fit neighbouring samples whose windows hold at most `side` samples on either side and are not widened.
-
-    The same operations in the same order for each sample as one by one, so the same bits; the loop over samples is the inner one,
-    which the processor does several at a time. Samples outside a window take part with weight zero, which adds nothing.
-    """
+    """Fit neighbouring samples whose windows hold at most `side` samples on either side and are not widened."""
+    # The same operations in the same order for each sample as one by one, so the same bits; the loop over samples is the
+    # inner one, which the processor does several at a time. Samples outside a window take part with weight zero, which adds
+    # nothing.
     n = stop - start
     scale = 1.0 / (1.001 * half_width)
     moment, cofactor = np.zeros((5, n)), np.empty((5, n))
@@ -315,10 +308,8 @@ def _side_by_side(time, columns, half_width, side, start, stop, values, rates): 
 
 
 def roughness(column: Array, segments: tuple[tuple[int, int], ...]) -> Array:
-    """Return what neighbours do not foretell of a signal, shape (N,): its second difference over the root of six.
-
-    White noise leaves its own standard deviation, a transient little. It is zero at the ends of segments.
-    """
+    """Return what neighbours do not foretell of a signal, shape (N,): its second difference over the root of six."""
+    # White noise leaves its own standard deviation, a transient little. It is zero at the ends of segments.
     return np.concatenate([_rough(column[start:stop], 0, stop - start) for start, stop in segments])
 
 

@@ -47,11 +47,9 @@ def error_matrix(sample: Sample, L: Array, Gamma: Array, Psi: Array) -> Array:
 
 
 def step(x: Array, theta: Array, h: float, sample: Sample, L: Array, Gamma: Array, Psi: Array) -> tuple[Array, Array]:
-    """Return x and theta after a step of h [s] that ends at the sample, by backward Euler.
-
-    An output without a reading corrects nothing: its column of L is taken for zero, and without the sensor's reading the map
-    stands still. Other arguments as for `rates`.
-    """
+    """Return x and theta after a step of h [s] that ends at the sample, by backward Euler."""
+    # An output without a reading corrects nothing: its column of L is taken for zero, and without the sensor's reading the
+    # map stands still. Other arguments as for `rates`.
     missing = np.isnan(sample.y)
     if missing.any():
         L, Gamma = np.where(missing, 0.0, L), np.where(missing[-1], 0.0, Gamma)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lpvobs import __version__
-from lpvobs.engines.knowledge import LearnedCurve, Nodes
+from lpvobs.engines.curves import LearnedCurve, Nodes
 from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.records import Array

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.engines.knowledge import LearnedCurve
+from lpvobs.engines.curves import LearnedCurve
 from lpvobs.io.results.engines import StoredEngine
 from lpvobs.kinds import Count, Finite
 from lpvobs.report.tables import Table, percent

@@ -27,8 +27,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import shipped_folder
-from lpvobs.synthesis.certificate import Certificate, check
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Certificate, Gain, check
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
@@ -110,8 +109,7 @@ KIND, PRINTED, DRIVE = next(
 UNITS = {"time": "s", "ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"} | {
     name: channel.unit for name, channel in KIND.air_path.channels.items()
 }
-FACTOR = 1.2
-"""Of the reading of a faulty sensor."""
+FACTOR = 1.2  # of the reading of a faulty sensor
 METHODS = {"observer": 2e-4, "batch": 1e-9}
 """Tolerance of a node, [kg/s], of a map that reaches 3e-3: this drive has no noise, and what is rough in its signals is taken for
 noise, which costs 1.5e-4; without that, rounding is left."""
@@ -233,10 +231,8 @@ def _damage(folder: Path) -> Iterator[Row]:
 
 
 def loop() -> Iterator[Row]:
-    """Yield a fault that is put into a simulated drive and found again: plant, map, search.
-
-    With it every kernel has been compiled: what runs after a self-test does not wait for the compiler.
-    """
+    """Yield a fault that is put into a simulated drive and found again: plant, map, search."""
+    # With it every kernel has been compiled: what runs after a self-test does not wait for the compiler.
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         config, clean, faulty = folder / "config.toml", folder / "clean.parquet", folder / "faulty.parquet"

@@ -76,8 +76,10 @@ def mixed_temperature(plant: Plant, f: relation.Flows, T_im: float, T_amb: float
 
 @njit(cache=True)
 def derivative(plant: Plant, x: Array, given: Inputs, out: Array) -> None:
-    """Write dx/dt for state x, both of shape (9,), into `out`."""
-    # Departure from the paper's Eq. (1): dp_im/dt has the term (p_im / T_im) dT_im/dt, because T_im is a state here.
+    """Write dx/dt for state x, both of shape (9,), into `out`.
+
+    Departure from the paper's Eq. (1): dp_im/dt has the term (p_im / T_im) dT_im/dt, because T_im is a state here.
+    """
     c, b = plant.engine, plant.body
     f = flows(plant, x, given)
     p_im, T_im = x[P_IM], x[T_IM]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
-from lpvobs.engines.flat import flat, flat_type, names_of
+from lpvobs.engines.constants import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.parameters import Control, Setpoints, SimulationParameters

@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import inf, isfinite
 from typing import Annotated
 
-from lpvobs.engines.flat import flat, flat_type, names_of
+from lpvobs.engines.constants import flat, flat_type, names_of
 
 Row = tuple[float, ...]
 EQUATION_40 = (2.10e-5, -8.62e-4, 1.46e-9, -6.40e-6, -1.84e-8, 0.0032316)

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from lpvobs.compiled import njit
+from lpvobs.engines.constants import flat, flat_type, names_of
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine, constants_of
-from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.parameters import Actuators, Amplitudes, Combustion, Cooling, SimulationParameters
 

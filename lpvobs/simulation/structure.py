@@ -56,10 +56,12 @@ def wave(n_e: float, p_im: float, T_im: float) -> float:
 
 @njit(cache=True)
 def residual_gas(n_e: float, p_im: float, p_em: float, r_c: float) -> float:
-    """Return the share of the cylinder that residual gas takes from the charge [-], less that at equal pressures."""
-    # The gas of the clearance volume expands by p_em/p_im, (p_em/p_im - 1)/(gamma (r_c - 1)) (Heywood 1988, Eq. 6.2), and
-    # the overlap of the valves lets exhaust back in, in proportion to sqrt(p_em - p_im) / n_e (Fox, Cheng, Heywood, SAE
-    # 931025, 1993, with an overlap factor of 0.5 deg/m). Against a curve: three inputs at once.
+    """Return the share of the cylinder that residual gas takes from the charge [-], less that at equal pressures.
+
+    The gas of the clearance volume expands by p_em/p_im, (p_em/p_im - 1)/(gamma (r_c - 1)) (Heywood 1988, Eq. 6.2), and the overlap
+    of the valves lets exhaust back in, in proportion to sqrt(p_em - p_im) / n_e (Fox, Cheng, Heywood, SAE 931025, 1993, with an
+    overlap factor of 0.5 deg/m). Against a curve: three inputs at once.
+    """
     expanded = (p_em / p_im - 1.0) / (1.35 * (r_c - 1.0))
     driving = sqrt(abs(p_em - p_im) / 1e5) * (p_em / p_im) ** 0.87
     drawn = 1.266 * 0.5 * 60.0 / n_e * driving

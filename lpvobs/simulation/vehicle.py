@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
+from lpvobs.engines.constants import flat, flat_type, names_of
 from lpvobs.engines.diesel.constants import DieselEngine
-from lpvobs.engines.flat import flat, flat_type, names_of
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import SpeedCycle
 from lpvobs.simulation.parameters import SimulationParameters, Vehicle

@@ -28,10 +28,8 @@ class BalancedUnits:
 
 
 def balance(A: Array, C: Array) -> BalancedUnits:
-    """Return balanced units for A, shape (N, n, n), and C, shape (N, r, n).
-
-    Each entry counts with its largest magnitude over the N vertices.
-    """
+    """Return balanced units for A, shape (N, n, n), and C, shape (N, r, n)."""
+    # Each entry counts with its largest magnitude over the N vertices.
     largest_A, largest_C = np.abs(A).max(axis=0), np.abs(C).max(axis=0)
     n = len(largest_A)
     first = _units(largest_A, largest_C, 1.0)

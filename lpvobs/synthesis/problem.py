@@ -1,4 +1,4 @@
-"""What a gain is asked for: an LPV system, the region of its parameters, and the output that carries the map."""
+"""What a gain is asked for: an LPV system, the region of its parameters, the output that carries the map."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -47,11 +47,9 @@ class GainProblem:
 
 
 def bent_block(problem: GainProblem) -> tuple[str, ...] | None:
-    """Return a block of parameters in which the system is not affine, None where vertices prove the region.
-
-    Each block is walked along a slanted line through the inside of the region, the other blocks at rest: equal slopes
-    over the whole and over the first third mean affine, for any polynomial without coefficients made to deceive.
-    """
+    """Return a block of parameters in which the system is not affine, None where vertices prove the region."""
+    # Each block is walked along a slanted line through the inside of the region, the other blocks at rest: equal slopes
+    # over the whole and over the first third mean affine, for any polynomial without coefficients made to deceive.
     blocks = problem.region.blocks()
     rest: dict[str, Fraction] = {}
     for names, corners in blocks:

@@ -19,8 +19,8 @@ import numpy as np
 
 from lpvobs.errors import NotProven
 from lpvobs.records import Array, Item
+from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
-from lpvobs.synthesis.gain import Gain
 from lpvobs.synthesis.problem import GainProblem
 
 
@@ -87,10 +87,8 @@ def augmented(problem: GainProblem, vertex: Sequence[Fraction], slowness: Fracti
 
 
 def _weight(problem: GainProblem, gain: Gain, slowness: float, correction: float) -> float:
-    """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them.
-
-    The fastest sensor is the worst: what drives it grows with the square of 1/tau, what calms it with 1/tau + l.
-    """
+    """Return k: half of what the Schur complement allows at the worst vertex, in floats; the proof does not rely on them."""
+    # The fastest sensor is the worst: what drives it grows with the square of 1/tau, what calms it with 1/tau + l.
     A, C = problem.matrices()
     half = gain.P @ (A - gain.L @ C)
     falls = -(half + half.swapaxes(1, 2))

@@ -9,9 +9,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.records import Array
 from lpvobs.synthesis import lmi
 from lpvobs.synthesis.balance import BalancedUnits, balance
-from lpvobs.synthesis.bound import prove_bound, state_bound
-from lpvobs.synthesis.certificate import check
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Gain, check, prove_bound, state_bound
 from lpvobs.synthesis.problem import GainProblem
 
 EPSILON = 0.49

@@ -8,7 +8,7 @@ import pytest
 from repository import DIESEL
 
 from lpvobs.api.refined_map import expect_cascade
-from lpvobs.engines.flat import scaled
+from lpvobs.engines.constants import scaled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 

@@ -12,8 +12,7 @@ from lpvobs.discovery.residual import free_map, lay_out, nominal_map
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.throttled.balances import BALANCES, Imbalances
 from lpvobs.engines.throttled.effects import throttled_model
-from lpvobs.engines.throttled.learning import learn
-from lpvobs.engines.throttled.taught import errors_of
+from lpvobs.engines.throttled.learning import errors_of, learn
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 

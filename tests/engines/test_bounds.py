@@ -6,7 +6,7 @@ from typing import get_type_hints
 import pytest
 from repository import CONFIGS
 
-from lpvobs.engines.bounds import USUAL_UNITS, Within
+from lpvobs.engines.constants import USUAL_UNITS, Within
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config

@@ -20,10 +20,8 @@ from lpvobs.io.configuration.config import load_config
 PACKAGE = ROOT / "lpvobs"
 PLANTS = {
     "nine states": (
-        "bench", "condition", "control", "derivative", "drawing", "effects", "integrate", "parameters", "plant",
-        "readings", "road", "scene", "sensing", "sensors", "simulate", "stationary", "vehicle",
-        "structure/amplitudes", "structure/filling", "structure/pulses", "structure/recorder", "structure/slow",
-        "structure/turbo", "structure/valve",
+        "derivative", "effects", "instruments", "integrate", "parameters", "plant", "readings", "road", "scene", "simulate",
+        "stationary", "structure", "vehicle",
     ),
 }  # fmt: skip
 """The files of `simulation` that are one engine's plant, with its control, its sensors and its road."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from lpvobs.engines.diesel.suspects import SUSPECTS
+from lpvobs.engines.diesel import SUSPECTS
 from lpvobs.engines.registry import ENGINES
 from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError

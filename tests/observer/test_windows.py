@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from reference.membership import psi
 
-from lpvobs.engines.curves import on_line
-from lpvobs.engines.knowledge import Nodes
+from lpvobs.engines.curves import Nodes, on_line
 from lpvobs.engines.unknowns import Component, Correction, Unknowns, unknowns_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import windows

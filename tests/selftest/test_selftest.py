@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reference import diesel_textbook as textbook
 
-from lpvobs.engines.diesel.known_drive import drive
+from lpvobs.engines.diesel.published import drive
 from lpvobs.selftest.cases import CASES, METHODS, Row, bilinear, known_map, rows_of
 
 SLOW = ("loop",)  # it simulates and searches drives

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError
-from lpvobs.synthesis.bound import StateBound, comparison, prove_bound, state_bound
+from lpvobs.synthesis.certificate import StateBound, comparison, prove_bound, state_bound
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import synthesise

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.synthesis.certificate import check
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Gain, check
 from lpvobs.synthesis.problem import GainProblem, bent_block
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.solve import synthesise
@@ -145,7 +144,7 @@ def test_an_inexact_or_misshapen_system_is_refused(system, output):
 
 def test_checking_needs_neither_solver_nor_scipy():
     code = (
-        "import sys; import lpvobs.synthesis.certificate, lpvobs.synthesis.gain; "
+        "import sys; import lpvobs.synthesis.certificate, lpvobs.synthesis.certificate; "
         "print([name for name in ('cvxpy', 'scipy', 'clarabel') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.errors import NotProven
-from lpvobs.synthesis.certificate import Certificate
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Certificate, Gain
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.sensor_state import augmented, prove, with_sensor_state

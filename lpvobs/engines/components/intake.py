@@ -13,14 +13,12 @@ from typing import Annotated, Protocol
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.engines.bounds import Within
-from lpvobs.engines.curves import Weights, on_line, on_surface
-from lpvobs.engines.knowledge import Nodes, nodes
+from lpvobs.engines.constants import Within
+from lpvobs.engines.curves import Nodes, Weights, nodes, on_line, on_surface
 from lpvobs.engines.unknowns import Component
 from lpvobs.records import Array
 
-USUAL_CHARGE = 320.0
-"""[K], T_im at which the slope of the filling adds nothing."""
+USUAL_CHARGE = 320.0  # [K], T_im at which the slope of the filling adds nothing
 SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
 CREST = Nodes(np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed over the root of T_im / 320 K: waves travel with it")
 PRESSURE = nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)

@@ -20,8 +20,7 @@ BALANCES = ("compressor", "filling", "exhaust", "turbo")
 CHANNELS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb", "W_maf")
 RESTRICTED = 0.5
 """Change of the back pressure's coefficient from which on its solution counts in full; without one, three passes are near."""
-POWER = 1.0e5
-"""[J/kg] Turns a power into a flow, so that all balances are in kg/s."""
+POWER = 1.0e5  # [J/kg] Turns a power into a flow, so that all balances are in kg/s
 
 
 class Lacks(NamedTuple):
@@ -64,11 +63,9 @@ class DieselAsFound:
 
 @njit(cache=True)
 def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: Array) -> Array:
-    """Return what is left of each balance, shape (4, K) [kg/s].
-
-    x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`; flows : (3, K) what
-    corrections add to the flows of compressor, cylinders and EGR.
-    """
+    """Return what is left of each balance, shape (4, K) [kg/s]."""
+    # x, dx : (12, K) values and rates in the order of `CHANNELS`; lacks : (7, K) in the order of `Lacks`; flows : (3, K)
+    # what corrections add to the flows of compressor, cylinders and EGR.
     K = x.shape[1]
     out = np.empty((4, K))
     for k in range(K):
@@ -99,11 +96,10 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
 def turbine(
     c: DieselConstants, k_exhaust: float, p_em: float, u_vgt: float, T_em: float, p_amb: float
 ) -> tuple[float, float]:
-    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own.
-
-    The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here. With a
-    restriction the passes swing around the solution, or away from it: the more there is of it, the more the solution counts.
-    """
+    """Return W_t [kg/s] and Pi_t, with a back pressure p_amb + k_exhaust W_t^2 of its own."""
+    # The engine's model makes three passes of the fixed point (`diesel_relations.rho_4`), and so is a clean exhaust here.
+    # With a restriction the passes swing around the solution, or away from it: the more there is of it, the more the
+    # solution counts.
     scale = c.A_vgt_max * relation.vgt_area_ratio(c, u_vgt) / sqrt(T_em * c.R_e)
     p_es, W_t, Pi_t = p_amb, 0.0, 0.9999
     for _ in range(3):
@@ -178,11 +174,9 @@ def by_corrections(modes: Array, found: DieselAsFound, s: Signals, _: Blocks | N
 
 
 def further(found: DieselAsFound, s: Signals) -> tuple[Array, Array]:
-    """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N).
-
-    The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third what
-    enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
-    """
+    """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N)."""
+    # The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third
+    # what enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.
     x, dx = _stacked(s.value), _stacked(s.rate)
     in_order = np.tile(np.array(IN_ORDER)[:, None], (1, x.shape[1]))
     c, flows = found.constants, _changes(found, s)[:T_EM_LAG]

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lpvobs.engines.bounds import Within
 from lpvobs.engines.components import intake
+from lpvobs.engines.constants import Within
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import COMPRESSOR, FILLING, USUAL_RATIO
@@ -22,8 +22,7 @@ SOME_STATE = {
     "T_im": intake.USUAL_CHARGE, "T_em": 700.0, "p_amb": 1e5, "T_amb": 298.15,
 }  # fmt: skip
 """What a table says nothing of, and its flow does not depend on."""
-LEAST = 1e-5
-"""[kg/s], standard deviation of a flow near nothing: what is left of the last digit."""
+LEAST = 1e-5  # [kg/s], standard deviation of a flow near nothing: what is left of the last digit
 T_REFERENCE = Within(200, 400, "K", "temperature that corrected quantities refer to")
 P_REFERENCE = Within(5e4, 1.2e5, "Pa", "pressure that corrected quantities refer to")
 RATIO = Within(1.0, 10.0, "1", "pressure ratio")

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated
 
-from lpvobs.engines.bounds import Within
 from lpvobs.engines.components.intake import Egr, Filling
-from lpvobs.engines.flat import flat, flat_type
+from lpvobs.engines.constants import Within, flat, flat_type
 
 COMPRESSOR_FORMS: Mapping[str, tuple[str, ...]] = {
     "tip_speed": ("psi_0", "psi_1", "phi_0", "phi_1"),

@@ -11,15 +11,13 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.components import intake
-from lpvobs.engines.curves import in_space, on_surface
+from lpvobs.engines.curves import in_space, nodes, on_surface
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
-from lpvobs.engines.knowledge import nodes
 from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array
 
-COMPRESSOR, FILLING = 0, 1
-"""Numbers of the balances."""
+COMPRESSOR, FILLING = 0, 1  # numbers of the balances
 
 
 TIP_SPEED = nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
@@ -45,12 +43,9 @@ COMPONENTS = (
 """Deviations of 3 and 4 % of filling and compressor, 30 % of the EGR: what bench points left of models fitted to them."""
 MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)
 """EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
-USUAL_RATIO = 1.2
-"""p_em / p_im at which the slope of the filling adds nothing."""
-INSTANT = 1e-3
-"""[s] over which the flow's rate of change is taken."""
-RELIABLE = 0.02
-"""Share of the flow without pressure rise; a compressor's flow that is surer than this has full weight."""
+USUAL_RATIO = 1.2  # p_em / p_im at which the slope of the filling adds nothing
+INSTANT = 1e-3  # [s] over which the flow's rate of change is taken
+RELIABLE = 0.02  # share of the flow without pressure rise; a compressor's flow that is surer than this has full weight
 
 
 def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:

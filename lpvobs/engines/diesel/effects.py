@@ -1,6 +1,6 @@
 """The effects of the contract that a diesel with EGR and VGT may have, and the engine as the loop sees it."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -8,18 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
-from lpvobs.engines.diesel.balances import (
-    BALANCES,
-    CHANNELS,
-    IN_ORDER,
-    DieselAsFound,
-    Lacks,
-    by_corrections,
-    further,
-    imbalances,
-)
+from lpvobs.engines.components.intake import PRESSURE
+from lpvobs.engines.curves import Nodes
+from lpvobs.engines.diesel import balances
+from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, DieselAsFound, imbalances
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.curves import curves
+from lpvobs.engines.diesel.corrections import RATIO
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -37,22 +31,50 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.residual_model import DayToDay, ResidualModel, levels_of
+from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Unknowns, loop_unknowns
 from lpvobs.records import Array
 
-PULSATION_SPEED = 2000.0
-"""[rpm] Speed above which the flow at the sensor no longer pulsates backward."""
-PULSATION_FUEL = 40.0
-"""[mg/cycle] Full load at low speed."""
-ANY_DAY = DayToDay()
-"""The differences between days where none are configured."""
+SPEED = Nodes(np.arange(600.0, 4401.0, 200.0), "rpm", "engine speed")
+TIP_SPEED = Nodes(np.arange(20.0, 461.0, 40.0), "m/s", "tip speed of the compressor")
+COMPRESSION = Nodes(np.array([0.9, 1.1, 1.3, 1.6, 2.0, 2.5, 3.1]), "1", "p_im / p_amb")
+OPENING = Nodes(np.arange(5.0, 86.0, 8.0), "%", "EGR valve opening")
+VANES = Nodes(np.arange(20.0, 77.0, 8.0), "%", "opening of the turbine's vanes")
+EXPANSION = Nodes(np.arange(0.3, 1.05, 0.1), "1", "p_amb / p_em")
+# name, effect, deviation before any data and axes with the lengths over which values are correlated, as in `corrections`; the
+# turbine as the compressor, the EGR as a valve whose constants are fitted
+CURVES: Mapping[str, tuple[str, float, Mapping[str, Nodes], tuple[float, float]]] = {
+    "eta_vol.curve": ("eta_vol.factor", 0.03, {"n_e": SPEED, "p_im": PRESSURE}, (500.0, 5e4)),
+    "compressor.curve": ("compressor.flow", 0.04, {"U_c": TIP_SPEED, "p_im/p_amb": COMPRESSION}, (100.0, 0.6)),
+    "egr.curve": ("egr.area", 0.2, {"u_egr": OPENING, "p_im/p_em": RATIO}, (20.0, 0.12)),
+    "turbine.curve": ("turbine.efficiency", 0.04, {"u_vgt": VANES, "p_amb/p_em": EXPANSION}, (20.0, 0.3)),
+}
+INPUTS: Mapping[str, Callable[[DieselAsFound, Mapping[str, Array]], Array]] = {
+    "U_c": lambda found, x: found.constants.R_c * x["omega_t"],
+    "p_im/p_amb": lambda _, x: x["p_im"] / x["p_amb"],
+    "p_im/p_em": lambda _, x: x["p_im"] / x["p_em"],
+    "p_amb/p_em": lambda _, x: x["p_amb"] / x["p_em"],
+}
+"""Those that are no channels."""
+
+
+def curves(catalogue: Mapping[str, Effect]) -> tuple[ComponentCurve, ...]:
+    """Return the curves of the engine's components, each driving one of the effects."""
+    return tuple(
+        ComponentCurve(name, catalogue[effect], deviation, axes, lengths, INPUTS)
+        for name, (effect, deviation, axes, lengths) in CURVES.items()
+    )
+
+
+PULSATION_SPEED = 2000.0  # [rpm] Speed above which the flow at the sensor no longer pulsates backward
+PULSATION_FUEL = 40.0  # [mg/cycle] Full load at low speed
+ANY_DAY = DayToDay()  # the differences between days where none are configured
 EGR = "the same operating points with the EGR valve open and shut"
 
 
 def lacks(name: str) -> Change:
     """Return the engine that lacks something, by its name."""
-    i = Lacks._fields.index(name)
+    i = balances.Lacks._fields.index(name)
     return lacking(i, IN_ORDER[i])
 
 
@@ -62,10 +84,9 @@ def temperature_lag(s: Signals, tau: float) -> Signals:
 
 
 def bypass(s: Signals, area: float) -> Signals:
-    """Return the flow before a hole that draws air in behind the filter, whose depression grows with the square of its flow.
-
-    The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: the flow is that of the filling.
-    """
+    """Return the flow before a hole that draws air in behind the filter, whose depression grows with the square of its flow."""
+    # The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: the flow is that of the
+    # filling.
     share = area * np.sqrt(2.0 * s["p_amb"] / (s.constants.constants.R_a * s["T_amb"]) * FILTER)
     filling = s[SENSOR] - imbalances(s.constants, s, None)[1]
     return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
@@ -103,11 +124,9 @@ CATALOGUE = (
 def diesel_model(
     engine: DieselEngine, tolerance: Mapping[str, float], day: DayToDay = ANY_DAY, known: Unknowns | None = None
 ) -> ResidualModel:
-    """Return the diesel as the loop sees it, around its configured constants.
-
-    They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a calibration
-    knows them, relative to where it found them.
-    """
+    """Return the diesel as the loop sees it, around its configured constants."""
+    # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
+    # calibration knows them, relative to where it found them.
     constants, point = constants_of(engine), loop_unknowns(tolerance, known)
     names, values, modes = point.names, point.values, point.modes
     count = len(names) - modes.shape[1]
@@ -119,7 +138,7 @@ def diesel_model(
     return ResidualModel(
         balances=BALANCES,
         unit="kg/s",
-        channels=CHANNELS,
+        channels=balances.CHANNELS,
         moving=("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em"),
         fuel="u_delta",
         speed="n_e",
@@ -131,12 +150,12 @@ def diesel_model(
         imbalances=imbalances,
         by_reading=by_reading,
         shown=shown,
-        further=further,
+        further=balances.further,
         catalogue=CATALOGUE,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
         curves=curves({effect.id: effect for effect in CATALOGUE}),
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
-        by_unknowns=None if known is None else partial(by_corrections, modes),
+        by_unknowns=None if known is None else partial(balances.by_corrections, modes),
         adding=modes.shape[1],
     )
 

@@ -12,22 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.engines.base import SPEED_AXIS, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.components import intake
+from lpvobs.engines.constants import scaled
+from lpvobs.engines.diesel import constants as constant
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.component_maps import COMPONENT_MAPS
-from lpvobs.engines.diesel.constants import (
-    COMPRESSOR_FORMS,
-    DieselConstants,
-    DieselEngine,
-    Gas,
-    constants_of,
-    own_constants,
-)
-from lpvobs.engines.flat import scaled
-from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart
 from lpvobs.records import Array, Log
 
@@ -35,7 +28,14 @@ STATES = ("p_im", "p_em", "omega_t")
 PARAMETERS = ("rho_1", "rho_2", "rho_3", "rho_4", "rho_5", "a_1", "a_2")
 BALANCES = ("compressor", "filling")
 OWNED_CONSTANTS = (
-    ("R_a", "c_pa", "gamma_a", "R_c", "k_neg", *(name for names in COMPRESSOR_FORMS.values() for name in names)),
+    (
+        "R_a",
+        "c_pa",
+        "gamma_a",
+        "R_c",
+        "k_neg",
+        *(name for names in constant.COMPRESSOR_FORMS.values() for name in names),
+    ),
     ("R_a", "R_e", "V_d", "V_im", *intake.Filling.__dataclass_fields__, *intake.Egr.__dataclass_fields__),
 )
 """The constants that each balance depends on, in any form of the components."""
@@ -47,14 +47,12 @@ INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im",
 
 
 @dataclass(frozen=True)
-class Diesel:
+class Diesel(AsKnown):
     """The air path of a diesel with EGR and VGT; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: DieselEngine
 
     name: ClassVar[str] = "diesel"
-    learns: ClassVar[bool] = False
-    dispensable: ClassVar[tuple[str, ...]] = ()
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
     parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
@@ -92,18 +90,18 @@ class Diesel:
     @cached_property
     def constants(self) -> DieselConstants:
         """The engine's constants, flat."""
-        return constants_of(self.engine)
+        return constant.constants_of(self.engine)
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
-        return own_constants(self.engine)
+        return constant.own_constants(self.engine)
 
     @property
     def usual_tolerance(self) -> Mapping[str, float]:
         """Return the constants that a balance depends on, and how well one is known of which the configuration says nothing."""
         owned = dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1])
         own = [name for name in owned if name in self.engine_constants()]
-        return {name: GAS_TOLERANCE if name in Gas.__dataclass_fields__ else FITTED_TOLERANCE for name in own}
+        return {name: GAS_TOLERANCE if name in constant.Gas.__dataclass_fields__ else FITTED_TOLERANCE for name in own}
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the ranges of a_1 = R_a T_im / V_im and a_2 = R_e T_em / V_em of Eq. (5), [J/(kg m^3)]."""
@@ -118,7 +116,7 @@ class Diesel:
         a_1 and a_2 are computed from constant temperatures `T_im`, `T_em` [K] instead of the log's where these are given,
         as in the paper, whose proof takes a_1 and a_2 for constants.
         """
-        parameters, E = (rows.T for rows in along(self.constants, _columns(log)))
+        parameters, E = (rows.T for rows in along(self.constants, tuple(log[name] for name in INPUTS)))
         if constant is not None:
             (a_1, _), (a_2, _) = self.rate_bounds({name: (T, T) for name, T in constant.items()}).values()
             E[1] *= a_2 / parameters[6]
@@ -142,20 +140,9 @@ class Diesel:
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
         return A, [*C, [zero, zero, r1]]  # Eq. (25)
 
-    def knowledge(self) -> None:
-        """Return nothing: all constants are configured."""
-
-    def knowing(self, known: Knowledge) -> "Diesel":
-        """Return this very air path: its constants are configured."""
-        return self
-
     def deviating(self, deviation: Mapping[str, float]) -> "Diesel":
         """Return the air path of an engine whose constants deviate."""
         return Diesel(scaled(self.engine, deviation))
-
-    def learned_from(self, logs: Sequence[Log]) -> "Diesel":
-        """Return this very air path: its constants are configured."""
-        return self
 
     def states(self, log: Log) -> Array:
         """Return the measured states, shape (N, 3)."""
@@ -194,10 +181,6 @@ class Diesel:
                 if name in OWNED_CONSTANTS[b]:
                     slope[b, i] = (balance(shifted, *inputs) - flow[b]) / RELATIVE_STEP
         return Balances(BALANCES, flow, slope)
-
-
-def _columns(log: Log) -> tuple[Array, ...]:
-    return tuple(log[name] for name in INPUTS)
 
 
 @njit(cache=True)

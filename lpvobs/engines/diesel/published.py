@@ -1,8 +1,16 @@
-"""What the paper prints of its diesel: the gain, the bounds of the scheduling parameters, the quadratics of the sensor's error."""
+"""What the paper prints of its diesel, and a drive by formula: no random numbers, integration or relations of the package.
+
+Along the drive EGR stays shut. Load and speed follow sines, and with them the intake pressure. What flows into the cylinders and
+what fills the manifold is then what the compressor has to deliver, and the turbine turns as fast as that takes.
+"""
+
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from lpvobs.engines.base import Published
+from lpvobs.engines.diesel.constants import DieselEngine, constants_of
+from lpvobs.records import Array
 
 TABLE_1 = {
     "ETC": ((19e-7, 150e-7), (-1.65e-7, 1.6e-7), (1.09e-7, 6.4e-7), (0.61e-7, 6.01e-7), (0.0, 3.15)),
@@ -26,3 +34,71 @@ PUBLISHED = Published(
     errors={"etc_part1": 0.1041, "ftp75_cold": 0.0528},  # Sec. 4.1 and 4.2
 )
 """Sec. 4. The quadratics are over mg/cycle and rpm."""
+
+
+RATE, DURATION = 50.0, 240.0
+P_AMB, T_AMB = 98_000.0, 298.0
+SLOWEST, FASTEST = 500.0, 30_000.0  # [rad/s] Range in which the turbine's speed is sought
+
+
+def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Mapping[str, Array]:
+    """Return every channel of a diesel's log, with `time` [s] and the two reference channels.
+
+    `error_at` gives the error of the sensor [kg/s] at fuel [mg/cycle] and speed [rpm].
+    """
+    t = np.arange(round(RATE * DURATION) + 1) / RATE
+    load, speed = 0.5 + 0.5 * np.sin(0.61 * t), 0.5 + 0.5 * np.sin(0.083 * t + 0.4)
+    p_im, rise = _pressure(load, speed, t)
+    channels = {
+        "time": t,
+        "n_e": 1000.0 + 2400.0 * speed,
+        "u_delta": 4.0 + 46.0 * load,
+        "u_egr": np.zeros_like(t),
+        "u_vgt": 45.0 + 20.0 * load,
+        "p_im": p_im,
+        "p_em": 1.25 * p_im + 5000.0,
+        "T_im": np.full_like(t, 320.0),
+        "T_em": np.full_like(t, 750.0),
+        "p_amb": np.full_like(t, P_AMB),
+        "T_amb": np.full_like(t, T_AMB),
+    }
+    flow = _cylinders(engine, channels) + engine.geometry.V_im * rise / (engine.gas.R_a * channels["T_im"])
+    error = error_at(channels["u_delta"], channels["n_e"])
+    turbine = {"omega_t": _turbine_speed(engine, channels, flow), "W_maf": flow + error}
+    return channels | turbine | {"ref_W_c": flow, "ref_delta_W_c": error}
+
+
+def _pressure(load: Array, speed: Array, t: Array) -> tuple[Array, Array]:
+    """Return p_im [Pa] and its time derivative."""
+    load_rise, speed_rise = 0.5 * 0.61 * np.cos(0.61 * t), 0.5 * 0.083 * np.cos(0.083 * t + 0.4)
+    reach = 7.0e4
+    return 1.05e5 + reach * load * (0.3 + 0.7 * speed), reach * (
+        load_rise * (0.3 + 0.7 * speed) + load * 0.7 * speed_rise
+    )
+
+
+def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:
+    """Return W_ei of Eq. (2) [kg/s]."""
+    k = engine.filling
+    eta = k.c_vol1 * np.sqrt(c["p_im"]) + k.c_vol2 * np.sqrt(c["n_e"]) + k.c_vol3
+    return np.asarray(eta * c["p_im"] * c["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * c["T_im"]))
+
+
+def _compressor(engine: DieselEngine, p_im: Array, omega_t: Array) -> Array:
+    """Return W_c of Eq. (2) [kg/s] above ambient pressure, in the form `tip_speed`; zero in stall."""
+    gas, k = engine.gas, constants_of(engine)
+    tip = k.R_c * omega_t
+    head = 2.0 * gas.c_pa * T_AMB * ((p_im / P_AMB) ** (1.0 - 1.0 / gas.gamma_a) - 1.0) / tip**2
+    ellipse = 1.0 - (head / (k.psi_0 + k.psi_1 * tip / 400.0)) ** 2
+    coefficient = (k.phi_0 + k.phi_1 * tip / 400.0) * np.sqrt(np.maximum(ellipse, 0.0))
+    return np.asarray(P_AMB * np.pi * k.R_c**3 * coefficient * omega_t / (gas.R_a * T_AMB))
+
+
+def _turbine_speed(engine: DieselEngine, c: Mapping[str, Array], flow: Array) -> Array:
+    """Return omega_t [rad/s] at which the compressor passes a flow, by halving the interval 60 times."""
+    low, high = np.full_like(flow, SLOWEST), np.full_like(flow, FASTEST)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        enough = _compressor(engine, c["p_im"], middle) >= flow
+        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+    return 0.5 * (low + high)

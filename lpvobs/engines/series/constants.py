@@ -4,9 +4,8 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Annotated, Any
 
-from lpvobs.engines.bounds import Within
 from lpvobs.engines.components.intake import Egr, Filling
-from lpvobs.engines.flat import flat, flat_type, names_of
+from lpvobs.engines.constants import Within, flat, flat_type, names_of
 
 
 @dataclass(frozen=True)

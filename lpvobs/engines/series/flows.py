@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.components import intake
-from lpvobs.engines.curves import in_space, on_surface
-from lpvobs.engines.knowledge import nodes
+from lpvobs.engines.curves import in_space, nodes, on_surface
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.records import Array
 

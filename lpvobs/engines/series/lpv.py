@@ -16,8 +16,7 @@ import numpy as np
 from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
 from lpvobs.engines.components import intake
-from lpvobs.engines.flat import scaled
-from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.constants import scaled
 from lpvobs.engines.series import flows
 from lpvobs.engines.series.constants import SeriesEngine, constants_of
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
@@ -40,7 +39,6 @@ class Series(AsKnown):
     engine: SeriesEngine
 
     name: ClassVar[str] = "series"
-    learns: ClassVar[bool] = False
     dispensable: ClassVar[tuple[str, ...]] = ()  # a channel that a log lacks reads NaN
     sensor: ClassVar[str] = "W_maf"
     state_names: ClassVar[tuple[str, ...]] = STATES
@@ -118,17 +116,6 @@ class Series(AsKnown):
     def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
         """Return the EGR flow, shape (n,) [kg/s]; zero where nothing tells it."""
         return np.nan_to_num(flows.egr(self.constants, x, W_ei)[0])
-
-    def knowledge(self) -> None:
-        """Return nothing: all constants are configured."""
-
-    def knowing(self, known: Knowledge) -> "Series":
-        """Return this very air path: its constants are configured."""
-        return self
-
-    def learned_from(self, logs: Sequence[Log]) -> "Series":
-        """Return this very air path: its constants are configured."""
-        return self
 
     def deviating(self, deviation: Mapping[str, float]) -> "Series":
         """Return the air path of an engine whose constants deviate."""

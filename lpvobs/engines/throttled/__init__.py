@@ -1,15 +1,19 @@
 """A throttled spark-ignition engine with intercooler."""
 
 from lpvobs.engines.base import EngineKind
+from lpvobs.engines.mix_ups import Suspects, below, exchanged
 from lpvobs.engines.residual_model import DayToDay
-from lpvobs.engines.throttled.constants import ThrottledEngine
+from lpvobs.engines.throttled.constants import ThrottledEngine, in_c
 from lpvobs.engines.throttled.effects import residual_model
-from lpvobs.engines.throttled.known import in_c
+from lpvobs.engines.throttled.learning import errors_of
 from lpvobs.engines.throttled.lpv import Throttled
 from lpvobs.engines.throttled.recorded import RECORDED
-from lpvobs.engines.throttled.suspects import SUSPECTS
-from lpvobs.engines.throttled.taught import errors_of
 
+# The intercooler of the LiU-ICE bench holds T_ic within 2 K of T_amb, mostly below it: two thermometers, not two temperatures.
+SUSPECTS = Suspects(
+    checks=(below("p_ic", "p_im", 0.5), below("T_ic", "T_amb", 0.5, slack=5.0, unit="K")),
+    mix_ups=tuple(exchanged(*pair) for pair in (("p_ic", "p_im"), ("p_ic", "p_amb"), ("T_ic", "T_amb"))),
+)
 ENGINE = EngineKind(
     air_path=Throttled,
     tables={"engine": ThrottledEngine, "trace": DayToDay},

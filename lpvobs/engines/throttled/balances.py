@@ -31,11 +31,9 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "ambient": ("p_ic", "p_amb"),
 }
 """The parts of the balances with the channels of each: the sensor's flow, the stores around the throttle, the flows."""
-NEEDS = {name: (*PARTS[name], SENSOR) for name in BALANCES}
-"""Channels without which a balance cannot be drawn up."""
+NEEDS = {name: (*PARTS[name], SENSOR) for name in BALANCES}  # channels without which a balance cannot be drawn up
 FLOWS = {"throttle": relation.throttle_flow, "filling": relation.cylinder_flow, "fuel": relation.fuelled_flow}
-LEAST_FLOW = 2e-4
-"""[kg/s] Smaller flows count as this, because zero has no logarithm."""
+LEAST_FLOW = 2e-4  # [kg/s] Smaller flows count as this, because zero has no logarithm
 UNEQUAL = 0.01
 """Scatter of the pressure ratio within a block. Near a ratio of one the throttle's flow depends on it strongly."""
 LACKS = {"leak_intake": 0.0, "eta_vol": 1.0, "throttle": 1.0}
@@ -140,10 +138,8 @@ def blur(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: B
 
 
 def drawn_per_area(engine: ThrottledEngine, s: Signals) -> Array:
-    """Return the air that a leak of the manifold draws in per area [kg/(s m^2)], negative where it is under boost.
-
-    In the last per cent before equal pressures the flow function is held; the flow changes its sign there without a jump.
-    """
+    """Return the air that a leak of the manifold draws in per area [kg/(s m^2)], negative where it is under boost."""
+    # In the last per cent before equal pressures the flow function is held; the flow changes its sign there without a jump.
     p_amb, p_im, R, gamma = s["p_amb"], s["p_im"], engine.air.R_a, engine.air.gamma_a
     drawn = p_amb * relation.flow_function(gamma, p_im / p_amb) / np.sqrt(R * s["T_amb"])
     lost = p_im * relation.flow_function(gamma, p_amb / p_im) / np.sqrt(R * s["T_ic"])

@@ -1,4 +1,4 @@
-"""What is known of a throttled engine beforehand, and what a healthy log tells of it."""
+"""What is known of a throttled engine beforehand, and what a healthy log tells of it, as files hold it and back."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,7 +6,8 @@ from typing import Annotated
 
 import numpy as np
 
-from lpvobs.engines.bounds import Within
+from lpvobs.engines.constants import Within
+from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes, nodes
 from lpvobs.records import Array
 
 
@@ -100,3 +101,54 @@ class Learned:
         sizes = {"throttle": self.area.size, "filling": self.eta_vol.size, "fuel": self.fuel.size, "volumes": 2}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+
+def knowledge_of(engine: ThrottledEngine, learned: Learned) -> Knowledge:
+    """Return what healthy logs have taught."""
+    at, where = engine.curves, learned.deviations()
+    spread = np.sqrt(np.diag(learned.covariance))
+    speed, pressure = nodes("rpm", "engine speed", *at.n_e), nodes("Pa", "intake manifold pressure", *at.p_im)
+    reading = nodes("1", "fuel reading per stroke", *at.m_f)
+    axes: Mapping[str, Mapping[str, Nodes]] = {
+        "throttle": {"alpha_th": nodes("%", "throttle opening", *at.alpha_th)},
+        "filling": {"n_e": speed, "p_im": pressure},
+        "fuel": {"m_f": reading, "n_e": nodes("rpm", speed.meaning, *at.fuel_n_e)},
+    }
+    values = {
+        "throttle": ("area", "m^2", "effective area", learned.area),
+        "filling": ("eta_vol", "1", "volumetric efficiency", learned.eta_vol),
+        "fuel": ("air", "kg", "air in a cylinder per unit of the fuel reading", learned.fuel),
+    }
+    curves = {
+        part: LearnedCurve(axes[part], name, unit, meaning, curve, spread[where[part]].reshape(curve.shape))
+        for part, (name, unit, meaning, curve) in values.items()
+    }
+    numbers = {
+        "V_ic": LearnedNumber(learned.V_ic, "m^3", "volume before the throttle"),
+        "V_im": LearnedNumber(learned.V_im, "m^3", "volume behind the throttle"),
+        "calm_flow": LearnedNumber(learned.calm_flow, "kg/s", "below it p_ic is compared with p_amb"),
+    }
+    return Knowledge(curves, numbers, learned.covariance, learned.sources)
+
+
+def learned_of(known: Knowledge) -> Learned:
+    """Return the engine that a file holds; raises KeyError for another engine's."""
+    curves, numbers = known.curves, known.numbers
+    return Learned(
+        area=curves["throttle"].values,
+        eta_vol=curves["filling"].values,
+        fuel=curves["fuel"].values,
+        V_ic=numbers["V_ic"].value,
+        V_im=numbers["V_im"].value,
+        covariance=known.covariance,
+        sources=known.sources,
+        calm_flow=numbers["calm_flow"].value,
+    )
+
+
+def in_c(engine: ThrottledEngine, learned: Learned) -> dict[str, float | Array]:
+    """Return the numbers that `model.c` reads: what is configured, nodes of the curves, and the curves."""
+    configured = {**vars(engine.air), **vars(engine.geometry)}
+    nodes = {name: np.array(getattr(engine.curves, name)) for name in ("alpha_th", "n_e", "p_im")}
+    own = {"area": learned.area, "eta_vol": learned.eta_vol.reshape(-1), "V_ic": learned.V_ic, "V_im": learned.V_im}
+    return configured | nodes | own

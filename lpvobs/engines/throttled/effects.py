@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.engines.curves import Nodes
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -23,22 +24,11 @@ from lpvobs.engines.effects import (
     reading,
 )
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.knowledge import Nodes
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
-from lpvobs.engines.throttled.balances import (
-    BALANCES,
-    LACKS,
-    NEEDS,
-    Imbalances,
-    blur,
-    by_curves,
-    by_reading,
-    further,
-    shown,
-)
+from lpvobs.engines.throttled import balances
+from lpvobs.engines.throttled.balances import BALANCES, LACKS, NEEDS
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
-from lpvobs.engines.throttled.learning import MOVING
-from lpvobs.engines.throttled.taught import beyond
+from lpvobs.engines.throttled.learning import MOVING, beyond
 from lpvobs.records import Array
 
 CHANNELS = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb", SENSOR)
@@ -46,8 +36,7 @@ SPEED = Nodes(np.arange(600.0, 6601.0, 300.0), "rpm", "engine speed")
 PRESSURE = Nodes(np.array([2e4, 4e4, 6e4, 8e4, 1e5, 1.3e5, 1.6e5, 2e5]), "Pa", "intake manifold pressure")
 OPENING = Nodes(np.array([0.0, 2, 4, 6, 8, 11, 15, 20, 30, 45, 70, 100]), "%", "throttle opening")
 RATIO = Nodes(np.array([0.2, 0.4, 0.6, 0.8, 0.9, 1.0]), "1", "p_im / p_ic")
-BOTTOM = 0.02
-"""Share of its largest value that a corrected pressure keeps at least."""
+BOTTOM = 0.02  # share of its largest value that a corrected pressure keeps at least
 
 
 def pressure_offset(channel: str) -> Change:
@@ -115,11 +104,10 @@ def throttled_model(
     day: DayToDay,
     taught: Collection[str] = (),
 ) -> ResidualModel:
-    """Return a throttled engine as the loop sees it; `taught` are the digests of the logs that it was learned from.
-
-    Its curves are learned, with their covariance; residuals are relative, over blocks, and weighted by what a healthy log leaves.
-    """
-    balances, effects = Imbalances(engine), catalogue(engine)
+    """Return a throttled engine as the loop sees it; `taught` are the digests of the logs that it was learned from."""
+    # Its curves are learned, with their covariance; residuals are relative, over blocks, and weighted by what a healthy log
+    # leaves.
+    imbalances, effects = balances.Imbalances(engine), catalogue(engine)
     nodes = len(learned.names)
     return ResidualModel(
         balances=BALANCES,
@@ -133,17 +121,17 @@ def throttled_model(
         names=learned.names,
         covariance=learned.covariance[:nodes, :nodes],
         with_unknowns=learned.moved,
-        imbalances=balances,
-        by_reading=partial(by_reading, balances),
-        shown=partial(shown, learned),
-        further=partial(further, engine),
+        imbalances=imbalances,
+        by_reading=partial(balances.by_reading, imbalances),
+        shown=partial(balances.shown, learned),
+        further=partial(balances.further, engine),
         catalogue=effects,
         carriers=("maf.gain", "maf.offset", "eta_vol.factor"),
         curves=curves(effects),
         blocks=True,
         levels=levels_of(day, BALANCES, "1", effects),
-        by_unknowns=partial(by_curves, engine),
-        blur=partial(blur, balances),
+        by_unknowns=partial(balances.by_curves, engine),
+        blur=partial(balances.blur, imbalances),
         beyond=partial(beyond, engine, learned, taught),
         healthy=healthy,
     )

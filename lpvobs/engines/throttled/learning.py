@@ -7,10 +7,11 @@ Over every block, with s = dp / (R T) the mean storage per volume,
     sum_j fuel_j <h_j m_f n n_cyl / 120>        + V_ic s_ic + V_im s_im   = <W_maf>      (fuel)
 
 with h_j the interpolation weights of the nodes. The sensor is taken for right, so a constant error of the sensor on that very log
-goes into the curves. Unknowns are relative to a first guess; second differences from node to node are small beforehand.
+goes into the curves. Unknowns are relative to a first guess; second differences from node to node are small beforehand. What the
+engine says of parts of the logs that it was not learned from gives its errors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,26 +19,23 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
 from lpvobs.engines.curves import roughness, slopes, surface_roughness
-from lpvobs.engines.healthy import QUANTILES, TAIL
+from lpvobs.engines.effects import Signals
+from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, parts_of, pooled
 from lpvobs.engines.throttled import relations as relation
+from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, shown
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
-LEAST_FLOW = 5e-4
-"""[kg/s] Flow below which a relative error says nothing."""
+LEAST_FLOW = 5e-4  # [kg/s] Flow below which a relative error says nothing
 LEAST_BLOCKS = 60
 CALM = 0.15
 """Share of the largest flow of the healthy logs below which the air before the throttle is at ambient pressure."""
-MOVING = ("p_im", "n_e", "W_maf")
-"""Channels whose fast changes blur every balance."""
+MOVING = ("p_im", "n_e", "W_maf")  # channels whose fast changes blur every balance
 PASSES = 8
-LOOSE = 0.5
-"""Standard deviation of the relative first difference between neighbouring nodes, and of the level."""
-FIRST_ERROR = 0.05
-"""Relative error of a balance that the first fit assumes."""
-SHARED = 3.0
-"""Neighbouring blocks that share an error and are not independent."""
+LOOSE = 0.5  # standard deviation of the relative first difference between neighbouring nodes, and of the level
+FIRST_ERROR = 0.05  # relative error of a balance that the first fit assumes
+SHARED = 3.0  # neighbouring blocks that share an error and are not independent
 
 
 @dataclass(frozen=True)
@@ -118,10 +116,8 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
 
 
 def _injector(m_f: Array, columns: Array) -> Array:
-    """Return the air per unit of the fuel reading of an injector with a dead time: air = k (m_f - m_0) at a constant mixture.
-
-    Robust in k and k m_0, which enter the balance linearly; shape (nodes,).
-    """
+    """Return the air per unit of the fuel reading of an injector with a dead time: air = k (m_f - m_0) at a constant mixture."""
+    # Robust in k and k m_0, which enter the balance linearly; shape (nodes,).
     X = np.stack([columns.sum(1), -(columns / m_f).sum(1)], axis=1)
     weight = np.ones(X.shape[0])
     for _ in range(PASSES):
@@ -147,10 +143,8 @@ def _by_node(columns: Array) -> Array:
 
 
 def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return relative deviations from the guesses and their covariance.
-
-    Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
-    """
+    """Return relative deviations from the guesses and their covariance."""
+    # Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
     g = engine.geometry
     size = sum(b.guess.size for b in balances) + 2
     volume = np.array([g.V_ic, g.V_im])
@@ -211,4 +205,69 @@ def _learned(
         covariance=covariance / np.outer(now, now),
         sources=sources,
         calm_flow=calm_flow,
+    )
+
+
+def without_each_part(engine: ThrottledEngine, logs: Sequence[Log], i: int) -> Iterator[tuple[Learned, int]]:
+    """Yield, for each part of log i in turn, the engine learned from everything else, and the number of the part."""
+    parts = [parts_of(blocks_of(log).time) for log in logs]
+    for part in range(FOLDS):
+        use = [np.asarray(own != part if k == i else np.ones(own.size, dtype=bool)) for k, own in enumerate(parts)]
+        yield learn(engine, logs, use), part
+
+
+def errors_of(engine: ThrottledEngine, logs: Sequence[Log]) -> HealthyErrors:
+    """Return how wrong the balances of healthy logs are on parts that taught the engine nothing."""
+    whole, balances = learn(engine, logs), Imbalances(engine)
+    parts = []
+    for i, log in enumerate(logs):
+        blocks, signals = blocks_of(log), recorded(log, whole)
+        residual = np.zeros((len(BALANCES), blocks.count))
+        for learned, part in without_each_part(engine, logs, i):
+            out = parts_of(blocks.time) == part
+            residual[:, out] = balances(learned, signals, blocks)[:, out]
+        fast = transience_of(blocks, log.channels, MOVING)
+        parts.append((residual, shown(whole, signals, blocks), fast, blocks.time // CHUNK))
+    return pooled(parts)
+
+
+def beyond(
+    engine: ThrottledEngine,
+    learned: Learned,
+    taught: Collection[str],
+    logs: Sequence[Log],
+    s: Signals,
+    blocks: Blocks | None,
+) -> Array:
+    """Return what the engine learned without each part in turn says beyond the whole, on logs that taught it, shape (4, K)."""
+    if blocks is None:
+        raise ValueError("the balances of a throttled engine are drawn up over blocks")
+    out, balances = np.zeros((len(BALANCES), blocks.count)), Imbalances(engine)
+    own = [log for log in logs if log.sha256 in taught]
+    middle = blocks.time + s.clock[0]
+    begins: NDArray[np.float64] = np.unique(s.clock - s.time)
+    number = np.searchsorted(begins, middle, side="right") - 1
+    for i, log in enumerate(own):
+        here = number == list(logs).index(log)
+        part_of = parts_of(middle - begins[number])
+        whole = balances(learned, s, blocks)
+        for other, part in without_each_part(engine, own, i):
+            on = here & (part_of == part)
+            out[:, on] = (balances(other, s, blocks) - whole)[:, on]
+    return out
+
+
+def recorded(log: Log, learned: Learned) -> Signals:
+    """Return a log as its channels are, every sample once."""
+    since = log.time - log.time[0]
+    still = np.zeros(len(log))
+    return Signals(
+        time=since,
+        clock=since,
+        value=log.channels,
+        rate=dict.fromkeys(log.channels, still),
+        lacks=np.tile(np.array(list(LACKS.values()))[:, None], (1, len(log))),
+        later=lambda _: still,
+        slow=lambda _: still,
+        constants=learned,
     )

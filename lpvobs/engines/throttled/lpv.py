@@ -15,10 +15,9 @@ import numpy as np
 
 from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
 from lpvobs.engines.channels import AMBIENT, Channel
-from lpvobs.engines.knowledge import Knowledge
+from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
-from lpvobs.engines.throttled.known import knowledge_of, learned_of
+from lpvobs.engines.throttled.constants import Learned, ThrottledEngine, knowledge_of, learned_of
 from lpvobs.engines.throttled.learning import learn
 from lpvobs.engines.unknowns import Caution
 from lpvobs.errors import UsageError
@@ -28,8 +27,7 @@ STATES = ("p_ic", "p_im", "W_c")
 BALANCES = ("throttle", "filling", "fuel")
 CONSTANTS = ("A_th", "eta_vol", "k_fuel", "V_ic", "V_im")
 """Names of the uncertain constants: the level of each curve, and the volumes."""
-UNSURE = 1e-4
-"""Weight of the fuel's balance in the map: idle of the real engine is not stoichiometric."""
+UNSURE = 1e-4  # weight of the fuel's balance in the map: idle of the real engine is not stoichiometric
 LEVEL_TOLERANCE = 0.01
 """Of one of which the configuration says nothing: from one day to another a learned curve holds to a hundredth."""
 
@@ -86,10 +84,8 @@ class Throttled(AsKnown):
         return {**vars(air), **vars(geometry)}
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
-        """Return the ranges of a_ic = R_a T_ic / V_ic and a_im = R_a T_ic / V_im [J/(kg m^3)].
-
-        Before the volumes are learned they may be off by their tolerance.
-        """
+        """Return the ranges of a_ic = R_a T_ic / V_ic and a_im = R_a T_ic / V_im [J/(kg m^3)]."""
+        # Before the volumes are learned they may be off by their tolerance.
         low, high = temperatures["T_ic"]
         R, g = self.engine.air.R_a, self.engine.geometry
         if self.learned is None:
@@ -146,11 +142,9 @@ class Throttled(AsKnown):
     def balances(
         self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
     ) -> Balances:
-        """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants.
-
-        Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows are
-        linear in the constants.
-        """
+        """Return the flow past the sensor from throttle, filling and fuel, and what each owes to the uncertain constants."""
+        # Each is the flow at its place plus what the volumes between sensor and place store; slopes are exact, the flows
+        # are linear in the constants.
         learned, x = self._known(), log.channels
         RT = self.engine.air.R_a * x["T_ic"]
         in_ic, in_im = learned.V_ic * rates["p_ic"] / RT, learned.V_im * rates["p_im"] / RT

@@ -12,8 +12,7 @@ from lpvobs.engines.curves import Weights, on_line, on_surface, values_at
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
 from lpvobs.records import Array
 
-NEARLY_EQUAL = 0.999
-"""Pressure ratio at which the flow function is held: its slope is infinite at one."""
+NEARLY_EQUAL = 0.999  # pressure ratio at which the flow function is held: its slope is infinite at one
 Channels = Mapping[str, Array]
 
 
@@ -32,10 +31,8 @@ def throttle_per_area(engine: ThrottledEngine, x: Channels) -> Array:
 
 
 def swept(engine: ThrottledEngine, x: Channels) -> Array:
-    """Return the flow into cylinders that fill wholly, p_im n V_d / (120 R T_ic) [kg/s].
-
-    The temperature before the throttle stands for that in the manifold; heat picked up on the way is part of eta_vol.
-    """
+    """Return the flow into cylinders that fill wholly, p_im n V_d / (120 R T_ic) [kg/s]."""
+    # The temperature before the throttle stands for that in the manifold; heat picked up on the way is part of eta_vol.
     return np.asarray(x["p_im"] * x["n_e"] * engine.geometry.V_d / (120.0 * engine.air.R_a * x["T_ic"]))
 
 

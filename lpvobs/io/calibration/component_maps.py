@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvobs.calibration.bench import Table, rows_of
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.bounds import Within
+from lpvobs.engines.constants import Within
 from lpvobs.engines.unknowns import ComponentMap, unknowns_of
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import read_dcm_map

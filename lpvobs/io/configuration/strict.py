@@ -15,7 +15,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from lpvobs.engines.bounds import Within
+from lpvobs.engines.constants import Within
 from lpvobs.errors import UsageError
 
 Record = TypeVar("Record")

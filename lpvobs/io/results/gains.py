@@ -15,7 +15,7 @@ from lpvobs.io.results.hdf import creating, reading
 from lpvobs.io.results.mapping import fields, read, write
 from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.records import Array, Item
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.region import Region
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.knowledge import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, write_group
 from lpvobs.io.results.mapping import read, write

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from reference import diesel_textbook as textbook
 from repository import CONFIGS
 
-from lpvobs.engines.diesel import forms
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import COMPRESSOR_FORMS, TURBINE_FORMS, constants_of, own_constants
 from lpvobs.engines.diesel.lpv import Diesel
@@ -58,9 +57,9 @@ def test_an_ellipse_off_the_origin_satisfies_its_equation(truck):
     a = np.polyval([c.c_w_psi1, c.c_w_psi2, c.c_w_psi3], omega_t)
     b = np.polyval([c.c_w_phi1, c.c_w_phi2, c.c_w_phi3], omega_t)
     for Psi in np.linspace(0.1, 0.1 + 0.99 * a**-0.5, 7):
-        Phi = forms.flow_coefficient(c, Psi, omega_t)
+        Phi = relation.flow_coefficient(c, Psi, omega_t)
         assert a * (Psi - 0.1) ** 2 + b * (Phi - 0.02) ** 2 == pytest.approx(1.0, rel=1e-12)
-    assert forms.flow_coefficient(c, 0.1 + 1.01 * a**-0.5, omega_t) == 0.02  # stall
+    assert relation.flow_coefficient(c, 0.1 + 1.01 * a**-0.5, omega_t) == 0.02  # stall
 
 
 def test_no_speed_makes_the_flow_infinite(truck):
@@ -73,8 +72,8 @@ def test_no_speed_makes_the_flow_infinite(truck):
 
 def test_the_loss_begins_at_its_speed(truck):
     c = constants_of(truck)
-    assert forms.turbine_loss(c, 0.99 * c.c_m2) == 0.0
-    assert forms.turbine_loss(c, 3.0 * c.c_m2) == pytest.approx(c.c_m1 * (2.0 * c.c_m2) ** c.c_m3)
+    assert relation.turbine_loss(c, 0.99 * c.c_m2) == 0.0
+    assert relation.turbine_loss(c, 3.0 * c.c_m2) == pytest.approx(c.c_m1 * (2.0 * c.c_m2) ** c.c_m3)
 
 
 def test_an_engine_has_the_constants_of_its_own_forms(truck, engine):

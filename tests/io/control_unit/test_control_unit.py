@@ -22,8 +22,7 @@ from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.control_unit.sources import Unit, sources
 from lpvobs.io.results.gains import StoredGain, read_gain
-from lpvobs.synthesis.certificate import Certificate
-from lpvobs.synthesis.gain import Gain
+from lpvobs.synthesis.certificate import Certificate, Gain
 from lpvobs.synthesis.region import Region
 
 HERE = Path(__file__).parent

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.throttled.constants import Learned
-from lpvobs.engines.throttled.known import knowledge_of, learned_of
+from lpvobs.engines.throttled.constants import Learned, knowledge_of, learned_of
 from lpvobs.errors import DataError
 from lpvobs.io.results.learned import Learning, read_learned, write_learned
 
