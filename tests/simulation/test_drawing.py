@@ -5,7 +5,7 @@ import pytest
 
 from lpvobs.engines.diesel.constants import own_constants
 from lpvobs.errors import UsageError
-from lpvobs.simulation.plants import GIVEN, drawn
+from lpvobs.simulation.simulate import GIVEN, drawn
 
 
 def test_all_constants_are_drawn_within_the_tolerance(config):
