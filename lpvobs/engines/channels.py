@@ -46,11 +46,11 @@ class Recorded:
     # [unit], where the median of a drive lies; narrower than `Channel.typical`, because it has to tell units apart
     typical: tuple[float, float]
     units: tuple[str, ...]  # what recordings write it in, where they do not say
-    strong: str  # regular expression for names in lower-case words that mean this channel alone
+    # names that mean this channel alone, as phrases `a b, c` of the words of `ingest/words.toml` in any order
+    means: str = ""
+    may: str = ""  # the same for names that hold these words, and none of those behind a `-`, and may mean it
+    strong: str = r"(?!)"  # regular expression for whole names in lower-case words that mean this channel alone
     weak: str = r"(?!)"  # the same for names that may mean it
-    # regular expression for the short names of control units, as they are written: a part, `_`, a letter of the quantity,
-    # and what is meant of it. Names of wanted, limited or controlled values are none.
-    codes: str = r"(?!)"
 
 
 PRESSURE, TEMPERATURE, SPEED, SHARE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC"), ("rpm", "rad/s"), ("%", "1")
@@ -61,54 +61,48 @@ COMMON: dict[str, Recorded] = {
         "rpm",
         (500, 5000),
         SPEED,
-        r"n e|ne|n eng|r.gime moteur|n mot|nmot( w)?|eng(ine)? (speed|rpm)|motordrehzahl|rpm|drehzahl|"
-        r"(engine )?revs|dzm nmit",
-        r"n|speed|.*régime.*|engine.*(speed|rpm).*|.*motordrehzahl.*",
-        r"(Epm|Eng|CoEng|EngSpd|EngN|CrS)\w*_n(Eng|Avrg|EngAvrg|Act)?\w*",
+        "engine speed, revs, engine revs, motor revs",
+        "speed -turbo -turbine -boost -compressor, revs -turbo -turbine -boost -compressor",
+        r"n ?e|n ?mot w|drehzahl|dzm nmit",
+        r"n|n ?\d+|vel motor",
     ),
     "p_im": Recorded(
         "Pa",
         (2e4, 4e5),
         PRESSURE,
-        r"p im|pim|p (intake )?manifold|p lade|(eng(ine)? )?(intake|"
-        r"inlet) mani(fold)? ?1? ?(abs(olute)? )?press(ure)?( a)?|map|ps w|ldm p llin|"
-        r"manifold (absolute )?press(ure)?|pression (de )?suralimentation( mesurée)?|(charge|"
-        r"boost) press(ure)? (actual|absolute)|(saugrohr|ladeluft)druck( (ist|absolut|abs))*|ladedruck (ist|absolut)",
-        r"p ?(2|22|int|man|boost).*|bpscd.*|.*pression.*(admission|suralim).*|.*(boost|charge).*press.*|"
-        r".*ladedruck.*|.*manifold.*press.*|pvdkd?s( w)?|map .*",
-        r"Air_p(IntkV|IntkMnf|IntMnf|CACDs)\w*|(PIntk|IntMnf|IntkMnf|IntkP|BstP|BoostP|PBst|ChrgP)\w*_p\w*|"
-        r"PCR(CD)?_p(Act|Flt)\w*",
+        "intake manifold pressure, manifold pressure, boost pressure actual, boost pressure absolute, "
+        "intake valve before pressure",
+        "intake pressure -turbine -compressor, manifold pressure -exhaust, boost -speed -temp -position -flow -mass -revs, "
+        "turbo pressure -exhaust -before -after, intercooler pressure",
+        r"p ?im|p lade|ps w|ldm p llin",
+        r"ep ?im|p ?(2|22|2s|int|man).*|bpscd.*|pvdkd?s( w)?|put( .*)?",
     ),
     "p_amb": Recorded(
         "Pa",
         (5.5e4, 1.1e5),
         PRESSURE,
-        r"p ?amb|p ?atm(ospheric)?|p (baro|umg)|pression atmosph.rique|(abs(olute)? )?(ambient|baro(metric)?|"
-        r"atmospheric) pres(s(ure)?)?( from vehicle)?|"
-        r"(umgebungs|luft|atmosphären|atmosphaeren)druck|baro|pu( w)?",
-        r"p ?(0|atm|env).*|bpscd.*|apscd.*|.*baro.*|.*(ambient|atmos).*pres.*|.*(umgebung|atmosph).*druck.*",
-        r"Env(P|Prs)?\w*_p\w*",
+        "ambient pressure",
+        "ambient pressure",
+        r"p ?a(mb|tm)|pu( w)?|abs baro pres(s(ure)?)?",
+        r"p ?(0|1)( .*)?|p(a|u)( .*)?|bpscd.*|apscd.*|(anm|ldm) ?adf|luftdruck|air press(ure)?",
     ),
     "T_amb": Recorded(
         "K",
         (220, 330),
         TEMPERATURE,
-        r"t ?amb|t umg|tha|aat|temp.rature (air )?(ext.rieure|ambiante)|(ambient|outside) (air )?temp(erature)?|"
-        r"(umgebungs|aussen|außen)(luft)?temp(eratur)?|tumg( w)?",
-        r"t ?(0|1|env).*|.*(ambient|outside).*temp.*|.*(umgebung|au(ss|ß)en).*temp.*|t at maf|.*\bafs\b.*temp.*",
-        r"Env(T|Tmp)?\w*_t(?!i)\w*|EATS(CD)?_t(?!i)\w*|Air_tEnv\w*",
+        "ambient temp",
+        "ambient temp, air temp -boost -exhaust -manifold -intercooler, air mass flow temp",
+        r"t ?amb|tha|tumg( w)?",
+        r"t ?(0|1)( .*)?|t(a|u)( .*)?|t at maf|anm ?utf",
     ),
     "W_maf": Recorded(
         "kg/s",
         (5e-4, 0.5),
         ("kg/s", "g/s", "kg/h"),
-        r"w ?maf|lmm|ga|fa mass|d.bit massique d air|fresh air (mass )?flow|maf( air)?( flow)?( rate)?|"
-        r"(mass air|(inlet |intake )?air mass) ?flow( rate| sensor)?|hfm|"
-        r"ml( hfm)?( w)?|mshfm( w)?|"
-        r"air flow rate( from mass (air )?flow sensor)?|(eng(ine)? )?(inlet|intake) air mass flow( rate)?|"
-        r"luftmassen?(strom|durchsatz|fluss)?( ist)?|luftmassenmesser",
-        r".*\b(maf|air ?flow|airmass|luft)\b.*|.*luftmasse.*|.*air mass.*",
-        r"(AFS|AFSCD|HFM|MAF|Hfm)\w*_dm\w*",
+        "air mass flow, air flow, intake mass flow, intake air flow",
+        "air flow -exhaust -egr -fuel, mass flow -exhaust -egr -fuel, air mass -exhaust -egr -fuel, air speed mass",
+        r"w ?maf|ga|fa mass|ml( hfm)?( w)?|mshfm( w)?",
+        r".*\b(maf|luft)\b.*|(m|q|g|gn|w|wl|qm|qml|dml?) ?(a|l|air|luft|maf|dot)?|d?m ?(dot )?(air|l|luft)( .*)?",
     ),
 }
 """Channels of every engine."""

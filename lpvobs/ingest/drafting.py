@@ -10,14 +10,17 @@ import numpy as np
 
 from lpvobs.ingest.clocks import Stamps, stamps
 from lpvobs.ingest.formats import open_recording, sniff
-from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, normalised, own_names
+from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, own_names
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head, as_numbers
 from lpvobs.ingest.resample import median_step
+from lpvobs.ingest.words import normalised
 from lpvobs.records import Array
 
-TIMES = re.compile(r"t|time|zeit|timestamp|time stamp|t s|zeitstempel|elapsed( time)?|t (fast|slow)|time (fast|slow)")
+TIMES = re.compile(
+    r"t|time|zeit|temps|timestamp|time stamp|t s|zeitstempel|elapsed( time)?|t (fast|slow)|time (fast|slow)"
+)
 IN_TURN = 0.95
 """Share of the changes in their column's turn from which a recording counts as polled."""
 MOST_COLUMNS = 400

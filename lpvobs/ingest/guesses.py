@@ -12,17 +12,12 @@ from lpvobs.engines.channels import COMMON, Recorded
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.ingest.recordings import Head
+from lpvobs.ingest.words import bare, fits, meanings, normalised
 from lpvobs.io.configuration.strict import read_text
-from lpvobs.io.logs.units import canonical, convert
+from lpvobs.io.logs.units import canonical, convert, unit_of
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
-IN_FULL = {
-    "prs": "press", "pres": "press", "intk": "intake", "int": "intake", "man": "manifold", "mani": "manifold", "spd": "speed",
-    "exh": "exhaust", "amb": "ambient", "tmp": "temp", "vlv": "valve", "qty": "quantity",
-}  # fmt: skip
-NOT_MEASURED = re.compile(r"(Des|Set|Req|Lim|Max|Min|Dvt|Gov|Soll|Nom|Mon)(?!UnBal)")
-"""What short names of control units call wanted, limited and controlled values."""
 
 
 def known_channels() -> Mapping[str, Recorded]:
@@ -41,42 +36,6 @@ class Guess:
     # as the file says it; else the one of its kind in which the median is typical; empty where none or several are
     unit: str
     reasons: tuple[str, ...]
-
-
-def normalised(name: str) -> str:
-    """Return a name in lower-case words.
-
-    Examples
-    --------
-    >>> normalised("EngineSpeed_filt"), normalised("meas.p_im"), normalised("W_maf")
-    ('engine speed filt', 'p im', 'w maf')
-    """
-    last = re.split(r"[.:](?=\w)", bare(name))[-1]
-    split = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=\d)(?=[A-Z][a-z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", last)
-    words = " ".join(re.sub(r"[\W_]+", " ", split.lower()).split())
-    return re.sub(r"^(s\d+ )?pid [0-9a-f]{2} | g\d{2,3}$", "", words)
-
-
-def spelled_out(words: str) -> str:
-    """Return words with the usual abbreviations in full.
-
-    Examples
-    --------
-    >>> spelled_out("intk man prs")
-    'intake manifold press'
-    """
-    return " ".join(IN_FULL.get(word, word) for word in words.split())
-
-
-def bare(name: str) -> str:
-    """Return a name without what measurement systems add: the device behind a backslash, an index in brackets.
-
-    Examples
-    --------
-    >>> bare("AFS_dm" + chr(92) + "XCP:1"), bare("LSU_rLam_[0]"), bare("EnvP_p")
-    ('AFS_dm', 'LSU_rLam', 'EnvP_p')
-    """
-    return re.sub(r"(\\[^\\]*|_?\[\d+\])+$", "", name.strip())
 
 
 def own_names(path: Path) -> dict[str, str]:
@@ -111,15 +70,14 @@ def guess(
     The channel is one of `known_channels`; values, shape (N,), are as recorded, NaN where there is none. What `own_names` says of
     a name comes first.
     """
-    known, name = known_channels()[channel], normalised(head.name)[:LONGEST_NAME]
-    code = bare(head.name).rsplit(".", 1)[-1][:LONGEST_NAME]
-    short = re.fullmatch(known.codes, code) is not None
-    spellings = {name, spelled_out(name)}
-    named = any(re.fullmatch(known.strong, text) for text in spellings)
-    strong = named or (short and NOT_MEASURED.search(code) is None)
-    said = own.get(bare(head.name))
-    strong = said == channel if said else strong and channel not in own.values()
-    if not strong and (said or not (short or named or any(re.fullmatch(known.weak, text) for text in spellings))):
+    known, name = known_channels()[channel], normalised(head.name[:LONGEST_NAME])
+    words, said = meanings(head.name[:LONGEST_NAME]), own.get(bare(head.name))
+    meant = "wanted" not in words[-1] and any(fits(known.means, part, True) for part in words)
+    named = re.fullmatch(known.strong, name) is not None or meant
+    held = any("elsewhere" not in part and fits(known.may, part, False) for part in words)
+    may = re.fullmatch(known.weak, name) is not None or held
+    strong = said == channel if said else named and channel not in own.values()
+    if not strong and (said or not (named or may)):
         return None
     how = "means that by your own table" if said else "means that" if strong else "may mean that"
     reasons = [f"the name '{head.name}' {how}"]
@@ -127,6 +85,8 @@ def guess(
     if finite.size == 0:
         return Guess(channel, column, False, bool(head.unit), head.unit, (*reasons, "but it holds no number"))
     middle = float(np.median(finite))
+    if head.unit and not _readable(head.unit):
+        return Guess(channel, column, False, False, "", (*reasons, f"but nobody here knows the unit '{head.unit}'"))
     if head.unit:
         typical = _typical(known, middle, head.unit)
         if typical is None:
@@ -149,6 +109,13 @@ def _typical(known: Recorded, middle: float, unit: str) -> bool | None:
     except ValueError:
         return None
     return known.typical[0] <= value <= known.typical[1]
+
+
+def _readable(unit: str) -> bool:
+    try:
+        return bool(unit_of(unit)) or True
+    except ValueError:
+        return False
 
 
 def kind_of(unit: str) -> list[str]:

@@ -9,53 +9,49 @@ SHARED: Mapping[str, Recorded] = {
         "mg/cycle",
         (1, 120),
         ("mg/cycle",),
-        r"u ?delta|fuel stroke|d.bit (d )?injection|einspritzmenge( (ist|ges|gesamt|aktuell))?|inj(ection|"
-        r"ected)? (fuel )?(qnt|qty|quantity)|mrm (eakt|emot)|"
-        r"(total |injected |actual )?fuel (inj(ection)? )?(qnt|qty|quantity)( .*)?|cyl(inder)? fuel rate",
-        r".*(fuel|inj|carburant|kraftstoff|einspritz).*",
-        r"InjSys_q(Tot|Act)?(_mp|_r32)?|InjCtl_qSetUnBal|InjCrv_qTot\w*",
+        "fuel quantity, injection quantity, fuel injection quantity, fuel quantity total, injection quantity total, "
+        "fuel injection quantity total, fuel stroke, injection stroke, fuel quantity stroke, injection quantity stroke",
+        "fuel -speed -revs, injection -speed -revs, quantity -air",
+        r"u ?delta|d.bit (d )?injection|mrm (eakt|emot)|cyl(inder)? fuel rate|inj ctl q set un bal|inj crv q tot",
+        r"mf|mf? ?(tot|fuel|f|e|inj|einspr).*|q ?(f|e|inj|tot|act|fuel|einspr).*|mr[mo].*|total fuelling",
     ),
     "u_egr": Recorded(
         "%",
         (-5, 105),
         SHARE,
-        r"u ?egr|(egr|agr) lift act|(eng(ine)? )?exhaust gas recirculation valve ?1? pos(ition)?|(egr|"
-        r"agr) istwert|(eng(ine)? )?(egr|agr) ?1? ?(valve ?1?|ventil)? ?(act(ual)? )?(pos(ition)?|opening|lift|"
-        r"stellung|öffnung|oeffnung|hub)"
-        r"( (ist|act(ual)?|feedback))?|actual egr( duty cycle)?",
-        r".*\b(egr|agr)\b.*|.*recirculation.*|.*(agr|egr).*(ventil|valve|rate).*|.*abgasrück.*",
-        r"EGRVlv(HP)?_r(Act|ActFlt)?(_mp|_r32)?|(EGR|AGR)\w*_r(Act|Flt)\w*",
+        "egr position, egr valve position, egr valve, egr actual, egr actuator position, egr valve actuator position",
+        "egr -temp -pressure -mass -speed, egr mass position",
+        r"u ?egr|(egr|agr) istwert|actual egr( duty cycle)?",
+        r"ehm f?ars?|.*(egr|agr)(pos|act|r)?",
     ),
     "p_em": Recorded(
         "Pa",
         (6e4, 6e5),
         PRESSURE,
-        r"p ?em|p exhaust manifold|p abgas v(or)? t(urbine)?|"
-        r"(eng(ine)? )?exhaust mani(fold)? (absolute )?press(ure)?|press(ure)? before turbine|"
-        r"(abgas)?druck vor (der )?turbine",
-        r"p ?(3|31|exh).*|.*exhaust.*press.*|.*abgas.*druck.*",
-        r"Exh_p(TrbnUs|ExhMnf|Mnf)\w*|(ExhMnf|PExhMnf|TrbnUs)\w*_p\w*",
+        "exhaust manifold pressure, exhaust turbine before pressure, turbine before pressure, exhaust turbo before pressure, "
+        "turbine intake pressure",
+        "exhaust pressure -after, turbine pressure -after, turbo before pressure",
+        r"p ?em|p abgas v t",
+        r"p ?(3|31|exh|ex|abg).*",
     ),
     "T_im": Recorded(
         "K",
         (230, 420),
         TEMPERATURE,
-        r"t ?im|t intake manifold|t lade|thim|mct|(eng(ine)? )?(intake|"
-        r"inlet) mani(fold)? ?1? ?(air )?temp(erature)?|(saugrohr|"
-        r"ladeluft)temp(eratur)?|tans( w)?",
-        r"t ?(2|22|int).*|iatscd.*|.*temp.rature.*admission.*|iat|intake air temp(erature)?|(charge|"
-        r"boost) air.*temp.*|.*ansaug.*temp.*|.*(manifold|"
-        r"ladeluft).*temp.*",
-        r"Air_t(CACDs|IntkV|IntkMnf|IntMnf)\w*|(IntMnf|IntkMnf|IntkVT|CACDsT)\w*_t(?!i)\w*",
+        "intake manifold temp, manifold temp, boost temp manifold, intercooler after temp, intake valve before temp",
+        "intake temp -turbine -exhaust -compressor, manifold temp -exhaust, boost temp -turbine, intercooler temp, "
+        "turbo temp -exhaust -turbine, air temp -ambient -exhaust",
+        r"t ?im|t lade|thim|tans( w)?|ladelufttemp(eratur)?( (ist|sensor))?",
+        r"t ?(2|22|2s|int|man).*|iatscd.*|anm ?ltf|thia?|air temp(erature)?|lufttemperatur",
     ),
     "T_em": Recorded(
         "K",
         (300, 1300),
         TEMPERATURE,
-        r"t ?em|t exhaust manifold|t abgas v(or)? t(urbine)?|exhaust manifold temp(erature)?|"
-        r"(exhaust )?(gas )?temp(erature)? before turbine|abgastemp(eratur)? vor "
-        r"(turbine|turbo(lader)?)",
-        r"t ?(3|31|exh).*|egt.*|.*exh(aust)?.*temp.*|.*abgas.*temp.*|.*exh gas temp.*",
-        r"Exh_t(TrbnUs|ExhMnf|Mnf)\w*|(ExhMnf|TrbnUs)\w*_t(?!i)\w*",
+        "exhaust manifold temp, exhaust turbine before temp, turbine before temp, exhaust turbo before temp, "
+        "turbine intake temp, turbo turbine intake temp, exhaust turbine intake temp",
+        "exhaust temp -after, turbine temp -after, turbo before temp",
+        r"t ?em|t abgas v t",
+        r"t ?(3|31|exh|ex|abg).*",
     ),
 }

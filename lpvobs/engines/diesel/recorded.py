@@ -11,19 +11,18 @@ RECORDED: Mapping[str, Recorded] = {
         "%",
         (-5, 105),
         SHARE,
-        r"u ?vgt|(eng(ine)? )?(vgt|vtg|vnt|turbo vane) ?1? ?(act(uator|ual)? ?1? )?(pos(ition)?|opening|"
-        r"stellung)( ist)?",
-        r".*\b(vgt|vtg|vnt|vane)\b.*|.*ladedruck(steller|regel).*|.*variable geometry.*",
-        r"(TrbCh|TrbChrg|VGT|VTG|TrbVtg)\w*_r(Act|ActFlt)?(_mp|_r32)?",
+        "vgt position, vgt actuator, vgt actual, vgt actuator position, turbo position actual, turbo boost position actual",
+        "vgt -temp -pressure -speed, turbo position, boost position, turbo actuator, boost actuator, turbo valve",
+        r"u ?vgt|(eng(ine)? )?turbo vane ?1? position",
+        r"ladedruck(steller|regel).*",
     ),
     "omega_t": Recorded(
         "rad/s",
         (300, 3e4),
         SPEED,
-        r"omega t|nt|n turbo|n atl|(eng(ine)? )?turb(o|ine|ocharger|o charger) ?1? ?(speed|rpm)|n (turb|tc)|"
-        r"(turbolader|turbinen|"
-        r"lader)drehzahl",
-        r".*(turbo|turbine|charger|lader).*(speed|rpm|drehzahl).*",
-        r"(TrbChrg|TrbCh|Trbn|Trb|TCSpd)\w*_n\w*",
+        "turbo speed, turbo boost speed, turbo revs, turbo boost revs, boost speed",
+        "turbo speed, turbo revs, turbine speed, turbine revs, boost speed, boost revs, compressor speed, compressor revs",
+        r"omega t|nt",
+        r"n ?t(urb.*)?",
     ),
 }

@@ -11,10 +11,7 @@ RECORDED: Mapping[str, Recorded] = {
         "1",
         (0.8, 12),
         ("1",),
-        r"(exhaust )?lambda( e| exhaust| ist| act)?|lamsoni?( w)?|"
-        r"o2 sensor ?1? (wide range )?(equivalence ratio|lambda)|"
-        r"lambda sensor",
-        r".*(lambda|\blam\b|\bafr\b|equivalence|air fuel).*",
-        r"(LSU|Lsu|LamSnsr|LamS|O2S)\w*_(rLam|lam)\w*",
+        "lambda, lambda sensor, lambda exhaust, lambda position, lambda sensor position, oxygen lambda, oxygen lambda ratio",
+        "lambda, oxygen -mass, afr, fuel air ratio",
     ),
 }

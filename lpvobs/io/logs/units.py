@@ -17,19 +17,24 @@ if TYPE_CHECKING:
 # What measurement systems write, and pint reads as something else or not at all. Keys in lower case; upper and lower case are told
 # apart only where a letter's size is a factor of its own (mPa and MPa, pA and Pa stay what they are).
 _FIELD_SPELLINGS = (
-    dict.fromkeys(("1/min", "/min", "tr/min", "min^-1", "min-1", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm")
+    dict.fromkeys(
+        ("1/min", "/min", "tr/min", "min^-1", "min-1", "min⁻¹", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm"
+    )
     | {
         f"mg/{word}": "mg/cycle"
-        for word in ("cycle", "cyc", "stroke", "str", "stk", "hub", "asp", "zyklus", "zyk", "coup", "h")
+        for word in re.findall(r"\w+", "cycle cyc stroke str st stk hub asp zyklus zyk zyl coup h inj injection i c")
     }
     | {f"mg/({word})": "mg/cycle" for word in ("cycle", "stroke")}
-    | dict.fromkeys(("-", "--", "[-]"), "1")
+    | dict.fromkeys(("-", "--", "[-]", "λ", "lambda"), "1")
+    | {f"{unit}{mark}": unit for unit in ("bar", "mbar") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
+    | {f"{unit.lower()}{mark}": unit for unit in ("kPa", "hPa") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
     | dict.fromkeys(("percent", "pct", "prozent"), "%")
     | {
         "kg/h": "kg/h",
         "kg/hr": "kg/h",
         "g/s": "g/s",
         "g/sec": "g/s",
+        "gm/sec": "g/s",
         "kg/s": "kg/s",
         "kg/sec": "kg/s",
         "sec": "s",
