@@ -75,7 +75,7 @@ COMMON: dict[str, Recorded] = {
         "intake pressure -turbine -compressor, manifold pressure -exhaust, boost -speed -temp -position -flow -mass -revs, "
         "turbo pressure -exhaust -before -after, intercooler pressure",
         r"p ?im|p lade|ps w|ldm p llin",
-        r"ep ?im|p ?(2|22|2s|int|man).*|bpscd.*|pvdkd?s( w)?|put( .*)?",
+        r"ep ?im|p ?[ls]|p ?(2|22|2s|int|man).*|bpscd.*|pvdkd?s( w)?|put( .*)?",
     ),
     "p_amb": Recorded(
         "Pa",
@@ -100,7 +100,7 @@ COMMON: dict[str, Recorded] = {
         (5e-4, 0.5),
         ("kg/s", "g/s", "kg/h"),
         "air mass flow, air flow, intake mass flow, intake air flow",
-        "air flow -exhaust -egr -fuel, mass flow -exhaust -egr -fuel, air mass -exhaust -egr -fuel, air speed mass",
+        "air flow -exhaust -egr -fuel, mass flow -exhaust -egr -fuel, air mass -exhaust -egr -fuel, intake flow",
         r"w ?maf|ga|fa mass|ml( hfm)?( w)?|mshfm( w)?",
         r".*\b(maf|luft)\b.*|(m|q|g|gn|w|wl|qm|qml|dml?) ?(a|l|air|luft|maf|dot)?|d?m ?(dot )?(air|l|luft)( .*)?",
     ),

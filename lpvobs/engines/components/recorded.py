@@ -13,7 +13,7 @@ SHARED: Mapping[str, Recorded] = {
         "fuel injection quantity total, fuel stroke, injection stroke, fuel quantity stroke, injection quantity stroke",
         "fuel -speed -revs, injection -speed -revs, quantity -air",
         r"u ?delta|d.bit (d )?injection|mrm (eakt|emot)|cyl(inder)? fuel rate|inj ctl q set un bal|inj crv q tot",
-        r"mf|mf? ?(tot|fuel|f|e|inj|einspr).*|q ?(f|e|inj|tot|act|fuel|einspr).*|mr[mo].*|total fuelling",
+        r"m[fbk]|me|mf? ?(tot|fuel|f|e|inj|einspr).*|q ?(f|e|inj|tot|act|fuel|einspr).*|mr[mo].*|total fuelling",
     ),
     "u_egr": Recorded(
         "%",
@@ -32,7 +32,7 @@ SHARED: Mapping[str, Recorded] = {
         "turbine intake pressure",
         "exhaust pressure -after, turbine pressure -after, turbo before pressure",
         r"p ?em|p abgas v t",
-        r"p ?(3|31|exh|ex|abg).*",
+        r"tip|p ?(3|31|exh|ex|abg).*",
     ),
     "T_im": Recorded(
         "K",
@@ -42,7 +42,7 @@ SHARED: Mapping[str, Recorded] = {
         "intake temp -turbine -exhaust -compressor, manifold temp -exhaust, boost temp -turbine, intercooler temp, "
         "turbo temp -exhaust -turbine, air temp -ambient -exhaust",
         r"t ?im|t lade|thim|tans( w)?|ladelufttemp(eratur)?( (ist|sensor))?",
-        r"t ?(2|22|2s|int|man).*|iatscd.*|anm ?ltf|thia?|air temp(erature)?|lufttemperatur",
+        r"t ?(2|22|2s|int|man).*|iatscd.*|anm ?ltf|thia?|cat|act|ait|llt|t ?[ls]|air temp(erature)?|lufttemperatur",
     ),
     "T_em": Recorded(
         "K",
@@ -52,6 +52,6 @@ SHARED: Mapping[str, Recorded] = {
         "turbine intake temp, turbo turbine intake temp, exhaust turbine intake temp",
         "exhaust temp -after, turbine temp -after, turbo before temp",
         r"t ?em|t abgas v t",
-        r"t ?(3|31|exh|ex|abg).*",
+        r"tit|t ?(3|31|exh|ex|abg).*",
     ),
 }
