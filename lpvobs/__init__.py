@@ -10,17 +10,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lpvobs.api.calibrate import calibrate
     from lpvobs.api.compare import compare
-    from lpvobs.api.draft_profile import draft_profile
     from lpvobs.api.estimate import estimate
-    from lpvobs.api.export import export
+    from lpvobs.api.export import export, read_map
     from lpvobs.api.export_unit import export_unit
     from lpvobs.api.extrapolate import extrapolate
-    from lpvobs.api.ingest_log import ingest_log
+    from lpvobs.api.ingest_log import draft_profile, ingest_log
     from lpvobs.api.inspect import inspect
-    from lpvobs.api.read_map import read_map
     from lpvobs.api.refine import refine
-    from lpvobs.api.simulate import simulate
-    from lpvobs.api.simulate_bench import simulate_bench
+    from lpvobs.api.simulate import simulate, simulate_bench
     from lpvobs.api.synth_gain import synth_gain
     from lpvobs.api.trace import trace
     from lpvobs.api.track import track
@@ -48,12 +45,14 @@ __all__ = [
     "verify",
     "write_report",
 ]
+ELSEWHERE = {"draft_profile": "ingest_log", "read_map": "export", "simulate_bench": "simulate"}
+"""Modules of `lpvobs.api` for functions that are not in one of their own name."""
 
 
 def __getattr__(name: str) -> Any:
     """Return a function of `lpvobs.api`, loaded on first use: neither the command line nor one room alone pays for it."""
     if name in __all__:
-        return getattr(import_module(f"lpvobs.api.{name}"), name)
+        return getattr(import_module(f"lpvobs.api.{ELSEWHERE.get(name, name)}"), name)
     raise AttributeError(f"module 'lpvobs' has no attribute '{name}'")
 
 

@@ -9,33 +9,24 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
+from lpvobs.api import fleet, healthy, known_engine, pooled, verify
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, some_logs, writing
-from lpvobs.api.fleet import Estimated, Workplace, estimate_fleet, refuse_empty
-from lpvobs.api.healthy import learn_healthy
 from lpvobs.api.jobs import processors
-from lpvobs.api.known_engine import KnownEngine, engine_before
-from lpvobs.api.pooled import contents, usable
-from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import log_names
-from lpvobs.io.logs.reading import read_log, read_references
-from lpvobs.io.results.engines import CalibratedEngine, calibrated_engine
-from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
-from lpvobs.io.results.log_summaries import summary_of, write_agreement, write_balance_agreement
+from lpvobs.io.logs import finding, reading
+from lpvobs.io.results import engines, gains, results
 from lpvobs.io.results.parts import PartsFolder
 from lpvobs.io.results.provenance import Provenance, write_refused
-from lpvobs.io.results.results import write_result
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
+from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
-from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate, estimate_published
 from lpvobs.observer.parts import StateGain
-from lpvobs.observer.rivals import estimate_batch, estimate_ekf
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
@@ -73,7 +64,7 @@ class EstimateOutput:
     refused: Refused
     map: NodeCounts
     scatter: Annotated[float, Meta(description="kg/s, of a node between logs")]
-    agreement: Sequence[Agreement]
+    agreement: Sequence[disagreement.Agreement]
     balance_agreement: BalanceAgreement
     engine: EngineUsed
     doubts: Annotated[Sequence[str], Meta(description="What speaks against logs or engine, a line each.")]
@@ -91,7 +82,7 @@ def estimate(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
-) -> Estimated:
+) -> fleet.Estimated:
     """Estimate the error map of the sensor from logs and write the result.
 
     Raises UsageError for an unknown method, or logs that are there twice; DataError if the gain or none of the logs can be
@@ -139,7 +130,7 @@ def estimate(
             configuration = with_constants(configuration, constants, method)
         workplace = workplace_for(method, len(paths), jobs, scheduler)
         known = used_engine(configuration, calibrated, method)
-        before = engine_before(configuration, paths, None if known is None else known.stored)
+        before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
         stored = gain_for(configuration, paths, given, method, before.air_path)
         done = estimate_logs(
             configuration, text, stored, paths, target, method, progress or silent, workplace, known, before
@@ -149,13 +140,13 @@ def estimate(
     return replace(done, engine=calibrated, headline=says)
 
 
-def used_engine(config: Config, engine: Path | None, method: str) -> CalibratedEngine | None:
+def used_engine(config: Config, engine: Path | None, method: str) -> engines.CalibratedEngine | None:
     """Return the calibrated engine to start from; raises UsageError for a method that knows the configured one alone."""
     if engine is None:
         return None
     if method != "observer" and not config.kind.air_path.learns:
         raise UsageError(f"--method {method}: takes the engine as configured; drop --engine")
-    return calibrated_engine(engine, config.engine_path())
+    return engines.calibrated_engine(engine, config.engine_path())
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -170,15 +161,15 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
 def estimate_logs(
     config: Config,
     config_text: str,
-    stored: StoredGain,
+    stored: gains.StoredGain,
     paths: Sequence[Path],
     out: Path,
     method: str,
     progress: Progress,
-    workplace: Workplace | None = None,
-    engine: CalibratedEngine | None = None,
-    before: KnownEngine | None = None,
-) -> Estimated:
+    workplace: fleet.Workplace | None = None,
+    engine: engines.CalibratedEngine | None = None,
+    before: known_engine.KnownEngine | None = None,
+) -> fleet.Estimated:
     """Estimate the map from logs and write the result.
 
     `before` is what is known of the engine; by default what `engine` and the logs say.
@@ -186,14 +177,14 @@ def estimate_logs(
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
-    names = log_names(paths)
+    names = finding.log_names(paths)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    before = before or engine_before(config, paths, None if engine is None else engine.stored)
+    before = before or known_engine.engine_before(config, paths, None if engine is None else engine.stored)
     air_path = before.air_path
     if method == "observer":
-        place = workplace or Workplace()
+        place = workplace or fleet.Workplace()
         joint = None if air_path.learns else engine
-        done = estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, joint)
+        done = fleet.estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, joint)
     else:
         done = _one_after_another(config, gain, paths, method, progress, air_path)
     digests = {log.name: log.sha256 for log in done.summaries}
@@ -203,40 +194,40 @@ def estimate_logs(
     provenance = Provenance(inputs, config_text)
 
     def further(file: h5py.File) -> None:
-        write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
+        results.write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
         write_refused(file, done.refused)
         if done.agreement:
-            write_agreement(file, scatter=done.scatter, logs=done.agreement)
+            results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
 
-    write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
+    results.write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "").remove()
     if method == "observer":
-        learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
+        healthy.learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
     return done
 
 
 def _one_after_another(
     config: Config, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress, air_path: AirPath
-) -> Estimated:
+) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
     grid = config.grid()
-    logs, refused = usable(paths, partial(read_log, channels=air_path.channels, policies=config.reading))
-    names = log_names(paths)
+    logs, refused = pooled.usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
+    names = finding.log_names(paths)
     logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
     progress(0.5)
-    estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
-    refuse_empty(estimate)
+    estimate = _estimate(config, air_path, grid, gain, pooled.contents(logs), method)
+    fleet.refuse_empty(estimate)
     engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
     doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
     progress(0.9)
     summaries = tuple(
-        summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
+        results.summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
         for (path, log), run in zip(logs, estimate.runs, strict=True)
     )
-    return Estimated(estimate, summaries, refused, doubts)
+    return fleet.Estimated(estimate, summaries, refused, doubts)
 
 
 def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
@@ -247,7 +238,7 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
     return watched.sums
 
 
-def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workplace:
+def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> fleet.Workplace:
     """Return where logs are done: here by default if they are few, else in one process per processor.
 
     Raises UsageError if both jobs and a scheduler are named, jobs are less than one, or either for a method that goes through
@@ -263,12 +254,12 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
         raise UsageError(f"--jobs {jobs}: expected at least 1")
     if jobs is None:
         jobs = processors() if logs >= MANY else 1
-    return Workplace(jobs, scheduler)
+    return fleet.Workplace(jobs, scheduler)
 
 
 def gain_for(
     config: Config, paths: Sequence[Path], gain: Path | None, method: str, air_path: AirPath | None = None
-) -> StoredGain:
+) -> gains.StoredGain:
     """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine.
 
     Raises DataError if the gain is for another engine, NotProven if its certificate does not hold.
@@ -279,9 +270,9 @@ def gain_for(
         if method == "published":
             return make_published_gain(config)
         return make_gain(config, paths, lenient=True, air_path=air_path)[0]
-    stored = read_gain(gain)
-    expect_engine(gain, stored, config)
-    expect_proven(gain, check_again(stored))
+    stored = gains.read_gain(gain)
+    gains.expect_engine(gain, stored, config)
+    verify.expect_proven(gain, verify.check_again(stored))
     return stored
 
 
@@ -292,13 +283,13 @@ def _estimate(
     if method == "published":
         return estimate_published(air_path, grid, gain, logs, config.published, settings)
     if method == "ekf":
-        return estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
-    return estimate_batch(air_path, grid, gain, logs, settings)
+        return rivals.estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
+    return rivals.estimate_batch(air_path, grid, gain, logs, settings)
 
 
 def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:
     """Compare the final map with the references of a log, if it has any."""
-    references = read_references(path, log.rows)
+    references = reading.read_references(path, log.rows)
     if references is None:
         return None
     fuel, speed = air_path.axes

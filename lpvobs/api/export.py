@@ -1,13 +1,12 @@
-"""`export`: the map of a result in a file for calibration tools."""
+"""`export`: the map of a result in a file for calibration tools, or as arrays."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration.dcm import KINDS, NAME, read_dcm_map
+from lpvobs.io.calibration import dcm, surfaces
 from lpvobs.io.calibration.files import Change, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
-from lpvobs.io.calibration.surfaces import LEFT_OUT, Surface, keep_old, mean_flow, onto, read_surface
 from lpvobs.io.safety.atomic import file_digest
 
 FORMATS = ("dcm", "csv", "netcdf")
@@ -20,7 +19,7 @@ WIDEST = 0.1
 class Exported:
     """What was written, and what it changes; `changes` is None without an old file."""
 
-    surface: Surface
+    surface: surfaces.Surface
     changes: list[Change] | None
     widest: float  # [kg/s], nodes with a wider 90 % interval to either side were left out
 
@@ -75,14 +74,14 @@ def export(
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
     with writing(out, [result, before]) as target:
         path = as_path(result)
-        most = widest * mean_flow(path)
-        surface = read_surface(path, values)
-        known = None if before is None else understood(before, read_dcm_map(before, name), surface)
+        most = widest * surfaces.mean_flow(path)
+        surface = surfaces.read_surface(path, values)
+        known = None if before is None else understood(before, dcm.read_dcm_map(before, name), surface)
         if known is not None:
-            surface = onto(surface, known.x, known.y)
-        surface = keep_old(surface.without_wide(most), None if known is None else known.values, only_estimated)
+            surface = surfaces.onto(surface, known.x, known.y)
+        surface = surfaces.keep_old(surface.without_wide(most), None if known is None else known.values, only_estimated)
         comments = _comments(path, surface, before)
-        if left := int((surface.origin == LEFT_OUT).sum()):
+        if left := int((surface.origin == surfaces.LEFT_OUT).sum()):
             comments.append(
                 f"{left} nodes without a correction: their 90 % interval exceeds {1e3 * most:.3g} g/s to either side"
             )
@@ -103,11 +102,11 @@ def _refuse_contradictions(
     for option, value, known in (
         ("--format", file_format, FORMATS),
         ("--values", values or "map", SOURCES),
-        ("--kind", kind or "KENNFELD", KINDS),
+        ("--kind", kind or "KENNFELD", dcm.KINDS),
     ):
         if value not in known:
             raise UsageError(f"{option} {value}: expected {' or '.join(known)}")
-    if not NAME.fullmatch(name):
+    if not dcm.NAME.fullmatch(name):
         raise UsageError(f"--name {name}: expected letters, digits, '_', '.', '[' or ']', a letter or '_' first")
     if not 2 <= digits <= 17:
         raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
@@ -117,7 +116,7 @@ def _refuse_contradictions(
         raise UsageError("--only-estimated: a DCM has a value everywhere; say with --old OLD.dcm which ones stay")
 
 
-def _comments(result: Path, surface: Surface, old: Path | None) -> list[str]:
+def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list[str]:
     """Return what a file says of its origin; nothing that depends on the day or the machine."""
     lines = [
         f"lpvobs export of /{surface.source} from {result.name}, sha256 {file_digest(result)}",
@@ -126,3 +125,23 @@ def _comments(result: Path, surface: Surface, old: Path | None) -> list[str]:
     if old is not None:
         lines.append(f"axes, and values where none is new, from {old.name}, sha256 {file_digest(old)}")
     return lines
+
+
+def read_map(result: File, values: str = "") -> surfaces.Surface:
+    """Return the map of a result as arrays.
+
+    Raises DataError if the file is no result, or lacks what is asked for.
+
+    Parameters
+    ----------
+    result : path
+    values : str
+        `map`: what was estimated, NaN elsewhere; `extrapolation`: every node; by default the latter if there is one.
+
+    Returns
+    -------
+    Surface
+        `values` and `standard_error` of shape (p2, p1) [kg/s], reading minus truth; `origin` 0 none, 1 estimated,
+        2 extrapolated; `x.nodes` of shape (p2,), `y.nodes` of shape (p1,), in the units of `x` and `y`.
+    """
+    return surfaces.read_surface(as_path(result), values)

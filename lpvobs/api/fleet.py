@@ -24,8 +24,8 @@ from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
 from lpvobs.io.results.engines import CalibratedEngine
-from lpvobs.io.results.log_summaries import LogSummary, summary_of
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
+from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
 from lpvobs.observer.balance_agreement import Watched, judged

@@ -1,18 +1,19 @@
-"""`ingest`: foreign recordings of one drive to a log that says what was done to it."""
+"""`ingest`: foreign recordings of one drive to a log that says what was done to it; `profile`: what one seems to be."""
 
 import hashlib
 import json
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lpvobs.api.files import File, some, writing
-from lpvobs.ingest.foreign import ingest
-from lpvobs.ingest.profiles import load_profile
+from lpvobs.api.files import File, as_path, some, writing
+from lpvobs.ingest import foreign, profiles
+from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.ingest.record import KEY
-from lpvobs.io.logs.origins import own_origin
-from lpvobs.io.logs.parquet import write_log
+from lpvobs.io.logs import finding, parquet
+from lpvobs.io.safety.atomic import replacing
 
 
 def ingest_log(
@@ -38,14 +39,52 @@ def ingest_log(
     dict
         What was done to every channel, each repair with its count, as the log keeps it.
     """
-    paths, origin = some(sources, "recording"), own_origin(vehicle, date, "")
+    paths, origin = some(sources, "recording"), finding.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
-        rules, name, text = load_profile(str(profile))
+        rules, name, text = profiles.load_profile(str(profile))
         with np.errstate(
             over="ignore", invalid="ignore"
-        ):  # numbers at the end of what floats can hold: what overflows is no value
-            made = ingest(paths, rules)
+        ):  # what overflows at the end of what floats can hold is no value
+            made = foreign.ingest(paths, rules)
         digest = hashlib.sha256(text.encode()).hexdigest()
         record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}
-        write_log(target, made.channels, made.units, {KEY: json.dumps(record)} | origin)
+        parquet.write_log(target, made.channels, made.units, {KEY: json.dumps(record)} | origin)
     return record
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileOutput:
+    """A drafted profile."""
+
+    source: str
+    profile: str | None
+    text: str
+
+
+def draft_profile(source: File, out: File | None = None, names: File | None = None) -> str:
+    """Return the text of a profile for `ingest`, drafted from names, units and ranges of a recording.
+
+    Raises DataError if the recording cannot be read; UsageError for a table without a channel, or with a name for two.
+
+    Parameters
+    ----------
+    source : path
+        CSV, Parquet, MAT or MDF4.
+    out : path, optional
+        The TOML file to write it to.
+    names : path, optional
+        Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
+
+    Returns
+    -------
+    str
+        TOML; what is unsure is a comment in it. Read it before using it.
+    """
+    own = None if names is None else as_path(names)
+    if out is None:
+        return draft(as_path(source), own)
+    with writing(out, [source, names]) as target:
+        text = draft(as_path(source), own)
+        with replacing(target) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return text

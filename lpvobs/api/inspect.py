@@ -15,10 +15,8 @@ from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.parquet import channel_units
+from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
-from lpvobs.io.logs.reading import read_log
 from lpvobs.kinds import Count, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
 
@@ -124,7 +122,7 @@ def inspect_logs(
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
     channels, policies = _engine_of(config)
     found, refused = [], []
-    for path in find_logs(as_paths(logs)):
+    for path in finding.find_logs(as_paths(logs)):
         try:
             found.append(inspect_log(path, channels, policies))
         except DataError as error:
@@ -146,7 +144,7 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
     `needed` is what the engine needs; None: the first engine that the log suits, else the usual one. A log that `ingest` made is
     shown even if it suits no engine: it may have been recorded for something else.
     """
-    units, record = channel_units(path), stored_record(path)
+    units, record = parquet.channel_units(path), stored_record(path)
     lacking: dict[str, list[str]] = {}
     if needed is None:
         lacking = {
@@ -160,7 +158,7 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
         suited = [ENGINES[name].air_path.channels for name, missing in lacking.items() if not missing]
         needed = suited[0] if suited else {} if record else usual_engine().air_path.channels
         lacking = {} if suited else lacking
-    log = read_log(path, needed, policies, auxiliary=True)
+    log = reading.read_log(path, needed, policies, auxiliary=True)
     of_all = {"time": log.time, **log.channels, **log.auxiliary}
     in_log = {"time": "s"} | {name: needed[name].unit for name in log.channels}
     return InspectedLog(

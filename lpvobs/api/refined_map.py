@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from lpvobs.api import fleet, known_engine
 from lpvobs.api.estimate import metrics_of
-from lpvobs.api.fleet import refuse_empty
-from lpvobs.api.known_engine import KnownEngine
 from lpvobs.discovery.known_effects import KnownEffect
 from lpvobs.discovery.observed import Refined, observed
 from lpvobs.errors import DataError
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.log_summaries import LogSummary, summary_of
+from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import MapEstimate, Point, of_parts
 from lpvobs.observer.parts import LogInformation, inform_observed
@@ -32,7 +31,7 @@ class RefinedEstimate:
 
 
 def estimate_refined(
-    engine: KnownEngine,
+    engine: known_engine.KnownEngine,
     gain: StoredGain,
     effects: tuple[KnownEffect, ...],
     constants: Mapping[str, float],
@@ -50,7 +49,7 @@ def estimate_refined(
     point = Point(engine.air_path, settings, moved, engine.calibrated)
     parts = [_part(refined, point, grid, gain.gain.region, log) for _, log in logs]
     estimate = of_parts(grid, parts, point)
-    refuse_empty(estimate)
+    fleet.refuse_empty(estimate)
     summaries = tuple(
         summary_of(run, metrics_of(air_path, estimate, file, log))
         for (file, log), run in zip(logs, estimate.runs, strict=True)
@@ -74,7 +73,7 @@ def expect_cascade(path: Path, gain: StoredGain) -> None:
 
 
 def refined_model(
-    engine: KnownEngine, gain: StoredGain, effects: tuple[KnownEffect, ...], constants: Mapping[str, float]
+    engine: known_engine.KnownEngine, gain: StoredGain, effects: tuple[KnownEffect, ...], constants: Mapping[str, float]
 ) -> Refined:
     """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
 

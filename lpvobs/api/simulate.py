@@ -1,4 +1,4 @@
-"""`simulate`: a cycle through the simulated engine into a log."""
+"""`simulate`: a cycle through the simulated engine into a log, or stationary points into a table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,11 +7,10 @@ from lpvobs.api.files import File, Progress, as_path, silent, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
-from lpvobs.io.logs.origins import own_origin
-from lpvobs.io.logs.parquet import write_log
+from lpvobs.io.logs import bench, finding, parquet
 from lpvobs.io.results.engines import read_engine
 from lpvobs.kinds import Count, Seconds
-from lpvobs.simulation.plants import PLANTS, Simulator
+from lpvobs.simulation import plants, stationary
 from lpvobs.simulation.simulate import SimulatedLog
 
 
@@ -75,7 +74,7 @@ def simulate(
     """
     with writing(out, [config, cycle, effects, engine]) as target:
         configuration, plant = plant_of(config, engine)
-        origin = own_origin(vehicle, date, configuration.air_path)
+        origin = finding.own_origin(vehicle, date, configuration.air_path)
         wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
         log = plant.run(
             configuration.engine,
@@ -89,11 +88,11 @@ def simulate(
             auxiliary=wanted.auxiliary,
             sensors=configuration.sensors,
         )
-        write_log(target, log.channels, log.units, origin)
+        parquet.write_log(target, log.channels, log.units, origin)
     return log
 
 
-def plant_of(config: File, engine: File | None = None) -> tuple[Config, Simulator]:
+def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.Simulator]:
     """Return a configuration with the constants of a calibrated engine, and its plant; raises UsageError where it has none."""
     configuration, _ = load_config(as_path(config))
     plant = configuration.kind.plant
@@ -109,4 +108,40 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, Simulato
         air_path = configuration.engine_path()
         there = air_path.deviating(read_engine(calibrated, air_path).deviation)
         configuration = replace(configuration, engine=there.engine)
-    return configuration, PLANTS[plant]
+    return configuration, plants.PLANTS[plant]
+
+
+def simulate_bench(
+    config: File, points: int, out: File, *, seed: int = 1, engine: File | None = None, progress: Progress | None = None
+) -> stationary.BenchTable:
+    """Bring the simulated engine to rest at many operating points and write the table that a test bench records.
+
+    Raises UsageError for a configuration without `[simulation]`, or an impossible number of points; DataError if the engine
+    does not come to rest, or the table cannot be written.
+
+    Parameters
+    ----------
+    config : path
+        TOML file with engine and `[simulation]`.
+    points : int
+        1 to 1000. A third has the EGR valve shut, some have cold combustion air.
+    out : path
+        The table to write: Parquet with units, or CSV with the units in a second line where the name ends in `.csv`.
+    seed : int
+        Of noise and of where the points lie.
+    engine : path, optional
+        As for `simulate`.
+    progress : callable, optional
+        Takes the fraction done, 0 to 1.
+
+    Returns
+    -------
+    BenchTable
+        `channels` as written, each of shape (N,), in the unit that `units` names: the engine's channels but the air flow sensor,
+        averaged over 30 s, and `W_reference`, `sd_W_reference`, `W_egr_reference`, `W_f` [kg/s].
+    """
+    with writing(out, [config, engine]) as target:
+        configuration, plant = plant_of(config, engine)
+        table = plant.bench(configuration.engine, configuration.simulation, points, seed, progress or silent)
+        bench.write_table(target, table.channels, table.units)
+    return table

@@ -9,20 +9,15 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.api.files import File, as_path, as_paths, writing
-from lpvobs.api.known_engine import engine_before
+from lpvobs.api import files, known_engine
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.reading import LogFile
-from lpvobs.io.results.gains import StoredGain, write_gain
-from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.logs import finding, reading
+from lpvobs.io.results import gains, provenance
 from lpvobs.kinds import Finite
-from lpvobs.observer.log_run import RangeSeen
-from lpvobs.observer.parts import calm_log
-from lpvobs.observer.smoothing import stretches
+from lpvobs.observer import log_run, parts, smoothing
 from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
 from lpvobs.synthesis.certificate import Gain
@@ -48,8 +43,8 @@ class SynthGainOutput(GainOutput):
 
 
 def synth_gain(
-    config: File, logs: File | Iterable[File] = (), *, out: File, published: str | None = None
-) -> StoredGain:
+    config: files.File, logs: files.File | Iterable[files.File] = (), *, out: files.File, published: str | None = None
+) -> gains.StoredGain:
     """Find the observer gain from the linear matrix inequalities of Theorem 1, prove it, and write it.
 
     Raises NotProven if no gain can be proven; UsageError, DataError if the configuration or a log cannot be used.
@@ -75,22 +70,22 @@ def synth_gain(
     -----
     Eq. (27), (28) and (33). Departure from the paper: p_em is a fourth output by default, see `docs/method.md`.
     """
-    paths = find_logs(as_paths(logs))
+    paths = finding.find_logs(files.as_paths(logs))
     if published is not None and paths:
         raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
-    with writing(out, [config, *paths]) as target:
-        configuration, text = load_config(as_path(config))
+    with files.writing(out, [config, *paths]) as target:
+        configuration, text = load_config(files.as_path(config))
         if published is None:
             stored, digests = make_gain(configuration, paths)
         else:
             stored, digests = make_published_gain(configuration, published), {}
-        write_gain(target, stored, Provenance(digests, text))
+        gains.write_gain(target, stored, provenance.Provenance(digests, text))
     return stored
 
 
 def make_gain(
     config: Config, paths: Sequence[Path], lenient: bool = False, air_path: AirPath | None = None
-) -> tuple[StoredGain, dict[str, str]]:
+) -> tuple[gains.StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
 
     `air_path` is the engine with what it has learned, by default from these logs.
@@ -100,7 +95,7 @@ def make_gain(
     """
     from lpvobs.synthesis.solve import synthesise
 
-    air_path, settings = air_path or engine_before(config, paths).air_path, config.gain
+    air_path, settings = air_path or known_engine.engine_before(config, paths).air_path, config.gain
     bounds, digests = log_bounds(config, air_path, paths, lenient)
     region = wanted_region(air_path, settings, bounds)
     problem = problem_of(air_path, settings.outputs, region)
@@ -124,7 +119,7 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"
 
 
-def make_published_gain(config: Config, column: str | None = None) -> StoredGain:
+def make_published_gain(config: Config, column: str | None = None) -> gains.StoredGain:
     """Return the gain printed for the engine, proven on a column of its bounds (the first by default) at fixed temperatures.
 
     Raises UsageError if none is printed for this engine, or no such bounds.
@@ -159,11 +154,11 @@ def log_bounds(
     bounds, digests = {}, {}
     for path in paths:
         try:
-            log = LogFile(path, air_path.channels, config.reading)
-            seen = RangeSeen(len(air_path.parameter_names), None)
+            log = reading.LogFile(path, air_path.channels, config.reading)
+            seen = log_run.RangeSeen(len(air_path.parameter_names), None)
             # as the estimate sees it: noise widens no range
-            for stretch in stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
-                parameters = air_path.trajectory(calm_log(stretch), config.gain.outputs).parameters
+            for stretch in smoothing.stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
+                parameters = air_path.trajectory(parts.calm_log(stretch), config.gain.outputs).parameters
                 seen.see(parameters)
         except DataError:
             if not lenient:
@@ -202,6 +197,6 @@ def _stored(
     gain: Gain,
     bounds: Mapping[str, Array],
     temperatures: Mapping[str, tuple[float, float]],
-) -> StoredGain:
+) -> gains.StoredGain:
     constants = dict(air_path.engine_constants())
-    return StoredGain(origin, air_path.name, constants, air_path.state_names, outputs, gain, bounds, temperatures)
+    return gains.StoredGain(origin, air_path.name, constants, air_path.state_names, outputs, gain, bounds, temperatures)

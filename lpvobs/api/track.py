@@ -14,8 +14,7 @@ from lpvobs.api.fleet import PartOutcome, PartTask, Workplace, linearised, outco
 from lpvobs.api.jobs import Workers
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.logs.origins import PERIODS, Origins, date_of, day_of
+from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, expect_key, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance

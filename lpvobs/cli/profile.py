@@ -19,7 +19,7 @@ def profile(
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
-    from lpvobs.api.draft_profile import ProfileOutput, draft_profile
+    from lpvobs.api.ingest_log import ProfileOutput, draft_profile
 
     text = draft_profile(source, out, names)
     if out is not None:

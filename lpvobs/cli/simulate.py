@@ -39,9 +39,8 @@ def simulate(
 
     A bench table: lpvobs simulate --config configs/diesel.toml --bench 100 --out bench.csv
     """
-    from lpvobs.api.simulate import SimulateOutput
+    from lpvobs.api.simulate import SimulateOutput, simulate_bench
     from lpvobs.api.simulate import simulate as drive
-    from lpvobs.api.simulate_bench import simulate_bench
 
     config = chosen_config(config)
     if bench is not None:

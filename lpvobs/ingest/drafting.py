@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.ingest.clocks import Stamps, stamps
 from lpvobs.ingest.formats import open_recording, sniff
 from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, own_names
 from lpvobs.ingest.layouts import csv_layout, polled
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head, as_numbers
+from lpvobs.ingest.repairs import Stamps, stamps
 from lpvobs.ingest.resample import median_step
 from lpvobs.ingest.words import normalised
 from lpvobs.records import Array

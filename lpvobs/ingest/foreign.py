@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.clocks import MOST_BACKWARD, TimeBase, forward, time_base, time_column
-from lpvobs.ingest.formats import open_recording
-from lpvobs.ingest.placing import on_raster
-from lpvobs.ingest.profiles import Profile
+from lpvobs.ingest import formats, profiles, resample
 from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, SourceDone, TimeDone
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
-from lpvobs.ingest.repairs import RecordedSamples, samples_of
+from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, TimeBase, forward, samples_of, time_base, time_column
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Array
 
@@ -29,13 +26,13 @@ class Ingested:
     record: Mapping[str, Any]  # a `Done` as plain data; stored with the log
 
 
-def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
+def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     """Return the log in foreign files of one drive.
 
     Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward. The
     sources share one clock: files with different channels, consecutive parts of one recording, or both.
     """
-    recordings = [open_recording(path, profile.source) for path in sources]
+    recordings = [formats.open_recording(path, profile.source) for path in sources]
     wanted = _find_all(recordings, profile)
     read = [_read(recording, profile, names) for recording, names in zip(recordings, wanted, strict=True)]
     samples = {}
@@ -45,7 +42,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     start = float(min(item.time[0] for item in samples.values()))
     if profile.time.from_zero:
         samples = {name: replace(item, time=item.time - start) for name, item in samples.items()}
-    time, values, channels = on_raster(samples, profile)
+    time, values, channels = resample.on_raster(samples, profile)
     units = {"time": "s"} | {name: profile.channels[name].unit for name in values}
     for name, item in profile.computed.items():
         lacking = [
@@ -75,7 +72,7 @@ def ingest(sources: Sequence[Path], profile: Profile) -> Ingested:
     return Ingested({"time": time} | values, units, asdict(done))
 
 
-def _find_all(recordings: Sequence[ForeignRecording], profile: Profile) -> list[dict[str, str]]:
+def _find_all(recordings: Sequence[ForeignRecording], profile: profiles.Profile) -> list[dict[str, str]]:
     """Return for each source under which full names it has which channels."""
     found: list[dict[str, str]] = [{} for _ in recordings]
     for name, rules in profile.channels.items():
@@ -109,7 +106,7 @@ def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
 
 
 def _read(
-    recording: ForeignRecording, profile: Profile, wanted: Mapping[str, str]
+    recording: ForeignRecording, profile: profiles.Profile, wanted: Mapping[str, str]
 ) -> tuple[SourceDone, dict[str, RecordedSamples]]:
     """Return what was done to a source, and its samples of each channel."""
     clocks = {name: time_column(recording, profile, profile.channels[name]) for name in wanted}
@@ -126,7 +123,7 @@ def _read(
     return SourceDone(recording.path.name, digest, dict(recording.notes), repairs), samples
 
 
-def _joined(name: str, parts: Sequence[RecordedSamples], profile: Profile) -> RecordedSamples:
+def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profile) -> RecordedSamples:
     """Return the parts of a channel one after the other."""
     if len(parts) == 1:
         return parts[0]

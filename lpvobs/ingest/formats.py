@@ -4,20 +4,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import MOST_COLUMNS, ForeignRecording, opened
+from lpvobs.ingest import profiles, recordings
 
 
-def open_recording(path: Path, rules: SourceRules) -> ForeignRecording:
+def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
     """Return a foreign file, opened by its format: the profile's, or the one that its first bytes show.
 
     Raises DataError if it is absent, unreadable, or larger than the memory that a source may take.
     """
     found = sniff(path)
     recording = _opener(rules.format or found)(path, rules)
-    if len(recording.heads) > MOST_COLUMNS:
+    if len(recording.heads) > recordings.MOST_COLUMNS:
         raise DataError(
-            f"{path}: has {len(recording.heads)} columns, expected at most {MOST_COLUMNS}; export fewer channels"
+            f"{path}: has {len(recording.heads)} columns, expected at most {recordings.MOST_COLUMNS}; export fewer channels"
         )
     return recording
 
@@ -26,7 +25,7 @@ def sniff(path: Path) -> str:
     """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
     if not path.is_file():
         raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
-    with opened(path) as stream:
+    with recordings.opened(path) as stream:
         first = stream.read(8)
     if first[:4] == b"PAR1":
         return "parquet"
@@ -37,14 +36,14 @@ def sniff(path: Path) -> str:
     return "csv"
 
 
-def _opener(kind: str) -> Callable[[Path, SourceRules], ForeignRecording]:
+def _opener(kind: str) -> Callable[[Path, profiles.SourceRules], recordings.ForeignRecording]:
     """Return what opens a format; the libraries of the others are not loaded."""
     if kind == "parquet":
-        from lpvobs.ingest.recording_parquet import open_parquet
+        from lpvobs.ingest.recording_table import open_parquet
 
         return open_parquet
     if kind == "csv":
-        from lpvobs.ingest.recording_csv import open_csv
+        from lpvobs.ingest.recording_table import open_csv
 
         return open_csv
     from lpvobs.ingest.recording_apart import open_mat, open_mdf

@@ -14,21 +14,20 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest.reader import Found, as_text, native, serve
-from lpvobs.ingest.recordings import Head
+from lpvobs.ingest import reader, recordings
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
 LONGEST_UNIT = 40
 
 
-def heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
+def heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
     """Yield the vectors of a file."""
     if _is_hdf(path):
         found = list(_hdf_heads(path, notes))
     else:
         vectors = _flat(_document(path), "")
-        found = [Found(name, Head(name, unit, values.size), name) for name, unit, values in vectors]
+        found = [reader.Found(name, recordings.Head(name, unit, values.size), name) for name, unit, values in vectors]
     _expect_once(item.full for item in found)
     yield from found
 
@@ -40,11 +39,11 @@ def tables(path: Path, wanted: Sequence[str], notes: dict[str, str]) -> Iterator
 
         with h5py.File(path, "r") as file:
             for place in wanted:
-                yield pa.table({"values": native(file[place][()].ravel())})
+                yield pa.table({"values": reader.native(file[place][()].ravel())})
     else:
         vectors = {name: values for name, _, values in _flat(_document(path), "")}
         for place in wanted:
-            yield pa.table({"values": native(vectors[place])})
+            yield pa.table({"values": reader.native(vectors[place])})
 
 
 def _is_hdf(path: Path) -> bool:
@@ -80,13 +79,13 @@ def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, 
                 if isinstance(item, dict):
                     yield from _flat(item, f"{prefix}{key}({number}).")
         elif isinstance(value, np.ndarray) and value.ndim == 1 and value.size > 1 and value.dtype.kind in "iufb":
-            yield f"{prefix}{key}", "" if key in TIMES else as_text(unit[:LONGEST_UNIT]), value
+            yield f"{prefix}{key}", "" if key in TIMES else reader.as_text(unit[:LONGEST_UNIT]), value
 
 
-def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
+def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
     import h5py
 
-    found: list[Found] = []
+    found: list[reader.Found] = []
     units: dict[str, str] = {}
     odd: list[str | bytes] = []
 
@@ -99,13 +98,13 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
         if item.shape is None or "MATLAB_empty" in item.attrs:
             return
         folder, _, own = name.rpartition("/")
-        if as_text(item.attrs.get("MATLAB_class")) == "char":
+        if reader.as_text(item.attrs.get("MATLAB_class")) == "char":
             if own in UNIT_FIELDS and item.dtype.kind == "u" and 0 < item.size <= LONGEST_UNIT:
                 units.setdefault(folder, "".join(map(_letter, item[()].ravel())))
         elif item.dtype.kind in "iufb" and item.dtype.itemsize <= 8 and item.size == max(item.shape, default=0) > 1:
-            unit = "" if own in TIMES else as_text(item.attrs.get("units", item.attrs.get("unit")))
+            unit = "" if own in TIMES else reader.as_text(item.attrs.get("units", item.attrs.get("unit")))
             dotted = name.replace("/", ".")
-            found.append(Found(dotted, Head(dotted, unit, item.size), name))
+            found.append(reader.Found(dotted, recordings.Head(dotted, unit, item.size), name))
 
     with h5py.File(path, "r") as file:
         file.visititems(look)  # goes along hard links alone
@@ -123,4 +122,4 @@ def _letter(code: int) -> str:
 
 
 if __name__ == "__main__":
-    serve(heads, tables)
+    reader.serve(heads, tables)

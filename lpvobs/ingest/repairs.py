@@ -1,22 +1,170 @@
-"""One channel of one source: its samples in the unit of the log, repaired as the profile says, every repair counted."""
+"""One source: its time bases in seconds, and its channels in the units of the log, every repair counted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.clocks import TimeBase
 from lpvobs.ingest.layouts import refreshed
 from lpvobs.ingest.profiles import ChannelRules, Profile
 from lpvobs.ingest.record import ChannelDone, Repairs
-from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers
+from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
 from lpvobs.io.logs.units import canonical, convert, is_broken
 from lpvobs.records import Array
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+DAY = 86400.0
+SLAB = 1 << 16
+MOST_BACKWARD = 0.1
+"""Share of the stamps that may be dropped for running backward; more is not a repair."""
 TURNS_MISSED = 0.1
 """Share of a polled column's changes that may stand in rows of other columns; with more, it was not polled in turn."""
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """A time base."""
+
+    time: Array  # (N,) [s], NaN where the file has no time
+    unreadable: int = 0  # entries that are no time
+    nights: int = 0  # midnights that the time of day has passed
+
+
+def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
+    """Return a time column as seconds.
+
+    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps. Raises ValueError
+    for another unit, or if the column holds something else.
+    """
+    import pyarrow as pa
+
+    if unit in ("clock", "datetime"):
+        if pa.types.is_integer(data.type) or pa.types.is_floating(data.type):
+            raise ValueError(f"holds {data.type}, expected text or time stamps as its unit '{unit}' says")
+        return _clock(data) if unit == "clock" else _dates(data)
+    if pa.types.is_timestamp(data.type) or pa.types.is_time(data.type):
+        raise ValueError(f"holds {data.type}; expected numbers in {unit}, or the unit 'datetime'")
+    numbers = as_numbers(data, decimal)
+    return Stamps(convert(numbers.values, unit, "s"), numbers.unreadable)
+
+
+def seconds_of_day(text: str) -> float:
+    """Return the seconds since midnight of h:mm, h:mm:ss or h:mm:ss.sss, NaN for anything else.
+
+    Examples
+    --------
+    >>> seconds_of_day("19:17:19.5"), seconds_of_day("7:05"), seconds_of_day("soon")
+    (69439.5, 25500.0, nan)
+    """
+    parts = text.strip().replace(",", ".").split(":")
+    if not 2 <= len(parts) <= 3 or not all(part.replace(".", "", 1).isdecimal() for part in parts):
+        return np.nan
+    hours, minutes, seconds = (float(part) for part in [*parts, "0"][:3])
+    return 3600.0 * hours + 60.0 * minutes + seconds if hours < 24 and minutes < 60 and seconds < 61 else np.nan
+
+
+def _clock(data: "pa.Array | pa.ChunkedArray") -> Stamps:
+    """Return times of day as seconds that go on past midnight: a step back of more than half a day is the next day."""
+    slabs, unreadable = [np.empty(0)], 0
+    for start in range(0, len(data), SLAB):  # as Python's own text, all of a long recording would not fit into memory
+        words = ["" if item is None else str(item) for item in data.slice(start, SLAB).to_pylist()]
+        slabs.append(np.array([seconds_of_day(word) for word in words]))
+        unreadable += sum(1 for word, value in zip(words, slabs[-1], strict=True) if word.strip() and np.isnan(value))
+    time = np.concatenate(slabs)
+    known = np.flatnonzero(np.isfinite(time))
+    nights = np.cumsum(np.diff(time[known]) < -0.5 * DAY)
+    time[known[1:]] += DAY * nights
+    return Stamps(time, unreadable, int(nights[-1]) if nights.size else 0)
+
+
+def _dates(data: "pa.Array | pa.ChunkedArray") -> Stamps:
+    """Return ISO 8601 text or time stamps as seconds since 1970; a zone is converted, none is taken for UTC."""
+    import pandas as pd
+
+    slabs = [np.empty(0)]
+    for start in range(0, len(data), SLAB):
+        slab = data.slice(start, SLAB).to_pandas()
+        found = pd.to_datetime(slab, errors="coerce", utc=True, format="ISO8601")
+        slabs.append((found - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float))
+    time = np.concatenate(slabs)
+    return Stamps(time, int(np.count_nonzero(np.isnan(time)) - data.null_count))
+
+
+def forward(time: Array) -> NDArray[np.bool_]:
+    """Return which stamps are finite and later than every earlier one."""
+    latest = np.fmax.accumulate(np.concatenate(([-np.inf], time)))[:-1]
+    return np.asarray(time > latest)
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Stamps [s], shape (N,), which rows of them are used, and what was repaired."""
+
+    time: Array
+    keep: NDArray[np.bool_]
+    repairs: Mapping[str, int]
+
+
+def time_column(recording: ForeignRecording, profile: Profile, rules: ChannelRules) -> str | None:
+    """Return the full name of the column that holds a channel's time, None where the format keeps it with the channel."""
+    wanted = rules.time or profile.time.source
+    if not wanted:
+        return None
+    full = find(recording, [wanted], "time")
+    if full is None:
+        raise DataError(
+            f"{recording.path}: time column '{wanted}' is missing; {nearest(recording.heads, [wanted])}; "
+            f"mend source in the profile's [time]"
+        )
+    return full
+
+
+def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: bool, profile: Profile) -> TimeBase:
+    """Return a time base in seconds with the rows that run forward."""
+    path = recording.path
+    time, repairs = _seconds(recording, column, name, profile) if is_clock else (column.time, {})
+    if time is None:
+        raise DataError(
+            f"{path}: the format keeps no time with each channel; name its column: source in the profile's [time]"
+        )
+    finite = np.isfinite(time)
+    stamped = int(np.count_nonzero(finite))
+    if stamped < 2:
+        raise DataError(f"{path}: time '{name}' has {stamped} readable stamps, expected at least two; check [time]")
+    keep = forward(time)
+    backward = np.flatnonzero(finite & ~keep)
+    if backward.size and profile.time.backward == "refuse":
+        raise DataError(
+            f"{path}: time '{name}' repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row "
+            f'{backward[0]}); expected strictly increasing; repair the file or set backward = "drop" in the profile\'s [time]'
+        )
+    if backward.size > MOST_BACKWARD * time.size:
+        raise DataError(
+            f"{path}: time '{name}' repeats or runs backward at {backward.size} of {time.size} samples, expected at most "
+            f"{100 * MOST_BACKWARD:.0f} %; repair the file"
+        )
+    repairs |= {"backward": backward.size, "empty": time.size - stamped - repairs.get("unreadable", 0)}
+    return TimeBase(time, keep, {key: count for key, count in repairs.items() if count})
+
+
+def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Profile) -> tuple[Array, dict[str, int]]:
+    """Return a clock column in seconds, and what in it was repaired."""
+    unit = profile.time.unit or recording.heads[name].unit
+    if not unit:
+        raise DataError(
+            f"{recording.path}: time column '{name}' has no unit in the file; state unit in the profile's [time]"
+        )
+    try:
+        found = stamps(column.data, unit, profile.source.decimal)
+    except ValueError as error:
+        raise DataError(f"{recording.path}: time column '{name}' {error}; mend unit in the profile's [time]") from None
+    return found.time, {"nights": found.nights, "unreadable": found.unreadable}
 
 
 @dataclass(frozen=True)

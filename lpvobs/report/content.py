@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, MapAxis
 from lpvobs.io.logs.reading import References
-from lpvobs.io.results.log_summaries import LogSummary
-from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.results import LogSummary, StoredResult
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvobs import __version__
 from lpvobs.engines.base import MapAxis
-from lpvobs.io.logs.origins import date_of
+from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.report.content import SurfaceView
 from lpvobs.report.figures import error_limit, error_map

@@ -11,8 +11,7 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.log_summaries import LogSummary
-from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.results import LogSummary, StoredResult
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Refused, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import Filled

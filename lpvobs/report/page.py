@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
-from lpvobs.io.results.log_summaries import LogSummary
+from lpvobs.io.results.results import LogSummary
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import figures, surface_figures, tables
 from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView

@@ -9,8 +9,7 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.calibration.surfaces import ORIGINS, Surface
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.log_summaries import LogSummary
-from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.results import LogSummary, StoredResult
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.fit import ResidualFit

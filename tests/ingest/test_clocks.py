@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from lpvobs.ingest.clocks import forward, stamps
+from lpvobs.ingest.repairs import forward, stamps
 
 
 def test_a_clock_goes_on_past_midnight():

@@ -16,13 +16,13 @@ import pytest
 from lpvobs.api.ingest_log import ingest_log
 from lpvobs.errors import DataError
 from lpvobs.ingest import recording_apart, recordings
-from lpvobs.ingest.clocks import stamps
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.ingest.foreign import ingest
 from lpvobs.ingest.mdf_reader import expect_arithmetic
 from lpvobs.ingest.profiles import SourceRules, profile_of
 from lpvobs.ingest.recording_apart import open_mat, open_mdf
-from lpvobs.ingest.recording_csv import open_csv
+from lpvobs.ingest.recording_table import open_csv
+from lpvobs.ingest.repairs import stamps
 from lpvobs.io.safety import sandbox
 
 PROFILE = """
@@ -306,5 +306,5 @@ def test_modules_in_the_working_folder_are_not_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
     path = hdf(tmp_path / "drive.mat")
-    line = sandbox.call("lpvobs.io.safety.trial_read", str(path), "10", str(2 << 30))
+    line = sandbox.call("lpvobs.io.safety.seal", str(path), "10", str(2 << 30))
     assert subprocess.run(line, env=dict(sandbox.environment()), check=False).returncode == 0

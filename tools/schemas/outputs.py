@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 
 from lpvobs.api.compare import CompareOutput
-from lpvobs.api.draft_profile import ProfileOutput
 from lpvobs.api.estimate import EstimateOutput
 from lpvobs.api.export_unit import ExportOutput
 from lpvobs.api.extrapolate import ExtrapolateOutput
+from lpvobs.api.ingest_log import ProfileOutput
 from lpvobs.api.inspect import InspectOutput
 from lpvobs.api.refine import RefineOutput
 from lpvobs.api.simulate import SimulateOutput

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.calibration.bench import Table, rows_of
-from lpvobs.engines.base import AirPath
-from lpvobs.engines.constants import Within
+from lpvobs.engines import base, constants
 from lpvobs.engines.unknowns import ComponentMap, unknowns_of
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import read_dcm_map
@@ -24,7 +23,7 @@ MOST_FAR = 0.5
 """Share of the points that may be far from the configured engine: maps reach to stall and choke, where formulas end."""
 
 
-def named_file(text: str, air_path: AirPath) -> tuple[str, Path, str]:
+def named_file(text: str, air_path: base.AirPath) -> tuple[str, Path, str]:
     """Return kind, file, and the label behind a DCM file, of `KIND=FILE` or `KIND=FILE.dcm:LABEL`."""
     kind, equals, file = text.partition("=")
     if not equals or kind not in air_path.component_maps:
@@ -34,7 +33,7 @@ def named_file(text: str, air_path: AirPath) -> tuple[str, Path, str]:
     return (kind, Path(name), label) if colon and name.lower().endswith(".dcm") else (kind, Path(file), "")
 
 
-def read_component_map(kind: str, path: Path, label: str, air_path: AirPath) -> Table:
+def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath) -> Table:
     """Return the points of a table; raises DataError for one that lacks a column or cannot be of this engine."""
     known = air_path.component_maps[kind]
     columns, tolerance = _from_dcm(path, label, known) if label else _from_table(path, known)
@@ -67,7 +66,9 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
     if TOLERANCE not in found.column_names:
         return columns, known.tolerance
     tolerance = column_of(path, found, TOLERANCE, "1")
-    _refuse_impossible(path, {TOLERANCE: tolerance}, {TOLERANCE: Within(1e-4, 0.5, "1", "tolerance of a table")})
+    _refuse_impossible(
+        path, {TOLERANCE: tolerance}, {TOLERANCE: constants.Within(1e-4, 0.5, "1", "tolerance of a table")}
+    )
     return columns, float(tolerance[0])
 
 
@@ -93,7 +94,7 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
     )
 
 
-def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, Within]) -> None:
+def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, constants.Within]) -> None:
     """Raise for a value that cannot be, with what was probably meant."""
     for name, values in columns.items():
         for number, value in enumerate(values.tolist(), 1):

@@ -10,9 +10,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
 from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import convert
-from lpvobs.io.results.extrapolations import LONG_NAME
-from lpvobs.io.results.hdf import creating, write_fields
-from lpvobs.io.results.mapping import Contents, fields
+from lpvobs.io.results import extrapolations, hdf, mapping
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array, Item
 
@@ -80,7 +78,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap
             unit_x=surface.x.unit,
             unit_y=surface.y.unit,
             unit=surface.unit,
-            long_name=LONG_NAME,
+            long_name=extrapolations.LONG_NAME,
             x_name=f"{name}_{surface.x.name}" if group else "",
             y_name=f"{name}_{surface.y.name}" if group else "",
         )
@@ -89,7 +87,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap
         item,
         kind=kind,
         values=convert(surface.values if old.turned else surface.values.T, surface.unit, item.unit or "1"),
-        long_name=item.long_name or LONG_NAME,
+        long_name=item.long_name or extrapolations.LONG_NAME,
         x_name=item.x_name or f"{name}_X" if group else "",
         y_name=item.y_name or f"{name}_Y" if group else "",
     )
@@ -118,15 +116,15 @@ def write_csv(path: Path, surface: Surface, digits: int) -> None:
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     """Write a netCDF-4 file by the CF conventions, every number as it is."""
-    contents: Contents = {}
+    contents: mapping.Contents = {}
     for axis in (surface.x, surface.y):
-        contents |= fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
-    contents |= fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
-    with creating(path) as file:
+        contents |= mapping.fields(axis_layout(axis.name, Item(axis.unit, axis.long_name)), axis)
+    contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
+    with hdf.creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["title"] = LONG_NAME
+        file.attrs["title"] = extrapolations.LONG_NAME
         file.attrs["history"] = "; ".join(comments)
-        write_fields(file, contents)
+        hdf.write_fields(file, contents)
 
 
 def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:

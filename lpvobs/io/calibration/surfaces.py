@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.extrapolations import LONG_NAME, ORIGIN, axes_of
-from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.mapping import Layout, read
-from lpvobs.maps.joint import NORMAL_90, Joint, at_weights, combined, mean_weights
-from lpvobs.maps.quadratic import ESTIMATED, EXTRAPOLATED, SMOOTHED, SUPPORT
+from lpvobs.io.results import extrapolations, hdf, mapping
+from lpvobs.maps import joint, quadratic
 from lpvobs.records import Array, Item
 
 NONE, OLD, LEFT_OUT = 0, 3, 5
-ORIGINS = {NONE: "none", **SUPPORT, OLD: "old", LEFT_OUT: "left_out"}
+ORIGINS = {NONE: "none", **quadratic.SUPPORT, OLD: "old", LEFT_OUT: "left_out"}
 
 
 @dataclass(frozen=True)
@@ -47,18 +44,18 @@ class Surface:
     unit: str  # of the values
     source: str  # group of the result that they are from
 
-    def at(self, points: Sequence[tuple[float, float]]) -> Joint:
+    def at(self, points: Sequence[tuple[float, float]]) -> joint.Joint:
         """Return the map at operating points, each a speed and a fuel, with the covariance of their errors.
 
         Raises DataError where the map has no value, or ends.
         """
         x, y = np.asarray(points, dtype=float).reshape(-1, 2).T
-        weights = at_weights(self.x.nodes, x)[:, :, None] * at_weights(self.y.nodes, y)[:, None, :]
+        weights = joint.at_weights(self.x.nodes, x)[:, :, None] * joint.at_weights(self.y.nodes, y)[:, None, :]
         if not np.all(weights.sum((1, 2)) > 0.0):
             raise DataError(f"points: expected {self._ends()}")
         return self._combined(weights.reshape(x.size, -1))
 
-    def mean(self, region: Mapping[str, tuple[float, float]]) -> Joint:
+    def mean(self, region: Mapping[str, tuple[float, float]]) -> joint.Joint:
         """Return the mean over a region: from and to by the name of an axis; an axis without counts whole.
 
         Raises DataError for another axis, a region that leaves the map, or one with nodes without a value.
@@ -68,7 +65,7 @@ class Surface:
         if other:
             raise DataError(f"region: no axis '{other[0]}', expected {self._ends()}")
         whole = {axis.name: (float(axis.nodes[0]), float(axis.nodes[-1])) for axis in axes} | dict(region)
-        along = [mean_weights(axis.nodes, *whole[axis.name]) for axis in axes]
+        along = [joint.mean_weights(axis.nodes, *whole[axis.name]) for axis in axes]
         return self._combined(np.outer(*along).reshape(1, -1))
 
     def difference(self, other: "Surface") -> "Surface":
@@ -97,13 +94,13 @@ class Surface:
 
     def without_wide(self, most: float) -> "Surface":
         """Return the map without the nodes whose 90 % interval is wider to either side than `most` [unit]."""
-        wide = (self.origin != NONE) & (NORMAL_90 * self.standard_error > most)
+        wide = (self.origin != NONE) & (joint.NORMAL_90 * self.standard_error > most)
         values, error = (np.where(wide, np.nan, each) for each in (self.values, self.standard_error))
         origin = np.where(wide, LEFT_OUT, self.origin).astype(np.int8)
         return replace(self, values=values, standard_error=error, origin=origin)
 
-    def _combined(self, weights: Array) -> Joint:
-        return combined(weights, self.values.ravel(), self.covariance)
+    def _combined(self, weights: Array) -> joint.Joint:
+        return joint.combined(weights, self.values.ravel(), self.covariance)
 
     def _ends(self) -> str:
         return " and ".join(
@@ -117,41 +114,41 @@ def read_surface(path: Path, source: str = "") -> Surface:
     `source` is `map` or `extrapolation`; empty: the extrapolation if there is one. Raises DataError if the file is no result,
     or lacks what is asked for.
     """
-    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in file:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
-        group, (fuel, speed) = file[source], axes_of(file).items()
+        group, (fuel, speed) = file[source], extrapolations.axes_of(file).items()
         x, y = (
-            read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
+            mapping.read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
             for name, item in (speed, fuel)
         )
         unit, held = str(group["delta_W_c"].attrs["units"]), group if source == "extrapolation" else file["nodes"]
         covariance, layout = held["covariance"][()].astype(float), surface_layout(x.name, y.name, unit, "support")
-        return read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
+        return mapping.read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
 
 
 def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
-    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
         logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
         return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
-def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
+def axis_layout(name: str, item: Item) -> mapping.Layout[SurfaceAxis]:
     """Return how an axis stands in a group."""
-    return Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
+    return mapping.Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
 
 
-def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
+def surface_layout(x: str, y: str, unit: str, origin: str) -> mapping.Layout[Surface]:
     """Return how a surface stands in a group on axes of these names, where each value comes from under the name `origin`."""
     both = (x, y)
-    return Layout(
+    return mapping.Layout(
         Surface,
         {
-            "values": Item(unit, LONG_NAME, both, "delta_W_c", gaps=True),
+            "values": Item(unit, extrapolations.LONG_NAME, both, "delta_W_c", gaps=True),
             "standard_error": Item(unit, "standard error of delta_W_c", both, gaps=True),
-            "origin": Item("1", ORIGIN, both, origin, meanings=ORIGINS),
+            "origin": Item("1", extrapolations.ORIGIN, both, origin, meanings=ORIGINS),
         },
     )
 
@@ -162,7 +159,7 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
     A node counts as estimated only if every node that it leans on is; outside the surface nothing is known. The nodes x and y,
     shapes (p2',) and (p1',), are in the units of the surface's axes.
     """
-    weight_x, weight_y = at_weights(surface.x.nodes, x), at_weights(surface.y.nodes, y)
+    weight_x, weight_y = joint.at_weights(surface.x.nodes, x), joint.at_weights(surface.y.nodes, y)
     inside = np.outer(weight_x.sum(axis=1) > 0, weight_y.sum(axis=1) > 0)
 
     def touched(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -170,8 +167,8 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
         return np.asarray((weight_x > 0).astype(float) @ mask.astype(float) @ (weight_y > 0).T > 0)
 
     unknown = touched(surface.origin == NONE) | ~inside
-    origin = np.full(inside.shape, ESTIMATED)
-    for code in (SMOOTHED, EXTRAPOLATED):
+    origin = np.full(inside.shape, quadratic.ESTIMATED)
+    for code in (quadratic.SMOOTHED, quadratic.EXTRAPOLATED):
         origin[touched(surface.origin == code)] = code
     origin[unknown] = NONE
     known = surface.origin != NONE
@@ -194,7 +191,7 @@ def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surfa
 
     Without old values such nodes are empty.
     """
-    kept = surface.origin != ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
+    kept = surface.origin != quadratic.ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
     empty = np.where(surface.origin == LEFT_OUT, LEFT_OUT, NONE)
     values = np.where(kept, np.nan if old is None else old, surface.values)
     return replace(

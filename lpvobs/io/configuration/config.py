@@ -11,8 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import AirPath, EngineKind
-from lpvobs.engines.registry import ENGINES, usual_engine
+from lpvobs.engines import base, registry
 from lpvobs.engines.sensors import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert
@@ -22,10 +21,7 @@ from lpvobs.io.logs.policies import LogPolicies, Reading
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
-from lpvobs.simulation.disturbances import Injected, injected_of
-from lpvobs.simulation.parameters import ErrorSurface, SimulationParameters
-from lpvobs.simulation.plants import PLANTS
-from lpvobs.simulation.road import Auxiliary
+from lpvobs.simulation import disturbances, parameters, plants, road
 from lpvobs.synthesis.region import GainSettings
 
 SCHEMA = 1
@@ -73,13 +69,13 @@ class Config:
     policies: LogPolicies = field(default_factory=LogPolicies)
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
 
-    simulation: ClassVar[SimulationParameters | None] = None
+    simulation: ClassVar[parameters.SimulationParameters | None] = None
     trace: ClassVar[Any] = None
 
     @property
-    def kind(self) -> EngineKind:
+    def kind(self) -> base.EngineKind:
         """The kind of the configured engine."""
-        return ENGINES[self.air_path]
+        return registry.ENGINES[self.air_path]
 
     @property
     def reading(self) -> Reading:
@@ -96,7 +92,7 @@ class Config:
         name = getattr(self.engine, "file", "")  # only an engine with corrections has the key
         return path.parent / name if name else None
 
-    def engine_path(self) -> AirPath:
+    def engine_path(self) -> base.AirPath:
         """Return the air path of the configured engine."""
         return self.kind.air_path(self.engine)
 
@@ -107,11 +103,11 @@ class Config:
 
 
 @cache
-def record_of(kind: EngineKind) -> type[Config]:
+def record_of(kind: base.EngineKind) -> type[Config]:
     """Return the record of the configuration of a kind of engine: the tables of all, and those of its own."""
     own: dict[str, Any] = dict(kind.tables)
     if kind.plant:
-        own["simulation"] = PLANTS[kind.plant].parameters | None
+        own["simulation"] = plants.PLANTS[kind.plant].parameters | None
     tables = [(name, record, _default(record)) for name, record in own.items()]
     said = {"__doc__": f"The configuration of a {kind.name} engine."}
     return make_dataclass(f"{kind.name.capitalize()}Config", tables, bases=(Config,), namespace=said, frozen=True)
@@ -137,10 +133,10 @@ def load_config(path: Path) -> tuple[Config, str]:
 def config_of(text: str, path: Path) -> Config:
     """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
     document = _parse(text, path)
-    name = document.get("air_path", usual_engine().name)
-    if not isinstance(name, str) or name not in ENGINES:
-        raise UsageError(f"{path}: air_path = {name!r}, expected one of {', '.join(map(repr, ENGINES))}")
-    kind = ENGINES[name]
+    name = document.get("air_path", registry.usual_engine().name)
+    if not isinstance(name, str) or name not in registry.ENGINES:
+        raise UsageError(f"{path}: air_path = {name!r}, expected one of {', '.join(map(repr, registry.ENGINES))}")
+    kind = registry.ENGINES[name]
     config = convert(path, document, record_of(kind), f"configs/{kind.example}")
     if config.schema != SCHEMA:
         raise UsageError(
@@ -160,15 +156,15 @@ def config_of(text: str, path: Path) -> Config:
 class _Surroundings:
     """The tables of an effects file whose keys are fixed; those of an effect depend on its identifier."""
 
-    surface: ErrorSurface | None = None
-    auxiliary: Auxiliary | None = None
+    surface: parameters.ErrorSurface | None = None
+    auxiliary: road.Auxiliary | None = None
 
 
 @dataclass(frozen=True)
 class Effects(_Surroundings):
     """What `simulate --effects` reads: another surface of the sensor's error, what has happened to engine and sensors, a road."""
 
-    injected: tuple[Injected, ...] = ()
+    injected: tuple[disturbances.Injected, ...] = ()
 
 
 def load_effects(path: Path) -> tuple[Effects, str]:
@@ -187,9 +183,9 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     return Effects(**vars(tables), injected=effects), text
 
 
-def _effect(path: Path, place: int, table: Mapping[str, Any]) -> Injected:
+def _effect(path: Path, place: int, table: Mapping[str, Any]) -> disturbances.Injected:
     try:
-        return injected_of(table)
+        return disturbances.injected_of(table)
     except UsageError as error:
         raise UsageError(f"{path}: effect[{place}]: {error}") from None
 

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, Rows, bench_table, rows_of
-from lpvobs.engines.base import AirPath
-from lpvobs.engines.channels import Channel
-from lpvobs.engines.unknowns import unknowns_of
+from lpvobs.engines import base, channels, unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
 from lpvobs.io.safety.atomic import file_digest, replacing
@@ -46,7 +44,7 @@ class BenchPoints:
     digests: Mapping[str, str]
 
 
-def read_bench(paths: Sequence[Path], air_path: AirPath) -> BenchPoints:
+def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> BenchPoints:
     """Return the points of bench tables; raises DataError for a table that no engine can be calibrated from.
 
     Tables are Parquet with units, or CSV with the units in a second line; the air path is the configured one.
@@ -62,7 +60,7 @@ def read_bench(paths: Sequence[Path], air_path: AirPath) -> BenchPoints:
     return BenchPoints(columns, {path.name: file_digest(path) for path in paths})
 
 
-def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
+def _wanted(air_path: base.AirPath) -> tuple[dict[str, str], dict[str, str]]:
     """Return the units of the columns that a table needs, and of those that it may have."""
     needed = {n: item.unit for n, item in air_path.channels.items() if n != air_path.sensor and item.one_of is None}
     further = {n: item.unit for n, item in air_path.channels.items() if item.one_of is not None}
@@ -70,7 +68,7 @@ def _wanted(air_path: AirPath) -> tuple[dict[str, str], dict[str, str]]:
     return needed | {REFERENCE: "kg/s"}, {DEVIATION: "kg/s", FUEL: "kg/s", LAMBDA: "1"} | parts | further
 
 
-def _read(path: Path, air_path: AirPath) -> dict[str, Array]:
+def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     needed, optional = _wanted(air_path)
     found = from_csv(path) if path.suffix.lower() == ".csv" else from_parquet(path, [*needed, *optional])
     for name, unit in needed.items():
@@ -132,7 +130,7 @@ def _numbers(cells: Sequence[str]) -> "pa.Array":
         return pa.array(cells)
 
 
-def _refuse_impossible(path: Path, name: str, values: Array, channel: Channel | None) -> None:
+def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.Channel | None) -> None:
     """Raise for values that are not there, or that no sensor reads."""
     lost = np.flatnonzero(~np.isfinite(values))
     if lost.size:
@@ -150,7 +148,7 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: Channel | 
         )
 
 
-def _refuse_few(where: str, columns: Mapping[str, Array], air_path: AirPath) -> None:
+def _refuse_few(where: str, columns: Mapping[str, Array], air_path: base.AirPath) -> None:
     """Raise for fewer points than a fit needs, or points that are all alike."""
     count = columns[REFERENCE].size
     if not LEAST_POINTS <= count <= MOST_POINTS:
@@ -168,9 +166,9 @@ def _refuse_few(where: str, columns: Mapping[str, Array], air_path: AirPath) -> 
             )
 
 
-def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: AirPath) -> None:
+def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath) -> None:
     """Raise for a reference that no balance of the engine is near, or with which the fuel cannot burn."""
-    rows = rows_of(air_path, unknowns_of({}, air_path.components), [bench_table(air_path, table)])
+    rows = rows_of(air_path, unknowns.unknowns_of({}, air_path.components), [bench_table(air_path, table)])
     refuse_far(path, REFERENCE, rows)
     if FUEL in table and LAMBDA in table:
         burnt = table[LAMBDA] * AIR_FOR_FUEL * table[FUEL]

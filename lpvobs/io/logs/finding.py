@@ -1,11 +1,15 @@
-"""Logs named one by one, by pattern or by folder."""
+"""Logs named one by one, by pattern or by folder; whose each is, and when it was driven."""
 
+import csv
+import datetime
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from lpvobs.errors import UsageError
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.logs.parquet import metadata_of, schema_of
 
 WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"
@@ -56,3 +60,99 @@ def log_names(paths: Sequence[Path]) -> dict[Path, str]:
     if again := next((path for path, name in names.items() if Counter(names.values())[name] > 1), None):
         raise UsageError(f"{again}: cannot be told from another log by name or folders; rename one")
     return names
+
+
+EPOCH = datetime.date(1970, 1, 1)
+FIELD = re.compile(r"\{(\w+)\}")
+DATES = ("date", "day", "month")
+"""Fields that say when, the finest first."""
+PERIODS: Mapping[str, str] = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", "year": "%Y"}
+
+
+@dataclass(frozen=True)
+class Origins:
+    """Where else than in the logs it stands: a pattern of their paths, or a table with a column `log`."""
+
+    pattern: str | None = None
+    table: Path | None = None
+
+    def of(self, paths: Iterable[Path]) -> dict[Path, dict[str, str]]:
+        """Return what is known of each log by field; the table says more than the path, the path more than the file.
+
+        A file that is no log has nothing: whoever reads it says why. Raises UsageError for a pattern without fields, or a path
+        that does not follow it; DataError for a table that cannot be read.
+        """
+        rows = {} if self.table is None else _rows(self.table)
+        return {path: _own(path) | self._in_path(path) | rows.get(path.resolve(), {}) for path in paths}
+
+    def _in_path(self, path: Path) -> dict[str, str]:
+        if self.pattern is None:
+            return {}
+        if not FIELD.search(self.pattern):
+            raise UsageError(
+                f"--path {self.pattern}: names no field; expected for example {{vehicle}}/{{month}}.parquet"
+            )
+        parts = FIELD.split(re.escape(self.pattern).replace(r"\{", "{").replace(r"\}", "}"))
+        shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
+        found = re.search(f"(?:^|/){shape}$", path.as_posix())
+        if found is None:
+            raise UsageError(
+                f"{path}: does not end as --path {self.pattern} says; mend the pattern, or name other logs"
+            )
+        return found.groupdict()
+
+
+def _own(path: Path) -> dict[str, str]:
+    try:
+        held = schema_of(path, metadata_of(path)).metadata or {}
+    except DataError:
+        return {}
+    return {
+        key.decode(errors="replace"): value.decode(errors="replace") for key, value in held.items() if len(value) < 200
+    }
+
+
+def _rows(table: Path) -> dict[Path, dict[str, str]]:
+    try:
+        if table.suffix == ".parquet":
+            import pyarrow.parquet as pq
+
+            rows = [{key: str(value) for key, value in row.items()} for row in pq.read_table(table).to_pylist()]
+        else:
+            with table.open(encoding="utf-8", newline="") as stream:
+                rows = [dict(row) for row in csv.DictReader(stream)]
+        return {(table.parent / row.pop("log")).resolve(): row for row in rows}
+    except (OSError, ValueError, KeyError, csv.Error) as error:
+        raise DataError(f"{table}: no table of logs ({error!r}); expected columns log, vehicle, date") from None
+
+
+def day_of(path: Path, origin: Mapping[str, str]) -> float:
+    """Return when a log was driven, days since 1970-01-01; of a month its middle."""
+    text = next((origin[name] for name in DATES if origin.get(name)), "")
+    try:
+        whole = datetime.date.fromisoformat(text[:10] if len(text) > 7 else f"{text}-15")
+    except ValueError:
+        said = f"'{text}'" if text else "nothing"
+        raise DataError(
+            f"{path}: {said} says when it was driven; expected 2025-01-31 or 2025-01 as date or month: "
+            f"give --path, --origins, or record it with --date"
+        ) from None
+    return float((whole - EPOCH).days)
+
+
+def date_of(day: float) -> datetime.date:
+    """Return the date of a day since 1970-01-01."""
+    return EPOCH + datetime.timedelta(days=round(day))
+
+
+def own_origin(vehicle: str | None, date: str | None, engine: str) -> dict[str, str]:
+    """Return the metadata of a new log that says whose it is; nothing where neither is given. Raises UsageError for no date."""
+    if vehicle is None and date is None:
+        return {}
+    if date is not None:
+        try:
+            day_of(Path(), {"date": date})
+        except DataError:
+            raise UsageError(f"--date {date}: expected for example 2025-01-31") from None
+    known = {"vehicle": vehicle, "engine": engine or None, "date": date}
+    return {key: value for key, value in known.items() if value is not None}

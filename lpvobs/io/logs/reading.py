@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
-from lpvobs.io.logs import parquet
-from lpvobs.io.logs.plausibility import refuse_implausible, usable_rows
+from lpvobs.io.logs import parquet, plausibility
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts
 from lpvobs.io.safety.atomic import file_digest, refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
@@ -101,12 +100,12 @@ class LogFile:
 
     def _usable_rows(self, time: Array, values: Mapping[str, Array], seen: SlabCounts) -> NDArray[np.int64]:
         try:
-            refuse_implausible(self.path, values, self.channels)
+            plausibility.refuse_implausible(self.path, values, self.channels)
         except DataError as refusal:
             seen.add(Defects(time.size, dropped_rows=time.size))
             seen.refusals.append(refusal)
             return np.empty(0, dtype=np.int64)
-        rows, lost = usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
+        rows, lost = plausibility.usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
         seen.add(lost)
         return rows
 

@@ -8,8 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.extrapolations import Axes, axes_of, grid_layout
-from lpvobs.io.results.hdf import creating, reading, write_group
+from lpvobs.io.results import extrapolations, hdf
 from lpvobs.io.results.mapping import fields, read, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
 from lpvobs.io.safety.atomic import replacing
@@ -43,7 +42,7 @@ class StoredFleet:
 
     path: Path
     air_path: str
-    axes: Axes
+    axes: extrapolations.Axes
     grid: Grid
     kept: FleetSums
     found: Tracked
@@ -54,7 +53,7 @@ class StoredFleet:
 def write_fleet(
     path: Path,
     air_path: str,
-    axes: Axes,
+    axes: extrapolations.Axes,
     grid: Grid,
     kept: FleetSums,
     found: Tracked,
@@ -62,9 +61,9 @@ def write_fleet(
     refused: Sequence[str],
 ) -> None:
     """Write a fleet; at any instant the target is absent, the old file, or the complete new one."""
-    with creating(path) as file:
+    with hdf.creating(path) as file:
         file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", air_path
-        write_group(file, "map", fields(grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
+        hdf.write_group(file, "map", fields(extrapolations.grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
         write(file, "sums", kept)
         write(file, "sizes", found.sizes)
         for name, row, records in (
@@ -74,14 +73,14 @@ def write_fleet(
             ("maps", "map", found.maps),
             ("next", "cell", found.cells),
         ):
-            write_group(file, name, rows(records, row, LABELS))
+            hdf.write_group(file, name, rows(records, row, LABELS))
         provenance.write(file)
         write_refused(file, refused)
 
 
 def read_fleet(path: Path) -> StoredFleet:
     """Return a stored fleet; raises DataError if the file is no complete one."""
-    with reading(path, KIND, REMEDY) as file:
+    with hdf.reading(path, KIND, REMEDY) as file:
         found = Tracked(
             sizes=read(file["sizes"], Fleetwide),
             types=read_rows(file["types"], TypeMap, "type"),
@@ -90,8 +89,8 @@ def read_fleet(path: Path) -> StoredFleet:
             maps=read_rows(file["maps"], PeriodMap, "map"),
             cells=read_rows(file["next"], NextCell, "cell"),
         )
-        axes = axes_of(file)
-        grid, kept = read(file["map"], grid_layout(axes)), read(file["sums"], FleetSums)
+        axes = extrapolations.axes_of(file)
+        grid, kept = read(file["map"], extrapolations.grid_layout(axes)), read(file["sums"], FleetSums)
         return StoredFleet(
             path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file), read_refused(file)
         )

@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results.hdf import creating, reading
-from lpvobs.io.results.mapping import fields, read, write
+from lpvobs.io.results import hdf, mapping
 from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.certificate import Gain
@@ -62,7 +61,7 @@ class _Bounds:
 
 def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
     """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
-    with creating(path) as file:
+    with hdf.creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         write_gain_group(file, stored)
         provenance.write(file)
@@ -70,7 +69,7 @@ def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
 
 def read_gain(path: Path) -> StoredGain:
     """Return a gain from its file; raises DataError if the file is not a complete gain."""
-    with reading(path, KIND, REMEDY) as file:
+    with hdf.reading(path, KIND, REMEDY) as file:
         return read_gain_group(file)
 
 
@@ -78,16 +77,16 @@ def write_gain_group(parent: h5py.File, stored: StoredGain) -> None:
     """Write `/gain`."""
     region, labels = stored.gain.region, {"state": stored.states, "output": (*stored.outputs, "sensor")}
     bounds = _Bounds(region.names, np.stack([region.lower, region.upper], axis=1), region.nonnegative_sums)
-    write(parent, "gain", stored, labels, fields(_Bounds, bounds))
+    mapping.write(parent, "gain", stored, labels, mapping.fields(_Bounds, bounds))
 
 
 def read_gain_group(parent: h5py.File) -> StoredGain:
     """Return what `write_gain_group` wrote."""
     group = parent["gain"]
-    bounds = read(group, _Bounds)
+    bounds = mapping.read(group, _Bounds)
     lower, upper = bounds.rho_bounds.T.tolist()
     region = Region(bounds.names, tuple(lower), tuple(upper), bounds.nonnegative_sums)
-    return read(group, StoredGain, gain=read(group, Gain, region=region))
+    return mapping.read(group, StoredGain, gain=mapping.read(group, Gain, region=region))
 
 
 def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:

@@ -11,9 +11,7 @@ import h5py
 import numpy as np
 
 from lpvobs.errors import DataError, UsageError
-from lpvobs.io.safety.atomic import replacing
-from lpvobs.io.safety.seal import expect_sound, sealed
-from lpvobs.io.safety.self_contained import expect_self_contained
+from lpvobs.io.safety import atomic, seal
 
 Attribute = str | int | float | np.number[Any]
 NO_YES = {0: "no", 1: "yes"}
@@ -84,13 +82,13 @@ def creating(target: Path) -> Iterator[h5py.File]:
 @contextmanager
 def changing(source: Path | None, target: Path) -> Iterator[h5py.File]:
     """Yield a copy of an HDF5 file for changes; it takes the target's place, sealed, when the block ends without an error."""
-    with replacing(target) as temporary:
+    with atomic.replacing(target) as temporary:
         name, mode = (temporary.name, "w") if source is None else (source, "r+")
         with h5py.File(name, mode, driver="core", backing_store=False) as file:
             yield file
             file.flush()
             image = bytes(file.id.get_file_image())
-        temporary.write_bytes(sealed(image))
+        temporary.write_bytes(seal.sealed(image))
 
 
 def is_hdf5(path: Path) -> bool:
@@ -113,13 +111,13 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
         raise DataError(f"{path}: no such file; {remedy}")
     if not is_hdf5(path):
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}")
-    expect_sound(path, remedy)
+    seal.expect_sound(path, remedy)
     try:
         file = h5py.File(path, "r")
     except OSError:
         raise DataError(f"{path}: not a readable HDF5 file; {remedy}") from None
     with file:
-        expect_self_contained(file, f"{path}", remedy)
+        seal.expect_self_contained(file, f"{path}", remedy)
         try:
             schema = str(file.attrs.get("schema", ""))
             if schema != f"lpvobs/{kind}/1":

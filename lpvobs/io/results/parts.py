@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from lpvobs import __version__
 from lpvobs.errors import DataError
 from lpvobs.io.results.mapping import element_of
-from lpvobs.observer.balance_agreement import BalanceSums
-from lpvobs.observer.parts import LogInformation, StateGain
+from lpvobs.observer import balance_agreement, parts
 
 FORMAT = 7
 ENDING = ".part"
@@ -36,9 +35,9 @@ MOST_BYTES = 2**29
 class StoredPart:
     """The part of a log, which rows of its file were used, eight in a byte, slab by slab, and what its balances say."""
 
-    part: LogInformation
+    part: parts.LogInformation
     kept: tuple[NDArray[np.uint8], ...]
-    balances: BalanceSums
+    balances: balance_agreement.BalanceSums
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class _File:
     stored: StoredPart
 
 
-def run_key(config_text: str, gain: StateGain) -> str:
+def run_key(config_text: str, gain: parts.StateGain) -> str:
     """Return a digest of everything but the logs that a part depends on."""
     made_with = [FORMAT, __version__, config_text, list(gain.outputs), gain.L.tolist(), str(gain.region)]
     return hashlib.sha256(json.dumps(made_with).encode()).hexdigest()

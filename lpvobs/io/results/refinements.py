@@ -10,13 +10,9 @@ from typing import Annotated
 import h5py
 import numpy as np
 
-from lpvobs.discovery.held_out import Comparison
-from lpvobs.discovery.known_effects import KnownEffect
-from lpvobs.discovery.portrait import Portrait
-from lpvobs.discovery.thresholds import LAGS
+from lpvobs.discovery import held_out, known_effects, portrait, thresholds
 from lpvobs.discovery.whiteness import Whiteness
-from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.hdf import NO_YES, Field, flags, write_fields, write_group
+from lpvobs.io.results import gains, hdf
 from lpvobs.io.results.mapping import Labels, numbered, read, rows, write
 from lpvobs.records import Item
 from lpvobs.synthesis.sensor_state import SensorState
@@ -32,7 +28,7 @@ class StoredRefinement:
     Constants are by name; `map_stood` is whether the map was frozen when the effects were found, `json` the contract's object.
     """
 
-    effects: Annotated[tuple[KnownEffect, ...], Item(name="effects/effect")]
+    effects: Annotated[tuple[known_effects.KnownEffect, ...], Item(name="effects/effect")]
     constants: Annotated[Mapping[str, float], Item("1", "from the configured value", CONSTANT, "relative_deviation")]
     deviations: Annotated[Mapping[str, float], Item("1", "of the deviation", CONSTANT, "standard_deviation")]
     map_stood: bool
@@ -40,7 +36,7 @@ class StoredRefinement:
 
 
 @dataclass(frozen=True)
-class Compared(Comparison):
+class Compared(held_out.Comparison):
     """The error on a log, or on all of them pooled."""
 
     log: Annotated[str, Item("1", "log, or all of them pooled")]
@@ -50,7 +46,7 @@ class Compared(Comparison):
 def write_refinement(
     file: h5py.File,
     stored: StoredRefinement,
-    comparisons: Mapping[str, tuple[Comparison, bool]],
+    comparisons: Mapping[str, tuple[held_out.Comparison, bool]],
     whiteness: Mapping[str, Whiteness],
     balances: Sequence[str],
 ) -> None:
@@ -62,7 +58,7 @@ def write_refinement(
     write_structure(group, whiteness, balances)
 
 
-def _say(group: h5py.Group, effect: KnownEffect) -> None:
+def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:
     """Write beside an effect what only its own values say: unit and meaning, and on which logs it acts."""
     for name in ("value", "ci90"):
         group[name].attrs["units"] = effect.unit
@@ -74,19 +70,19 @@ def _say(group: h5py.Group, effect: KnownEffect) -> None:
         )
         own["deviation"].attrs["long_name"] = f"deviation of {effect.curve.carrier} at amplitude one"
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
-    write_fields(group, {"acts": Field(acts, "1", "on the log", ("log",), flags(NO_YES))})
+    hdf.write_fields(group, {"acts": hdf.Field(acts, "1", "on the log", ("log",), hdf.flags(hdf.NO_YES))})
 
 
-def write_sensor_state(parent: h5py.Group, found: SensorState, gain: StoredGain) -> None:
+def write_sensor_state(parent: h5py.Group, found: SensorState, gain: gains.StoredGain) -> None:
     """Write gain and proof of the observer with the sensor's state."""
     states, outputs = (*gain.states, "sensor"), (*gain.outputs, "sensor")
     write(parent, "observer", found, {"state": states, "output": outputs})
 
 
-def write_comparison(parent: h5py.Group, comparisons: Mapping[str, tuple[Comparison, bool]]) -> None:
+def write_comparison(parent: h5py.Group, comparisons: Mapping[str, tuple[held_out.Comparison, bool]]) -> None:
     """Write the residual before and after, by log and pooled, and whether nothing was fitted to it."""
     each = [Compared(**vars(found), log=log, took_no_part=unseen) for log, (found, unseen) in comparisons.items()]
-    write_group(parent, "comparison", rows(each, "log", BOUNDS))
+    hdf.write_group(parent, "comparison", rows(each, "log", BOUNDS))
 
 
 def write_structure(parent: h5py.Group, whiteness: Mapping[str, Whiteness], balances: Sequence[str]) -> None:
@@ -101,9 +97,9 @@ def read_structure(parent: h5py.Group) -> dict[str, Whiteness]:
     return {name: read(group, Whiteness) for name, group in parent.get("whiteness", {}).items()}
 
 
-def write_portrait(parent: h5py.Group, seen: Portrait) -> None:
+def write_portrait(parent: h5py.Group, seen: portrait.Portrait) -> None:
     """Write `plots`: the data behind the figures, so that a report needs no logs."""
     size = seen.cumulated.shape[2]
-    shares, lags = np.arange(1, size + 1) / max(size, 1), np.arange(-LAGS, LAGS + 1)
+    shares, lags = np.arange(1, size + 1) / max(size, 1), np.arange(-thresholds.LAGS, thresholds.LAGS + 1)
     labels = {"balance": seen.balances, "state": ("before", "after"), "share": shares, "lag": lags}
     write(parent, "plots", seen, labels)

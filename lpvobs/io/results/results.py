@@ -1,9 +1,10 @@
-"""Results in one HDF5 file: map, extrapolation, gain, metrics, provenance."""
+"""Results in one HDF5 file: map, extrapolation, gain, metrics, provenance, and what is kept of the logs that made it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
@@ -11,24 +12,48 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.io.results.engines import ENGINE_FOUND, EngineOfMap, write_engine_found
-from lpvobs.io.results.extrapolations import LONG_NAME, ORIGIN, Axes, axes_of, grid_layout, read_extrapolation
-from lpvobs.io.results.gains import StoredGain, read_gain_group, write_gain_group
-from lpvobs.io.results.hdf import changing, creating, reading, write_group
-from lpvobs.io.results.log_summaries import LogSummary, write_log
-from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, values
+from lpvobs.io.results import engines, extrapolations, gains
+from lpvobs.io.results.hdf import Field, changing, creating, reading, write_group
+from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
+from lpvobs.observer import disagreement, log_run
 from lpvobs.observer.balance_agreement import BalanceAgreement
-from lpvobs.observer.disagreement import Agreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array, Item
 
 KIND = "result"
 REMEDY = "make it with `lpvobs estimate`"
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """What a result keeps of each log that made it.
+
+    `dropped` is by channel; `found`, among the dropped, are samples that are stuck, saturated or spiked, by kind and channel,
+    such as `stuck p_im`. The duration is in s. `balance_ratio` is the disagreement of the balances over what is to be expected
+    of it, NaN where there is one balance; metrics are None where the log has no references.
+    """
+
+    name: str
+    sha256: str
+    samples: int
+    samples_read: int
+    dropped_rows: int
+    gaps: int
+    repeated: int
+    duration: float
+    dropped: Mapping[str, int]
+    found: Mapping[str, int]
+    share_certified: Annotated[float, Item("1", "share of samples inside the region of the certificate", gaps=True)]
+    lower: Annotated[Array, Item("SI", "smallest scheduling parameters along the log", ("parameter",))]
+    upper: Annotated[Array, Item("SI", "largest scheduling parameters along the log", ("parameter",))]
+    balance_ratio: float
+    mean_flow: Annotated[float, Item("kg/s", "mean of the sensor's readings", gaps=True)]
+    metrics: Metrics | None
 
 
 @dataclass(frozen=True)
@@ -50,13 +75,13 @@ class StoredResult:
     sensitivity: Array
     parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
-    gain: StoredGain
+    gain: gains.StoredGain
     extrapolation: Filled | None
     outer_coverage: float
     provenance: Provenance
-    agreement: tuple[Agreement, ...] = ()
+    agreement: tuple[disagreement.Agreement, ...] = ()
     balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
-    engine: EngineOfMap | None = None
+    engine: engines.EngineOfMap | None = None
     state: tuple[int, ...] = ()
     refused: tuple[str, ...] = ()  # why other logs were left out
 
@@ -66,7 +91,7 @@ def write_result(
     air_path: AirPath,
     estimate: MapEstimate,
     logs: tuple[LogSummary, ...],
-    gain: StoredGain,
+    gain: gains.StoredGain,
     provenance: Provenance,
     further: Callable[[h5py.File], None] | None = None,
 ) -> None:
@@ -79,12 +104,12 @@ def write_result(
         file.attrs["air_path"] = air_path.name
         file.attrs["method"] = estimate.method
         _write_map(file, estimate, {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes})
-        write_gain_group(file, gain)
+        gains.write_gain_group(file, gain)
         groups = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
             write_log(*groups, log, air_path.parameter_names)
         if estimate.engine is not None:
-            write_engine_found(file, estimate.engine)
+            engines.write_engine_found(file, estimate.engine)
         provenance.write(file)
         if further is not None:
             further(file)
@@ -118,31 +143,31 @@ def read_result(path: Path) -> StoredResult:
     """Return a stored result; raises DataError if the file is not a complete result."""
     state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
-        axes = axes_of(file)
+        axes = extrapolations.axes_of(file)
         found: dict[str, Any] = {}
         for name, layout in _layouts(*axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
         found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
-        extrapolation, outer_coverage = read_extrapolation(file, axes)
+        extrapolation, outer_coverage = extrapolations.read_extrapolation(file, axes)
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
             method=str(file.attrs["method"]),
-            grid=read(file["map"], grid_layout(axes)),
+            grid=read(file["map"], extrapolations.grid_layout(axes)),
             **found,
             **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
             logs=tuple(
                 read(logs[name], LogSummary, name=name, metrics=read_if_there(file["metrics"].get(name), Metrics))
                 for name in logs
             ),
-            gain=read_gain_group(file),
+            gain=gains.read_gain_group(file),
             extrapolation=extrapolation,
             outer_coverage=outer_coverage,
             provenance=read_provenance(file),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
-            agreement=read_rows(file.get("agreement"), Agreement, "log"),
-            engine=read_if_there(file.get(ENGINE_FOUND), EngineOfMap),
+            agreement=read_rows(file.get("agreement"), disagreement.Agreement, "log"),
+            engine=read_if_there(file.get(engines.ENGINE_FOUND), engines.EngineOfMap),
             state=state,
             refused=read_refused(file),
         )
@@ -157,9 +182,9 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     per_constant = "change of the map per relative error of the constant"
     groups = {
         "map": {
-            "theta": Item("kg/s", LONG_NAME, both, "delta_W_c", gaps=True),
+            "theta": Item("kg/s", extrapolations.LONG_NAME, both, "delta_W_c", gaps=True),
             "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
-            "supported": Item("1", ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
+            "supported": Item("1", extrapolations.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
         },
         "excitation": {
             "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1")
@@ -177,13 +202,13 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     return {name: Layout(StoredResult, items) for name, items in groups.items()}
 
 
-def _write_map(file: h5py.File, estimate: MapEstimate, axes: Axes) -> None:
-    grid, on_nodes = estimate.grid, grid_layout(axes)
+def _write_map(file: h5py.File, estimate: MapEstimate, axes: extrapolations.Axes) -> None:
+    grid, on_nodes = estimate.grid, extrapolations.grid_layout(axes)
     middle = Grid(*(0.5 * (nodes[1:] + nodes[:-1]) for nodes in (grid.fuel, grid.speed)))
     of_cells = {name: replace(axis, meaning=f"{axis.meaning}, middle of the cell") for name, axis in axes.items()}
     scales = {
         "map": fields(on_nodes, grid),
-        "excitation": fields(grid_layout(of_cells), middle),
+        "excitation": fields(extrapolations.grid_layout(of_cells), middle),
         "nodes": {},
         "sensitivity": fields(on_nodes, grid),
     }
@@ -191,3 +216,43 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: Axes) -> None:
     for name, layout in _layouts(*axes).items():
         write_group(file, name, scales[name] | fields(layout, shown, {"term": COEFFICIENTS}))
     file["map"].attrs["axes"] = " ".join(axes)
+
+
+def summary_of(run: log_run.LogRun, metrics: Metrics | None, balance_ratio: float = nan) -> LogSummary:
+    """Return what a result keeps of a log."""
+    return LogSummary(
+        name=run.name,
+        sha256=run.sha256,
+        samples=run.samples,
+        samples_read=run.defects.samples_read,
+        dropped_rows=run.defects.dropped_rows,
+        gaps=run.defects.gaps,
+        repeated=run.defects.repeated,
+        duration=run.duration,
+        dropped=run.defects.dropped,
+        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
+        share_certified=run.share_certified,
+        lower=run.lower,
+        upper=run.upper,
+        balance_ratio=balance_ratio,
+        mean_flow=run.mean_flow,
+        metrics=metrics,
+    )
+
+
+def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
+    """Write a log into the groups `/logs` and, where it has references, `/metrics`."""
+    write(logs, log.name, log, {"parameter": parameter_names})
+    if log.metrics is not None:
+        write(metrics, log.name, log.metrics)
+
+
+def write_agreement(file: h5py.File, scatter: float, logs: tuple[disagreement.Agreement, ...]) -> None:
+    """Write how far each log's own map is from the common one."""
+    between = Field(scatter, "kg/s", "standard deviation of a node between logs, beyond noise")
+    write_group(file, "agreement", rows(logs, "log") | {"scatter": between})
+
+
+def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]) -> None:
+    """Write how far the balances agree, and what speaks against logs and engine, a line each."""
+    write(file, "balance_agreement", found).attrs["doubts"] = "\n".join(doubts)

@@ -1,4 +1,4 @@
-"""A checksum behind the end of every HDF5 file that is written here, and what is done with files whose checksum says no.
+"""A checksum behind the end of every HDF5 file that is written here, and what keeps a damaged or hostile one from HDF5.
 
 HDF5 ignores what follows its own end, so every reader opens a sealed file unchanged, and a library that writes to it cuts the seal
 off. Hence three cases, told apart before HDF5 sees the file, because HDF5 may crash on or loop over a damaged one:
@@ -6,16 +6,19 @@ off. Hence three cases, told apart before HDF5 sees the file, because HDF5 may c
 - the seal is there and right: the bytes are those that were written;
 - the seal is there and wrong: damaged, refused;
 - there is no seal: another program wrote or changed the file, or its end is damaged. A process of its own, with limits, reads
-  all of it first.
+  all of it first: `python -m lpvobs.io.safety.seal FILE SECONDS BYTES` ends with 0, says why it could not, or dies of it.
 """
 
 import hashlib
 import subprocess
+import sys
 from functools import lru_cache
 from pathlib import Path
 
+import h5py
+
 from lpvobs.errors import DataError
-from lpvobs.io.safety.sandbox import call, environment
+from lpvobs.io.safety.sandbox import call, environment, limit
 
 HEAD = b"\nlpvobs sha256 "
 LENGTH = len(HEAD) + 64 + 1
@@ -67,7 +70,7 @@ def _digest(path: Path, length: int) -> bytes:
 
 def _probe(path: str) -> str:
     """Return why a process of its own could not read the whole file, or nothing."""
-    line = call("lpvobs.io.safety.trial_read", path, str(SECONDS), str(BYTES))
+    line = call("lpvobs.io.safety.seal", path, str(SECONDS), str(BYTES))
     try:
         done = subprocess.run(
             line, env=environment(), capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False
@@ -78,3 +81,71 @@ def _probe(path: str) -> str:
         return ""
     said = done.stdout.decode(errors="replace").strip()
     return said or "HDF5 fails on it"
+
+
+MOST_OBJECTS = 1_000_000
+MOST_BYTES = 2**30
+"""Largest size of all numbers in a file together, unpacked; the largest map needs a fifth of it."""
+
+
+def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
+    """Raise DataError unless a file holds everything itself, under hard links, and unpacks to a reasonable size.
+
+    Links are looked at, never followed: a soft or external link, a virtual dataset or one whose numbers lie in another file would
+    make this program read whatever its writer names.
+    """
+    links = 0
+    total = 0
+
+    def look(path: bytes, info: h5py.h5l.LinkInfo) -> str | None:
+        nonlocal links
+        links += 1
+        if info.type != h5py.h5l.TYPE_HARD:
+            return f"'{path.decode(errors='replace')}' is a link to elsewhere"
+        return "it holds too many objects" if links > MOST_OBJECTS else None
+
+    def measure(path: bytes, info: h5py.h5o.ObjInfo) -> str | None:
+        nonlocal total
+        if info.type != h5py.h5o.TYPE_DATASET:
+            return None
+        dataset = h5py.h5d.open(file.id, path)
+        properties = dataset.get_create_plist()
+        if properties.get_layout() == h5py.h5d.VIRTUAL or properties.get_external_count():
+            return f"'{path.decode(errors='replace')}' keeps its numbers in another file"
+        total += dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
+        return f"it unpacks to more than {MOST_BYTES} bytes" if total > MOST_BYTES else None
+
+    try:
+        reason = file.id.links.visit(look, info=True) or h5py.h5o.visit(file.id, measure, info=True)
+    except (RuntimeError, KeyError, OSError, ValueError, TypeError) as error:
+        raise DataError(f"{name}: damaged ({error}); {remedy}") from None
+    if reason:
+        raise DataError(f"{name}: {reason}, expected a file that holds all it needs; {remedy}")
+
+
+def read_everything(path: str) -> None:
+    """Read every dataset and attribute that a file holds itself; raises whatever HDF5 raises."""
+
+    def visit(_: str, item: h5py.Group | h5py.Dataset) -> None:
+        dict(item.attrs)
+        if isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external:
+            item[()]
+
+    with h5py.File(path, "r") as file:
+        dict(file.attrs)
+        file.visititems(visit)
+
+
+def main(path: str, seconds: str, most_bytes: str) -> int:
+    """Read the file within limits; return the exit code."""
+    limit(int(seconds), int(most_bytes))
+    try:
+        read_everything(path)
+    except Exception as error:
+        print(" ".join(f"{error}".split())[:200] or type(error).__name__)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
