@@ -18,6 +18,8 @@ from lpvobs.io.logs.units import canonical, convert, unit_of
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
+QUANTITY = {"K": frozenset({"temp"}), "Pa": frozenset({"pressure"})}
+"""What a unit says where a name does not."""
 
 
 def known_channels() -> Mapping[str, Recorded]:
@@ -74,7 +76,8 @@ def guess(
     words, said = meanings(head.name[:LONGEST_NAME]), own.get(bare(head.name))
     meant = "wanted" not in words[-1] and any(fits(known.means, part, True) for part in words)
     named = re.fullmatch(known.strong, name) is not None or meant
-    held = any("elsewhere" not in part and fits(known.may, part, False) for part in words)
+    told = QUANTITY.get(known.unit, frozenset()) if head.unit else frozenset()
+    held = any("elsewhere" not in part and fits(known.may, part | told, False) for part in words)
     may = re.fullmatch(known.weak, name) is not None or held
     strong = said == channel if said else named and channel not in own.values()
     if not strong and (said or not (named or may)):

@@ -71,20 +71,32 @@ def test_what_is_no_reading_of_a_channel_is_never_sure(name):
     assert sure_of(name) == []
 
 
-@pytest.mark.parametrize("which", sorted({row["list"] for row in LISTS}))
-def test_lists_that_somebody_wrote_who_had_not_seen_the_patterns(which):
-    """Patterns before the vocabulary had 93 of 168 sure, 26 as comments, one wrong; it has learned from these lists since."""
+def found_in(which):
+    """Return a list's columns that an engine needs, those that a draft tells, and names that it has wrong without a warning."""
     rows = [row for row in LISTS if row["list"] == which]
     guesses = []
     for row in rows:
         head, values = Head(*split_unit(row["header"])), np.full(20, float(row["typical"]))
         guesses += [found for c in known_channels() if (found := guess(c, row["header"], head, values)) is not None]
     certain = _sure(guesses)
-    sure = {column: found.channel for column, found in certain.items()}
     told = {(found.column, found.channel) for found in guesses if _told(found, certain)}
-    needed = [row for row in rows if row["channel"] != "-"]
-    assert sum((row["header"], row["channel"]) in told for row in needed) >= 0.9 * len(needed)
-    assert [row for row in rows if sure.get(row["header"], row["channel"]) != row["channel"]] == []
+    needed = [row for row in rows if row["channel"] in known_channels()]
+    wrong = [name for row in rows if (name := row["header"]) in certain and certain[name].channel != row["channel"]]
+    return needed, [row for row in needed if (row["header"], row["channel"]) in told], wrong
+
+
+def test_lists_that_somebody_wrote_who_had_not_seen_the_patterns():
+    """The last 20 lists were written when the vocabulary was frozen: it told 143 of their 155 channels, and had none wrong.
+
+    It has learned from them since, and from the first 20, of which patterns without it had told 119 of 168 and had one wrong. Fuel
+    flows, `W_f`, are no channel of a recording; `[C]` is no unit of a temperature, and a volume of fuel no mass.
+    """
+    lists = {which: found_in(which) for which in dict.fromkeys(row["list"] for row in LISTS)}
+    assert len(lists) == 40
+    assert {which: wrong for which, (_, _, wrong) in lists.items() if wrong} == {}
+    needed, told = (sum(len(each[k]) for each in lists.values()) for k in (0, 1))
+    assert told >= 0.97 * needed
+    assert all(len(each[1]) >= 0.7 * len(each[0]) for each in lists.values())
 
 
 def test_an_index_is_no_unit():
