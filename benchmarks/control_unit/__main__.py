@@ -22,7 +22,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parents[1] / "tests")]
 from common import CONFIG, configuration, markdown, publish  # noqa: E402
 from reference import control_unit as twin  # noqa: E402
 
-from lpvobs import simulate, synth_gain  # noqa: E402
+from lpvobs import estimate, simulate, synth_gain  # noqa: E402
 from lpvobs.api.export_unit import export_unit, unit_of  # noqa: E402
 from lpvobs.io.control_unit.sources import sources  # noqa: E402
 from lpvobs.io.logs.reading import read_log  # noqa: E402
@@ -33,6 +33,9 @@ from lpvobs.observer import ekf  # noqa: E402
 from lpvobs.observer.parts import operating_point  # noqa: E402
 
 CYCLES = ("etc_part1", "etc", "ftp75_cold", "ftp75", "nedc", "wltc", "whtc")
+MODES = ("constant", "falling", "corrected")
+TAUGHT_BY = "nedc"
+"""The drive whose `estimate` gives the engine of the third mode: constants, and corrections as tables. Its map is not taken."""
 PAPER = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 3001.0, 250.0))
 """The 15 x 13 = 195 nodes of Sec. 4.1."""
 BASIS = ("-std=c99", "-O2", "-ffp-contract=off")
@@ -60,9 +63,10 @@ EQUAL = (
     "map, float",
     "error of the map",
 )
-ABOUT_EQUAL = """Largest differences: of any state relative, of any node over the largest node. Double is compiled with
+ABOUT_EQUAL = f"""Largest differences: of any state relative, of any node over the largest node. Double is compiled with
 -ffp-contract=off; what is left is the order of sums in the plain twin of the falling gain. The error of the map is the mean
-relative one against the truth: one balance and the configured engine, as in the published method, but smoothed signals."""
+relative one against the truth: one balance and the configured engine, as in the published method, but smoothed signals.
+Corrected: a falling gain, the engine that `estimate` finds on {TAUGHT_BY}, its corrections as tables; the map starts at zero."""
 COST = ("method", *2 * ("bytes", "instructions", "Cortex-M7", "Cortex-M7, worst"))
 ABOUT_COST = f"""The first four in double, then in single precision. Bytes of the state; instructions of a step, mean of {SAMPLES}
 (callgrind on this machine, -O2), and on a Cortex-M7 with a unit for double precision (QEMU: instructions, not cycles). Powers
@@ -76,19 +80,25 @@ def run(*call, folder=None):
     return done.stdout + done.stderr
 
 
-def equality(logs, gain, folder):
+def unit_as(mode, gain, result):
+    """Return the unit of a mode, its map at zero."""
+    unit = unit_of(gain, read_gain(gain), result if mode == "corrected" else None, mode != "constant", 100.0)
+    return replace(unit, theta=np.zeros(unit.grid.size), driven=np.zeros(unit.grid.size))
+
+
+def equality(logs, gain, result, folder):
     """Return a row a cycle: differences of C and Python, and what the map is worth."""
-    rows, stored = [], read_gain(gain)
+    rows = []
     for cycle in CYCLES:
         path = logs / f"{cycle}.parquet"
         table = pq.read_table(path)
         listing = folder / "log.csv"
         table.to_pandas().to_csv(listing, index=False)
-        for falls in (False, True):
-            unit = unit_of(gain, stored, None, falls, 100.0)
+        for mode in MODES:
+            unit = unit_as(mode, gain, result)
             log = read_log(path, unit.channels, configuration().policies)
-            x, theta = (twin.falling if falls else twin.constant)(unit, log)
-            row = [cycle, "falling" if falls else "constant", str(len(log))]
+            x, theta = (twin.falling if unit.falling else twin.constant)(unit, log)
+            row = [cycle, mode, str(len(log))]
             for number in ("double", "float"):
                 program = folder / f"bench-{row[1]}-{number}"
                 run(program, listing, folder / "map.csv", folder / "states.csv")
@@ -107,12 +117,19 @@ def equality(logs, gain, folder):
     return rows
 
 
-def built(gain, folder):
+def written(unit, place):
+    """Write the sources of a unit into a new folder, and return it."""
+    place.mkdir()
+    for name, text in sources(unit).items():
+        (place / name).write_text(text, encoding="utf-8")
+    return place
+
+
+def built(gain, result, folder):
     """Compile the bench in every variant, strictly; return what was clean."""
     said = []
-    for mode in ("constant", "falling"):
-        place = folder / mode
-        export_unit(gain, place, "c99", map_gain=mode)
+    for mode in MODES:
+        place = written(unit_as(mode, gain, result), folder / mode)
         files = sorted(place.glob("*.c"))
         for number, flag in (("double", []), ("float", ["-DLPVOBS_FLOAT"])):
             for compiler in filter(shutil.which, ("gcc", "clang")):
@@ -145,15 +162,14 @@ def misra(folder):
     return ", ".join(f"{rule} ({count})" for rule, count in sorted(found.items())) or "none"
 
 
-def cost(gain, logs, folder):
+def cost(gain, result, logs, folder):
     """Return a row a method: bytes, instructions of a step on this machine and on a Cortex-M7."""
-    config = configuration()
-    unit = replace(unit_of(gain, read_gain(gain), None, True, 100.0), grid=PAPER, theta=np.zeros(PAPER.size))
-    unit = replace(unit, driven=np.zeros(PAPER.size))
-    place = folder / "paper"
-    place.mkdir()
-    for name, text in sources(unit).items():
-        (place / name).write_text(text, encoding="utf-8")
+    config, none = configuration(), np.zeros(PAPER.size)
+    units = [
+        replace(unit_as(mode, gain, result), grid=PAPER, theta=none, driven=none) for mode in ("falling", "corrected")
+    ]
+    plain, corrected = (written(unit, folder / f"paper-{bool(unit.corrections)}") for unit in units)
+    unit = units[0]
     log = read_log(logs / "ftp75_cold.parquet", unit.channels, config.policies)
     columns = np.column_stack([log.time, *log.channels.values()])[FIRST : FIRST + SAMPLES]
     with (folder / "log.csv").open("w", encoding="utf-8", newline="") as file:
@@ -162,21 +178,22 @@ def cost(gain, logs, folder):
     drift = [config.ekf.process_noise[name] for name in unit.air_path.state_names]
     tuning = [f"-DEKF_PRIOR={config.ekf.prior_map}", f"-DEKF_DRIFT={config.ekf.map_drift}"]
     tuning += [f"-DEKF_{name}={{{','.join(map(str, v))}}}" for name, v in (("MEASUREMENT", noise), ("PROCESS", drift))]
-    own = [place / f"lpvobs{part}.c" for part in ("", "_model", "_tables")]
-    text = own[0].read_text(encoding="utf-8")
+    text = (plain / "lpvobs.c").read_text(encoding="utf-8")
     if SMOOTHS not in text:
         sys.exit("lpvobs.c: the call of smooth is written otherwise")
-    (place / "raw.c").write_text(text.replace(SMOOTHS, AS_READ), encoding="utf-8")
+    (plain / "raw.c").write_text(text.replace(SMOOTHS, AS_READ), encoding="utf-8")
     methods = {
         "engine model alone (in each of the following)": (["-DMODEL"], []),
         "local observer, signals as read": (["-DRAW"], []),
         "local observer, with smoothing": ([], []),
+        "local observer, with smoothing and corrections": ([], []),
         "Kalman filter, 3 + 4 states": (["-DEKF", "-DLOCAL"], [HERE / "ekf.c"]),
         "Kalman filter, 3 + 195 states": (["-DEKF"], [HERE / "ekf.c"]),
     }
     rows = []
     for name, (flags, more) in methods.items():
-        row = [name]
+        row, place = [name], corrected if name.endswith("corrections") else plain
+        own = [place / f"lpvobs{part}.c" for part in ("", "_model", "_tables")]
         for number in ([], ["-DLPVOBS_FLOAT"]):
             common = [*BASIS, *flags, *number, *tuning, f"-DSAMPLES={SAMPLES}", "-I", place, "-I", HERE]
             observer = place / "raw.c" if "-DRAW" in flags else own[0]
@@ -228,11 +245,13 @@ def main():
         folder = Path(name)
         gain = folder / "gain.h5"
         synth_gain(CONFIG, [logs / f"{cycle}.parquet" for cycle in ("etc", "ftp75", "nedc")], out=gain)
-        compilers = built(gain, folder)
+        result = folder / "taught.h5"
+        estimate(CONFIG, [logs / f"{TAUGHT_BY}.parquet"], out=result, gain=gain)
+        compilers = built(gain, result, folder)
         proof = export_unit(gain, folder / "again", "c99")
-        rules = misra(folder / "falling")
-        costs = cost(gain, logs, folder)
-        equal = equality(logs, gain, folder)
+        rules = misra(folder / "corrected")
+        costs = cost(gain, result, logs, folder)
+        equal = equality(logs, gain, result, folder)
         sanitized(logs, folder)
     clean = f"""Without a warning under {" ".join(STRICT)}: {"; ".join(compilers)}. All cycles without a finding of the sanitizers
 ({CHECKED[1]}) in each of them. MISRA C:2012 by cppcheck's addon, rules with findings: {rules}."""

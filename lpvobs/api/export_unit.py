@@ -13,19 +13,22 @@ from lpvobs.api.export import SOURCES
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.api.known_engine import known_engine
 from lpvobs.api.verify import check_again, expect_proven
+from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.calibration.surfaces import read_surface
-from lpvobs.io.configuration.config import config_of
+from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
+from lpvobs.io.results.engines import StoredEngine, read_corrections, read_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.provenance import read_provenance
-from lpvobs.io.results.results import read_result
+from lpvobs.io.results.results import KIND, REMEDY, read_result
 from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.kinds import Count
 from lpvobs.maps.quadratic import ESTIMATED
+from lpvobs.records import Array
 
 FORMATS = ("c99", "fmu")
 MAP_GAINS = ("falling", "constant")
@@ -61,7 +64,14 @@ class ExportOutput:
 
 
 def export_unit(
-    gain: File, out: File, file_format: str, *, result: File | None = None, map_gain: str = "", rate: float = 100.0
+    gain: File,
+    out: File,
+    file_format: str,
+    *,
+    result: File | None = None,
+    engine: File | None = None,
+    map_gain: str = "",
+    rate: float = 100.0,
 ) -> ExportedUnit:
     """Write the certified local observer as C99 sources, or as a unit for co-simulation (FMI 2.0).
 
@@ -77,7 +87,10 @@ def export_unit(
     file_format : str
         `c99` or `fmu`.
     result : path, optional
-        Its map is where the observer starts, and its engine the one that the observer has; by default zero, and as configured.
+        Its map is where the observer starts, and its engine, with the corrections of components as tables, the one that the
+        observer has; by default zero, and as configured.
+    engine : path, optional
+        In place of a result: the map starts at zero, with a calibrated engine and its corrections.
     map_gain : str
         `constant`: Gamma of `[published]`; `falling`: it falls with the time that the nodes around have been driven, which is
         proven for a gain whose sensor does not correct the state; by default where that holds.
@@ -100,12 +113,13 @@ def export_unit(
         certificate = check_again(rounded)
         expect_proven(f"{gain} rounded to {name}", certificate)
         pivots[name] = certificate.smallest_pivot
-    unit = unit_of(as_path(gain), stored, None if result is None else as_path(result), falling, rate)
+    start, calibrated = (None if path is None else as_path(path) for path in (result, engine))
+    unit = unit_of(as_path(gain), stored, start, falling, rate, calibrated)
     made = sources(unit)
     if file_format == "c99":
         _write_folder(as_path(out), made)
     else:
-        with writing(out, [gain, result]) as target, replacing(target) as temporary:
+        with writing(out, [gain, result, engine]) as target, replacing(target) as temporary:
             write_fmu(temporary, unit, made)
     sizes = {"double": unit.bytes_of_state(8), "float": unit.bytes_of_state(4)}
     return ExportedUnit(
@@ -130,25 +144,27 @@ def _falls(stored: StoredGain, map_gain: str) -> bool:
     return cascade if not map_gain else map_gain == "falling"
 
 
-def unit_of(gain: Path, stored: StoredGain, result: Path | None, falling: bool, rate: float) -> Unit:
+def unit_of(
+    gain: Path, stored: StoredGain, result: Path | None, falling: bool, rate: float, engine: Path | None = None
+) -> Unit:
     """Return what the C is made from; raises as `export_unit` does."""
     origin, start = f"gain {file_digest(gain)}", STARTS[0]
     if result is None:
         with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
             config = config_of(read_provenance(file).config, gain)
-        air_path, theta = config.engine_path(), np.zeros(config.grid().shape)
-        if air_path.learns:
+        air_path, corrections = config.engine_path(), {}
+        theta, known = np.zeros(config.grid().shape), np.zeros(config.grid().shape, dtype=bool)
+        if engine is not None:
+            air_path, corrections = _calibrated(read_engine(engine, air_path), air_path)
+            origin += f", engine {file_digest(engine)}"
+        elif air_path.learns:
             raise UsageError(
-                f"a {air_path.name} engine is known from healthy logs alone; name the RESULT.h5 they made as well"
+                f"a {air_path.name} engine is known from healthy logs alone; name the RESULT.h5 or --engine ENGINE.h5 they made"
             )
-        known = np.zeros(theta.shape, dtype=bool)
+    elif engine is not None:
+        raise UsageError(f"--engine {engine}: {result} has the engine of its map; name one of the two")
     else:
-        found = read_result(result)
-        engine = known_engine(found)
-        config, air_path = engine.config, engine.air_path
-        if found.engine is not None and not air_path.learns:
-            names = found.engine.constants
-            air_path = air_path.deviating(dict(zip(names, found.engine.deviation.tolist(), strict=True)))
+        config, air_path, corrections = _of_map(result)
         surface = read_surface(result)
         theta, known, start = surface.values, surface.origin == ESTIMATED, surface.source
         origin += f", result {file_digest(result)}"
@@ -156,6 +172,7 @@ def unit_of(gain: Path, stored: StoredGain, result: Path | None, falling: bool, 
     return Unit(
         kind=config.kind,
         air_path=air_path,
+        corrections=corrections,
         channels=config.policies.limited(air_path.channels),
         grid=config.grid(),
         stored=stored,
@@ -169,6 +186,25 @@ def unit_of(gain: Path, stored: StoredGain, result: Path | None, falling: bool, 
         origin=origin,
         start=start,
     )
+
+
+def _of_map(result: Path) -> tuple[Config, AirPath, Mapping[str, Array]]:
+    """Return configuration and engine of a map, and the values of the engine's corrections."""
+    found = read_result(result)
+    engine = known_engine(found)
+    if found.engine is None or engine.air_path.learns:
+        return engine.config, engine.air_path, {}
+    deviation = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
+    with reading(result, KIND, REMEDY) as file:
+        return engine.config, engine.air_path.deviating(deviation), read_corrections(file, engine.air_path)
+
+
+def _calibrated(stored: StoredEngine, air_path: AirPath) -> tuple[AirPath, Mapping[str, Array]]:
+    """Return a calibrated engine, and the values of its corrections."""
+    if stored.learned is not None:
+        return air_path.knowing(stored.learned.known), {}
+    places = stored.unknowns.places()
+    return air_path.deviating(stored.deviation), {name: stored.unknowns.mean[own] for name, own in places.items()}
 
 
 def _write_folder(folder: Path, made: Mapping[str, str]) -> None:

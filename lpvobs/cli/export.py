@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import FORMATS, JSON, MAP_GAINS, argument, flag, needed, option
+from lpvobs.cli.options import ENGINE, FORMATS, JSON, MAP_GAINS, argument, flag, needed, option
 from lpvobs.errors import UsageError
 
 WHAT = "dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit."
@@ -28,6 +28,7 @@ def export(
         "KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.", default=""
     ),
     digits: int = option("N", "Significant digits in dcm and csv.", default=7),
+    engine: Path | None = ENGINE,
     map_gain: str = option(
         "GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS, default=""
     ),
@@ -50,7 +51,7 @@ def export(
     file_format = file_format.lower()
     said = partial(ExportOutput, out=str(out), format=file_format)
     if file_format in UNITS:
-        unit = export_unit(result, out, file_format, result=start, map_gain=map_gain, rate=rate)
+        unit = export_unit(result, out, file_format, result=start, engine=engine, map_gain=map_gain, rate=rate)
         if as_json:
             print_json("export", said(values=unit.start, digits=17, nodes={}, changes=None, widest=None, unit=unit))
             return
@@ -60,9 +61,9 @@ def export(
             )
         say(f"{out}: the observer, {unit.map_gain} map gain, late by {unit.delay:g} s and up to two samples")
         return
-    if start is not None or map_gain:
+    if start is not None or engine is not None or map_gain:
         raise UsageError(
-            f"--format {file_format}: takes one result and no --map-gain; these belong to {' and '.join(UNITS)}"
+            f"--format {file_format}: takes one result, no --engine and no --map-gain; these belong to {' and '.join(UNITS)}"
         )
 
     done = export_map(

@@ -118,6 +118,7 @@ class Windows:
         self.total, self.started = no_moments(grid, layout), float("nan")
         self.windows = self.total.windows
         self.blocks: dict[int, tuple[Array, ...]] = {}
+        self.rows = np.empty((layout.balances, ROWS, layout.size))  # new memory for every block would cost a tenth of the time
 
     def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
         """Add N samples, later than any before; z has shape (B, N), signals (s, N); a balance that is NaN says nothing."""
@@ -139,9 +140,11 @@ class Windows:
         """Return the sums over the whole log."""
         self._complete(None)
         total = self.total
-        for a, b in zip(*np.tril_indices(self.layout.balances, -1), strict=True):
-            for each in (total.products, total.slow):
+        for each in (total.products, total.slow):
+            for a, b in zip(*np.tril_indices(self.layout.balances, -1), strict=True):
                 each[a, b] = each[b, a].T
+            for own in np.einsum("aaij->aij", each):
+                own[:] = np.triu(own) + np.triu(own, 1).T
         return Moments(total.products, total.slow, self.windows, total.gram)
 
     def _complete(self, begun: int | None) -> None:
@@ -155,7 +158,8 @@ class Windows:
     def _add_block(self, group: NDArray[np.int64], seen: Means) -> None:
         found, layout = self.slopes(seen.stay, seen.signals), self.layout
         own = slice(layout.nodes, layout.nodes + layout.unknowns)
-        rows = np.zeros((layout.balances, seen.stay.size, layout.size))
+        rows = self.rows[:, : seen.stay.size]
+        rows[:] = 0.0
         for b, row in enumerate(rows):
             row[:, : layout.nodes] = seen.Psi
             row[:, own] = found.J[:, b]
@@ -163,7 +167,7 @@ class Windows:
             row[:, layout.z] = seen.z[:, b] + found.correction[:, b]
             row[:, layout.terms] = seen.terms
             row[:, -1] = found.reading - row[:, layout.z]
-        says = np.isfinite(rows).all(axis=2)
+        says = np.isfinite(rows.sum(axis=2))
         rows[~says] = 0.0
         rows *= np.sqrt(seen.stay * found.weight.T)[:, :, None]
         summed = np.add.reduceat(rows, np.flatnonzero(np.diff(group, prepend=-1)), axis=1) / np.sqrt(GROUP)
@@ -187,23 +191,23 @@ class Windows:
 
 @njit(cache=True)
 def _add_products(products, rows):  # type: ignore[no-untyped-def]
-    """Add the products of rows, shape (B, n, C), of every balance with itself and later ones; a row is mostly zeros."""
+    """Add the products of rows, shape (B, n, C), of every balance with later ones, and half of those with itself."""
     B, n, C = rows.shape
-    at = np.empty((B, C), dtype=np.int64)
+    at, value = np.empty((B, C), dtype=np.int64), np.empty((B, C))
     count = np.empty(B, dtype=np.int64)
     for r in range(n):
-        for a in range(B):
+        for a in range(B):  # a row is mostly zeros
             count[a] = 0
             for i in range(C):
                 if rows[a, r, i] != 0.0:
-                    at[a, count[a]] = i
+                    at[a, count[a]], value[a, count[a]] = i, rows[a, r, i]
                     count[a] += 1
         for a in range(B):
             for b in range(a, B):
                 for k in range(count[a]):
-                    value = rows[a, r, at[a, k]]
-                    for m in range(count[b]):
-                        products[a, b, at[a, k], at[b, m]] += value * rows[b, r, at[b, m]]
+                    into = products[a, b, at[a, k]]
+                    for m in range(k if a == b else 0, count[b]):
+                        into[at[b, m]] += value[a, k] * value[b, m]
 
 
 @njit(cache=True)
@@ -229,9 +233,15 @@ def _add(sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, terms, z, signal
                 gram[cell, a, b] += h * psi[a] * psi[b]  # Eq. (29)
         for y in range(terms.shape[1]):
             term_sums[r, y] += h * terms[k, y]
-    for b in range(z.shape[0]):
-        for k in range(row.size):
-            z_sums[row[k], b] += steps[k] * z[b, k]
-    for s in range(signals.shape[0]):
-        for k in range(row.size):
-            signal_sums[row[k], s] += steps[k] * signals[s, k]
+    start = 0
+    while start < row.size:
+        stop, r = start, row[start]
+        while stop < row.size and row[stop] == r:
+            stop += 1
+        for sums_of, values in ((z_sums, z), (signal_sums, signals)):
+            for s in range(values.shape[0]):
+                total = sums_of[r, s]
+                for k in range(start, stop):
+                    total += steps[k] * values[s, k]
+                sums_of[r, s] = total
+        start = stop

@@ -72,7 +72,8 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         n_e, u_delta, u_egr, u_vgt = x[0, k], x[1, k], x[2, k], x[3, k]
         p_im, p_em, omega_t = x[4, k], x[5, k], x[6, k]
         T_im, T_em, p_amb, T_amb = x[7, k], x[8, k], x[9, k], x[10, k]
-        rho_1 = lacks[4, k] * (relation.rho_1(c, p_im, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
+        head = relation.head(c, p_im, p_amb)
+        rho_1 = lacks[4, k] * (relation.rho_1_of(c, head, omega_t, p_amb, T_amb) + flows[0, k] / omega_t)
         W_c = rho_1 * omega_t
         W_ei = lacks[3, k] * (intake.rho_3(c, p_im, n_e, T_im) * p_im + flows[1, k])
         W_egr = lacks[2, k] * (intake.rho_2(c, p_im, p_em, u_egr, T_im, T_em) * p_em + flows[2, k])
@@ -84,7 +85,7 @@ def imbalances_of(c: DieselConstants, x: Array, dx: Array, lacks: Array, flows: 
         W_t, Pi_t = turbine(c, restricted, p_em, u_vgt, T_em, p_amb)
         W_f = intake.cylinder_fuel_flow(c, n_e, u_delta)
         P_t = lacks[5, k] * relation.turbine_power(c, W_t, Pi_t, omega_t, T_em)
-        P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, p_im, omega_t, p_amb, T_amb)
+        P_c = c.J_t * omega_t * omega_t * relation.rho_5(c, rho_1, head, p_im, omega_t, p_amb, T_amb)
         out[0, k] = x[11, k] - W_c
         out[1, k] = x[11, k] - (W_ei - W_egr + W_leak + stored)
         out[2, k] = W_ei + W_f - W_t - W_egr - c.V_em / (c.R_e * T_em) * dx[5, k]

@@ -99,8 +99,8 @@ class Diesel(AsKnown):
     @property
     def usual_tolerance(self) -> Mapping[str, float]:
         """Return the constants that a balance depends on, and how well one is known of which the configuration says nothing."""
-        owned = dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1])
-        own = [name for name in owned if name in self.engine_constants()]
+        owned, known = dict.fromkeys(OWNED_CONSTANTS[0] + OWNED_CONSTANTS[1]), self.engine_constants()
+        own = [name for name in owned if name in known]
         return {name: GAS_TOLERANCE if name in constant.Gas.__dataclass_fields__ else FITTED_TOLERANCE for name in own}
 
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
@@ -189,16 +189,17 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb = columns
     N = n_e.size
     parameters = np.empty((7, N))
-    E = np.zeros((3, N))
+    E, head = np.zeros((3, N)), np.empty(N)
     # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
     for k in range(N):
-        parameters[0, k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        head[k] = relation.head(c, p_im[k], p_amb[k])
+        parameters[0, k] = relation.rho_1_of(c, head[k], omega_t[k], p_amb[k], T_amb[k])
         parameters[1, k] = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
         parameters[2, k] = intake.rho_3(c, p_im[k], n_e[k], T_im[k])
         parameters[5, k] = c.R_a * T_im[k] / c.V_im  # Eq. (5)
         parameters[6, k] = c.R_e * T_em[k] / c.V_em  # Eq. (5)
     for k in range(N):
-        parameters[4, k] = relation.rho_5(c, parameters[0, k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
+        parameters[4, k] = relation.rho_5(c, parameters[0, k], head[k], p_im[k], omega_t[k], p_amb[k], T_amb[k])
     scale, p_es, Pi_t = np.empty(N), p_amb.copy(), np.empty(N)
     for k in range(N):
         scale[k] = relation.turbine_scale(c, u_vgt[k], T_em[k])

@@ -1,4 +1,4 @@
-/* A diesel with EGR and VGT, Eq. (2), (3) and (5); the relations of lpvobs.engines.diesel.relations and forms, in the same order. */
+/* A diesel with EGR and VGT, Eq. (2), (3) and (5); the relations of lpvobs.engines.diesel.relations, in the same order. */
 #include <math.h>
 
 #include "lpvobs.h"
@@ -9,6 +9,16 @@
 #define CONSTANT_LOSS R(0.5)      /* turbine_form below: constant; above: rotor_speed */
 #define LEAST_COEFFICIENT R(1.0)
 #define PI R(3.14159265358979323846)
+#if LPVOBS_CORRECTED
+#define COUNT(a) ((uint32_t)(sizeof(a) / sizeof((a)[0])))
+#define USUAL_CHARGE R(320.0) /* K; lpvobs.engines.components.intake */
+#define USUAL_RATIO R(1.2)    /* p_em / p_im; lpvobs.engines.diesel.corrections */
+
+typedef struct {
+    uint32_t low; /* the node below */
+    real_t share; /* of the node above */
+} place;
+#endif
 
 static real_t root(real_t x)
 {
@@ -71,6 +81,65 @@ static real_t compressor_efficiency(real_t W_c, real_t ratio)
     return least(most(c->eta_c_max - loss, c->eta_c_min), R(1.0));
 }
 
+#if LPVOBS_CORRECTED
+/* The corrections that an estimate or a calibration has found: tables between nodes, linear as in lpvobs.engines.curves. */
+static place at(const real_t nodes[], uint32_t count, real_t value)
+{
+    place found;
+    found.low = lpvobs_cell(nodes, count, value, &found.share);
+    return found;
+}
+
+static real_t on_line(const real_t values[], uint32_t first, place k)
+{
+    return ((R(1.0) - k.share) * values[first + k.low]) + (k.share * values[first + k.low + 1U]);
+}
+
+static real_t on_surface(const real_t values[], uint32_t first, place j, uint32_t columns, place k)
+{
+    const uint32_t row = first + (j.low * columns);
+    return ((R(1.0) - j.share) * on_line(values, row, k)) + (j.share * on_line(values, row + columns, k));
+}
+
+/* Return what is added to Phi_c, of that without pressure rise. */
+static real_t compressor_correction(real_t Psi_c, real_t U)
+{
+    const lpvobs_constants *c = &lpvobs_engine;
+    const uint32_t across = COUNT(c->compressor_Psi_c);
+    const place j = at(c->compressor_U_c, COUNT(c->compressor_U_c), U);
+    const place k = at(c->compressor_Psi_c, across, Psi_c);
+    return on_surface(c->compressor, 0U, j, across, k);
+}
+
+/* Return the relative change of the volumetric efficiency. */
+static real_t filling_correction(const real_t u[LPVOBS_CHANNELS])
+{
+    const lpvobs_constants *c = &lpvobs_engine;
+    const real_t T_im = u[LPVOBS_IN_T_im];
+    const uint32_t across = COUNT(c->eta_vol_p_im);
+    const place j = at(c->eta_vol_n_e, COUNT(c->eta_vol_n_e), u[LPVOBS_IN_n_e]);
+    const place k = at(c->eta_vol_p_im, across, u[LPVOBS_IN_p_im]);
+    const place wave = at(c->eta_vol_waves_n_e, COUNT(c->eta_vol_waves_n_e), u[LPVOBS_IN_n_e] * root(USUAL_CHARGE / T_im));
+    return on_surface(c->eta_vol, 0U, j, across, k) + on_line(c->eta_vol_waves, 0U, wave) +
+           (c->eta_vol_exhaust * ((u[LPVOBS_IN_p_em] / u[LPVOBS_IN_p_im]) - USUAL_RATIO)) +
+           (c->eta_vol_charge * ((T_im - USUAL_CHARGE) / R(100.0)));
+}
+
+/* Return the flow that is added to that of the EGR valve, of that of the open nozzle. */
+static real_t egr_correction(const real_t u[LPVOBS_CHANNELS])
+{
+    const lpvobs_constants *c = &lpvobs_engine;
+    const uint32_t rows = COUNT(c->egr_p_im_over_p_em);
+    const uint32_t columns = COUNT(c->egr_u_delta);
+    const place i = at(c->egr_u_egr, COUNT(c->egr_u_egr), u[LPVOBS_IN_u_egr]);
+    const place j = at(c->egr_p_im_over_p_em, rows, u[LPVOBS_IN_p_im] / u[LPVOBS_IN_p_em]);
+    const place k = at(c->egr_u_delta, columns, u[LPVOBS_IN_u_delta]);
+    const uint32_t slab = i.low * rows * columns;
+    return ((R(1.0) - i.share) * on_surface(c->egr, slab, j, columns, k)) +
+           (i.share * on_surface(c->egr, slab + (rows * columns), j, columns, k));
+}
+#endif
+
 static real_t egr_flow_function(real_t ratio)
 {
     const lpvobs_constants *c = &lpvobs_engine;
@@ -94,6 +163,9 @@ static real_t egr(const real_t u[LPVOBS_CHANNELS])
             c->k_reverse * area * p_im * egr_flow_function(p_em / p_im) / root(u[LPVOBS_IN_T_im] * c->R_a);
         rho_2 = -reverse / p_em;
     }
+#if LPVOBS_CORRECTED
+    rho_2 += egr_correction(u) * area / root(u[LPVOBS_IN_T_em] * c->R_e);
+#endif
     return rho_2;
 }
 
@@ -148,11 +220,19 @@ void lpvobs_model(const real_t u[LPVOBS_CHANNELS], lpvobs_system *system)
     const real_t T_amb = u[LPVOBS_IN_T_amb];
     const real_t U = c->R_c * omega_t;
     const real_t rise = power(p_im / p_amb, R(1.0) - (R(1.0) / c->gamma_a)) - R(1.0);
-    const real_t Phi_c = flow_coefficient(R(2.0) * c->c_pa * T_amb * rise / (U * U), omega_t);
+    const real_t Psi_c = R(2.0) * c->c_pa * T_amb * rise / (U * U);
+#if LPVOBS_CORRECTED
+    const real_t Phi_c =
+        flow_coefficient(Psi_c, omega_t) + (compressor_correction(Psi_c, U) * flow_coefficient(R(0.0), omega_t));
+    const real_t changed = R(1.0) + filling_correction(u);
+#else
+    const real_t Phi_c = flow_coefficient(Psi_c, omega_t);
+    const real_t changed = R(1.0);
+#endif
     const real_t rho_1 = p_amb * PI * (c->R_c * (c->R_c * c->R_c)) * Phi_c / (c->R_a * T_amb); /* Eq. (3) */
     const real_t rho_2 = egr(u);
     const real_t n_e = u[LPVOBS_IN_n_e];
-    const real_t eta_vol = (c->c_vol1 * root(p_im)) + (c->c_vol2 * root(most(n_e, R(0.0)))) + c->c_vol3;
+    const real_t eta_vol = ((c->c_vol1 * root(p_im)) + (c->c_vol2 * root(most(n_e, R(0.0)))) + c->c_vol3) * changed;
     const real_t rho_3 = eta_vol * n_e * c->V_d / (R(120.0) * c->R_a * T_im); /* Eq. (3) */
     const real_t eta_c = compressor_efficiency(rho_1 * omega_t, p_im / p_amb);
     const real_t rho_5 = c->c_pa * T_amb * rho_1 * most(rise, R(0.0)) / (c->J_t * omega_t * eta_c); /* Eq. (3) */

@@ -68,11 +68,10 @@ TURBINE_PASSES = 3  # Passes of the fixed point between flow and back pressure o
 
 
 @njit(cache=True)
-def compressor_flow_coefficient(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
-    """Return Phi_c [-] of Eq. (2): an ellipse of the head coefficient Psi_c in the engine's form; zero in stall."""
-    U = c.R_c * omega_t
-    Psi_c = 2.0 * c.c_pa * T_amb * ((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0) / (U * U)
-    return flow_coefficient(c, Psi_c, omega_t)
+def head(c: DieselConstants, p_im: float, p_amb: float) -> float:
+    """Return (p_im / p_amb)^(1 - 1 / gamma_a) - 1 [-], the power that flow and work of the compressor have in common."""
+    rise: float = (p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0
+    return rise
 
 
 @njit(cache=True)
@@ -87,7 +86,14 @@ def compressor_efficiency(c: DieselConstants, W_c: float, p_im: float, p_amb: fl
 @njit(cache=True)
 def rho_1(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
     """Return rho_1 [kg/rad] of Eq. (3), so that W_c = rho_1 omega_t."""
-    Phi_c = compressor_flow_coefficient(c, p_im, omega_t, p_amb, T_amb)
+    return rho_1_of(c, head(c, p_im, p_amb), omega_t, p_amb, T_amb)
+
+
+@njit(cache=True)
+def rho_1_of(c: DieselConstants, head_: float, omega_t: float, p_amb: float, T_amb: float) -> float:
+    """Return rho_1: Phi_c of Eq. (2) is an ellipse of the head coefficient Psi_c in the engine's form, zero in stall."""
+    U = c.R_c * omega_t
+    Phi_c = flow_coefficient(c, 2.0 * c.c_pa * T_amb * head_ / (U * U), omega_t)
     return p_amb * pi * c.R_c**3 * Phi_c / (c.R_a * T_amb)  # Eq. (3)
 
 
@@ -135,9 +141,10 @@ def turbine_power(c: DieselConstants, W_t: float, Pi_t: float, omega_t: float, T
 
 
 @njit(cache=True)
-def rho_5(c: DieselConstants, rho_1_: float, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
+def rho_5(
+    c: DieselConstants, rho_1_: float, head_: float, p_im: float, omega_t: float, p_amb: float, T_amb: float
+) -> float:
     """Return rho_5 [1/s] of Eq. (3), so that P_c / (J_t omega_t) = rho_5 omega_t; zero where the compressor expands (+)."""
     # Written with rho_1 = p_amb pi R_c^3 Phi_c / (R_a T_amb), which the printed quotient contains.
-    head = max((p_im / p_amb) ** (1.0 - 1.0 / c.gamma_a) - 1.0, 0.0)
     eta_c = compressor_efficiency(c, rho_1_ * omega_t, p_im, p_amb)
-    return c.c_pa * T_amb * rho_1_ * head / (c.J_t * omega_t * eta_c)  # Eq. (3)
+    return c.c_pa * T_amb * rho_1_ * max(head_, 0.0) / (c.J_t * omega_t * eta_c)  # Eq. (3)

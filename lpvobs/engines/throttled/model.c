@@ -25,18 +25,6 @@ static real_t within(real_t x, real_t low, real_t high)
     return inside;
 }
 
-/* Return the node below a value and how far it is to the next one; outside, the end holds. */
-static uint32_t on_line(const real_t nodes[], uint32_t count, real_t x, real_t *share)
-{
-    const real_t inside = within(x, nodes[0], nodes[count - 1U]);
-    uint32_t low = 0U;
-    while ((low < (count - 2U)) && (inside >= nodes[low + 1U])) {
-        low++;
-    }
-    *share = (inside - nodes[low]) / (nodes[low + 1U] - nodes[low]);
-    return low;
-}
-
 static real_t throttle_flow(const real_t u[LPVOBS_CHANNELS])
 {
     const lpvobs_constants *c = &lpvobs_engine;
@@ -46,7 +34,7 @@ static real_t throttle_flow(const real_t u[LPVOBS_CHANNELS])
     const real_t inside = power(ratio, R(2.0) / k) - power(ratio, (k + R(1.0)) / k);
     const real_t psi = LPVOBS_SQRT(R(2.0) * k / (k - R(1.0)) * inside);
     real_t share;
-    const uint32_t i = on_line(c->alpha_th, COUNT(c->alpha_th), u[LPVOBS_IN_alpha_th], &share);
+    const uint32_t i = lpvobs_cell(c->alpha_th, COUNT(c->alpha_th), u[LPVOBS_IN_alpha_th], &share);
     const real_t area = ((R(1.0) - share) * c->area[i]) + (share * c->area[i + 1U]);
     return area * (u[LPVOBS_IN_p_ic] * psi / LPVOBS_SQRT(c->R_a * u[LPVOBS_IN_T_ic]));
 }
@@ -57,8 +45,8 @@ static real_t cylinder_flow(const real_t u[LPVOBS_CHANNELS])
     const uint32_t across = COUNT(c->p_im);
     real_t a;
     real_t b;
-    const uint32_t i = on_line(c->n_e, COUNT(c->n_e), u[LPVOBS_IN_n_e], &a);
-    const uint32_t j = on_line(c->p_im, across, u[LPVOBS_IN_p_im], &b);
+    const uint32_t i = lpvobs_cell(c->n_e, COUNT(c->n_e), u[LPVOBS_IN_n_e], &a);
+    const uint32_t j = lpvobs_cell(c->p_im, across, u[LPVOBS_IN_p_im], &b);
     const uint32_t at = (i * across) + j;
     const real_t eta_vol = ((R(1.0) - a) * (R(1.0) - b) * c->eta_vol[at]) + ((R(1.0) - a) * b * c->eta_vol[at + 1U]) +
                            (a * (R(1.0) - b) * c->eta_vol[at + across]) + (a * b * c->eta_vol[at + across + 1U]);

@@ -12,22 +12,22 @@ typedef struct {
     uint32_t outside;
 } lpvobs_place;
 
-static uint32_t cell_of(const real_t nodes[], uint32_t count, real_t value, real_t *eta)
+uint32_t lpvobs_cell(const real_t nodes[], uint32_t count, real_t value, real_t *share)
 {
     uint32_t i = 0U;
-    real_t share;
+    real_t eta;
     while ((i < (count - 2U)) && (value > nodes[i + 1U])) {
         i++;
     }
-    share = (value - nodes[i]) * (R(1.0) / (nodes[i + 1U] - nodes[i])); /* Eq. (35) */
-    if (share < R(0.0)) {
-        share = R(0.0);
-    } else if (share > R(1.0)) {
-        share = R(1.0);
+    eta = (value - nodes[i]) * (R(1.0) / (nodes[i + 1U] - nodes[i])); /* Eq. (35) */
+    if (eta < R(0.0)) {
+        eta = R(0.0);
+    } else if (eta > R(1.0)) {
+        eta = R(1.0);
     } else {
         /* inside */
     }
-    *eta = share;
+    *share = eta;
     return i;
 }
 
@@ -36,8 +36,8 @@ static lpvobs_place place_of(real_t fuel, real_t speed)
     lpvobs_place at;
     real_t eta_1;
     real_t eta_2;
-    const uint32_t i = cell_of(lpvobs_fuel, LPVOBS_FUEL_NODES, fuel, &eta_1);
-    const uint32_t j = cell_of(lpvobs_speed, LPVOBS_SPEED_NODES, speed, &eta_2);
+    const uint32_t i = lpvobs_cell(lpvobs_fuel, LPVOBS_FUEL_NODES, fuel, &eta_1);
+    const uint32_t j = lpvobs_cell(lpvobs_speed, LPVOBS_SPEED_NODES, speed, &eta_2);
     at.node = (j * LPVOBS_FUEL_NODES) + i;                    /* Eq. (23) */
     at.weight[0] = (R(1.0) - eta_1) * (R(1.0) - eta_2);       /* Eq. (34) */
     at.weight[1] = eta_1 * (R(1.0) - eta_2);

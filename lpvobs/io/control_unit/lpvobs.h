@@ -76,6 +76,9 @@ typedef struct {
     real_t C_2[LPVOBS_STATES];
 } lpvobs_system;
 
+/* Return the node below a value, and fill share with how far it is to the next one; outside, the end holds. */
+uint32_t lpvobs_cell(const real_t nodes[], uint32_t count, real_t value, real_t *share);
+
 void lpvobs_model(const real_t u[LPVOBS_CHANNELS], lpvobs_system *system);
 void lpvobs_measured(const real_t u[LPVOBS_CHANNELS], real_t x[LPVOBS_STATES]);
 

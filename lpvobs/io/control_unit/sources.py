@@ -13,6 +13,7 @@ import numpy as np
 from lpvobs import __version__
 from lpvobs.engines.base import AirPath, EngineKind
 from lpvobs.engines.channels import Channel
+from lpvobs.errors import UsageError
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.smoothing import LEAST
@@ -32,6 +33,9 @@ class Unit:
 
     kind: EngineKind
     air_path: AirPath  # with the constants of the engine that the map goes with
+    corrections: Mapping[
+        str, Array
+    ]  # values by component, row by row over its axes; none where nothing is known of them
     channels: Mapping[str, Channel]  # with their limits as configured
     grid: Grid  # p nodes
     stored: StoredGain
@@ -77,9 +81,17 @@ def _version(unit: Unit, digest: str) -> str:
 
 
 def _numbers(unit: Unit) -> Mapping[str, float | Array]:
+    """Return the members of `lpvobs_constants`: the engine's own, then nodes and values of every correction of a flow."""
     if unit.kind.in_c is None:
-        raise ValueError(f"a {unit.kind.name} has no model in C")
-    return unit.kind.in_c(unit.air_path)
+        raise UsageError(f"a {unit.kind.name} engine has no model in C; export the map: --format dcm or csv")
+    found = dict(unit.kind.in_c(unit.air_path))
+    for component in unit.air_path.components:
+        if component.name in unit.corrections and component.unit == "1":  # others are lags of sensors
+            for name, nodes in component.axes.items():
+                found[f"{component.name}_{name.replace('/', '_over_')}"] = nodes.values
+            values = unit.corrections[component.name]
+            found[component.name] = values if component.axes else values[0]
+    return found
 
 
 def _constants(unit: Unit) -> dict[str, float | int]:
@@ -98,6 +110,7 @@ def _constants(unit: Unit) -> dict[str, float | int]:
         "NODES": grid.size,
         "RING": unit.ring,
         "FALLING": int(unit.falling),
+        "CORRECTED": int(bool(unit.corrections)),
         "SENSOR": names.index(path.sensor),
         "FUEL": names.index(path.axes[0].channel),
         "SPEED": names.index(path.axes[1].channel),

@@ -222,3 +222,8 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
 def read_engine_before(file: h5py.File, air_path: AirPath) -> Unknowns | None:
     """Return what was known of the engine before an open result's logs, None where that is the configuration alone."""
     return read_unknowns(file[BEFORE], air_path) if BEFORE in file else None
+
+
+def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:
+    """Return the values of every correction of an open result, shape (size,) each."""
+    return {item.name: file[ENGINE_FOUND][item.name]["correction"][()].reshape(-1) for item in air_path.components}

@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import fmpy
+import h5py
 import numpy as np
 import pytest
 from c_compiler import CHECKED, bench, compiled, rows_of, run
@@ -20,6 +21,7 @@ from repository import CONFIGS
 from lpvobs.api.export_unit import export_unit, unit_of
 from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import load_config
+from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import Unit, sources
 from lpvobs.io.results.gains import StoredGain, read_gain
 from lpvobs.synthesis.certificate import Certificate, Gain
@@ -32,13 +34,29 @@ FLOAT_STATE, FLOAT_MAP = 5e-5, 1e-5
 """[-] and [kg/s] of C in single precision, docs/control-unit.md: rounding of 6e-8 through a matrix of condition some hundred."""
 
 
-@pytest.fixture(scope="module", params=["constant", "falling"])
+@pytest.fixture(scope="module", params=["constant", "falling", "corrected"])
 def exported(request, chain, tmp_path_factory):
     """Return the unit, and the folder of its sources."""
     folder = tmp_path_factory.mktemp(request.param)
-    export_unit(chain.gain, folder, "c99", map_gain=request.param)
     stored = read_gain(chain.gain)
+    if request.param == "corrected":
+        unit = drawn(unit_of(chain.gain, stored, chain.result, True, 100.0))
+        write(folder, unit)
+        return unit, folder
+    export_unit(chain.gain, folder, "c99", map_gain=request.param)
     return unit_of(chain.gain, stored, None, request.param == "falling", 100.0), folder
+
+
+def drawn(unit):
+    """Return a unit with other corrections, as large as they are expected, and not zero where a formula is without them."""
+    rng = np.random.default_rng(1)
+    sizes = {item.name: item.deviation * rng.standard_normal(item.size) for item in unit.air_path.components}
+    return replace(unit, corrections=sizes)
+
+
+def write(folder, unit):
+    for name, text in sources(unit).items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +199,13 @@ def test_an_observer_starts_from_map_and_engine_of_a_result(chain, tmp_path):
     assert done.start == "extrapolation"
     assert np.all(unit.theta != 0.0)
     assert 0 < np.count_nonzero(unit.driven) < unit.theta.size
+    with h5py.File(chain.result) as file:
+        for name, values in unit.corrections.items():
+            np.testing.assert_array_equal(values, file[f"engine_found/{name}/correction"][()].reshape(-1))
+        assert unit.corrections["compressor"].any()
+    header = (tmp_path / "unit" / "lpvobs_config.h").read_text(encoding="utf-8")
+    assert "real_t egr[75];" in header
+    assert "_lag" not in header  # a lag moves a signal: docs/control-unit.md
     assert unit.air_path.engine_constants()["V_d"] != load_config(CONFIGS / "diesel.toml")[0].engine.geometry.V_d
 
 
@@ -205,10 +230,17 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
 def test_the_unit_for_co_simulation(exported, uneven, chain, tmp_path):
     unit, _ = exported
     path = tmp_path / "observer.fmu"
-    export_unit(chain.gain, path, "fmu", map_gain="falling" if unit.falling else "constant")
+
+    def make():
+        if unit.corrections:
+            write_fmu(path, unit, sources(unit))
+        else:
+            export_unit(chain.gain, path, "fmu", map_gain="falling" if unit.falling else "constant")
+
+    make()
     assert validate_fmu(str(path)) == []
     first = path.read_bytes()
-    export_unit(chain.gain, path, "fmu", map_gain="falling" if unit.falling else "constant")
+    make()
     assert path.read_bytes() == first  # the same inputs, the same bytes
     log = part(drives.scattered(7), np.arange(300))
     x, _ = expected(unit, log)
@@ -252,11 +284,10 @@ def test_an_engine_with_learned_curves(tmp_path):
     stored = StoredGain("made up", air_path.name, {}, air_path.state_names, config.gain.outputs, gain, {})
     size, grid = config.grid().size, config.grid()
     unit = Unit(
-        config.kind, air_path, air_path.channels, grid, stored, np.zeros(size), np.zeros(size), 0.15, 1.0, 200.0, 20.0,
+        config.kind, air_path, {}, air_path.channels, grid, stored, np.zeros(size), np.zeros(size), 0.15, 1.0, 200.0, 20.0,
         False, "made up", "zero",
     )  # fmt: skip
-    for name, text in sources(unit).items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    write(tmp_path, unit)
     program = compiled(sorted(tmp_path.glob("*.c")), tmp_path / "bench", *CHECKED)
     log = replace(log, channels={name: log[name] for name in air_path.channels})
     x, theta = twin.constant(unit, log)
