@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
 from lpvobs.engines.curves import Nodes, Weights
@@ -63,9 +64,16 @@ class Correction:
     def columns(self, size: int) -> Array:
         """Return the derivative of the flow by each value, shape (n, size) [kg/s]."""
         full = np.zeros((self.scale.size, size))
-        nodes, share = self.weights or (np.zeros((self.scale.size, 1), dtype=np.int64), np.ones((self.scale.size, 1)))
-        np.add.at(full, (np.arange(self.scale.size)[:, None], nodes), share * self.scale[:, None])
+        self.fill(full, np.arange(size))
         return full
+
+    def fill(self, full: Array, at: NDArray[np.int64]) -> None:
+        """Put those that are not zero into an array (n, ...), where `at` (size,) has the column of each value."""
+        if self.weights is None:
+            full[:, at[0]] = self.scale
+        else:
+            nodes, share = self.weights
+            full[np.arange(self.scale.size)[:, None], at[nodes]] = share * self.scale[:, None]
 
 
 @dataclass(frozen=True)

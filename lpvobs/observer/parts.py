@@ -135,36 +135,42 @@ class Sums:
         noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}
         calm = {name: np.full(n, noise[name] * np.linalg.norm(by_value)) for name in self.air_path.calmed}
         caution = self.air_path.caution(_log(np.arange(float(n)), channels), calm, self.spread)
-        J, flow = self._at(channels, rates)
         box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
         in_rate = float(np.linalg.norm(np.convolve(box, by_rate)))
         signs = iter(np.resize(SIGNS, (n, len(SIGNS))).T[1:])
         moved = {name: channels[name] + next(signs) * sd * np.sqrt(step / stay) for name, sd in noise.items()}
-        J_moved, flow_moved = self._at(
-            {**channels, **moved}, {name: rates[name] + next(signs) * sd * in_rate for name, sd in noise.items()}
+        shaken = {name: rates[name] + next(signs) * sd * in_rate for name, sd in noise.items()}
+        touched, J, flow = self._at(
+            {name: np.concatenate((signal, moved.get(name, signal))) for name, signal in channels.items()},
+            {name: np.concatenate((signal, shaken[name])) for name, signal in rates.items()},
         )
-        shaken = np.nan_to_num(J_moved - J), np.nan_to_num(flow - flow_moved)
-        return Slopes(J, channels[self.air_path.sensor], caution.trust.T, caution.bias.T, shaken)
+        by_noise = [np.where(np.isfinite(each), each, 0.0) for each in (J[n:] - J[:n], flow[:n] - flow[n:])]
+        reading = channels[self.air_path.sensor]
+        return Slopes(touched, J[:n], reading, caution.trust.T, caution.bias.T, (by_noise[0], by_noise[1]))
 
-    def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return J (n, B, q) and the flows (n, B) [kg/s]."""
+    def _at(self, channels: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return which k unknowns a flow answers to, J (n, B, k) and the flows (n, B) [kg/s]."""
         n = next(iter(rates.values())).size
         log = _log(np.arange(float(n)), dict(channels))
         found = self.air_path.balances(log, rates, self.unknowns.constants)
         B, q = found.slope.shape[:2]
-        J = np.zeros((n, B, self.unknowns.size))
+        corrections = self.air_path.corrections(log, rates)
+        answers, places = np.arange(self.unknowns.size) < q, [*self.unknowns.places().values()]
+        for place, correction in zip(places, corrections, strict=True):
+            answers[place.start + (0 if correction.weights is None else correction.weights[0])] = True
+        touched, at = np.flatnonzero(answers), np.cumsum(answers) - 1
+        J = np.zeros((n, B, touched.size))
         J[:, :, :q] = found.slope.transpose(2, 0, 1)
-        places = self.unknowns.places().values()
-        for place, correction in zip(places, self.air_path.corrections(log, rates), strict=True):
-            columns = correction.columns(place.stop - place.start)
+        for place, correction in zip(places, corrections, strict=True):
             for b in range(B) if correction.balance is None else (correction.balance,):
-                J[:, b, place] = columns
-        return J, found.flow.T
+                correction.fill(J[:, b], at[place])
+        return touched, J, found.flow.T
 
     def part(self, run: LogRun) -> LogInformation:
         """Return what the log says."""
         total = self.windows.moments()
-        columns = np.flatnonzero(np.any(total.products != 0.0, axis=(0, 1, 2)))
+        touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., self.windows.layout.z]))
+        columns = np.flatnonzero(touched.any(axis=(0, 1)))
         cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
         products, slow = (
             np.ascontiguousarray(each[:, :, columns[:, None], columns]) for each in (total.products, total.slow)

@@ -314,8 +314,10 @@ def roughness(column: Array, segments: tuple[tuple[int, int], ...]) -> Array:
 
 
 def _rough(column: Array, start: int, stop: int) -> Array:
-    bent = np.diff(column[max(start - 1, 0) : stop + 1], 2) / np.sqrt(6.0)
-    return np.pad(bent, (int(start == 0), int(stop == column.size)))[: stop - start]
+    rough, first, last = np.zeros(stop - start), max(start, 1), min(stop, column.size - 1)
+    steps = np.diff(column[first - 1 : last + 1])
+    rough[first - start : last - start] = (steps[1:] - steps[:-1]) / np.sqrt(6.0)
+    return rough
 
 
 def kernel(step: float, half_width: float, least: int = LEAST) -> Array:

@@ -100,7 +100,8 @@ class Means:
 class Slopes:
     """What mean signals of n windows say beside z."""
 
-    J: Array  # (n, B, q) [kg/s]
+    touched: NDArray[np.int64]  # (k,) which of the unknowns any of the windows answers to
+    J: Array  # (n, B, k) [kg/s]
     reading: Array  # (n,) [kg/s], of the sensor
     weight: Array  # (n, B)
     correction: Array  # (n, B) [kg/s], to be added to z
@@ -118,7 +119,6 @@ class Windows:
         self.total, self.started = no_moments(grid, layout), float("nan")
         self.windows = self.total.windows
         self.blocks: dict[int, tuple[Array, ...]] = {}
-        self.rows = np.empty((layout.balances, ROWS, layout.size))  # new memory for every block would cost a tenth of the time
 
     def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
         """Add N samples, later than any before; z has shape (B, N), signals (s, N); a balance that is NaN says nothing."""
@@ -127,7 +127,7 @@ class Windows:
         window = np.floor((time - self.started) / LENGTH).astype(np.int64)
         block = window // ROWS
         terms = scaled_terms(self.grid, *point)
-        for number in np.unique(block).tolist():
+        for number in block[np.flatnonzero(np.diff(block, prepend=-1))].tolist():
             self._complete(number)
             part = slice(*np.searchsorted(block, (number, number + 1)))
             sums = self.blocks.setdefault(number, tuple(np.zeros((ROWS, width)) for width in self.widths))
@@ -143,8 +143,7 @@ class Windows:
         for each in (total.products, total.slow):
             for a, b in zip(*np.tril_indices(self.layout.balances, -1), strict=True):
                 each[a, b] = each[b, a].T
-            for own in np.einsum("aaij->aij", each):
-                own[:] = np.triu(own) + np.triu(own, 1).T
+            _mirror(each)
         return Moments(total.products, total.slow, self.windows, total.gram)
 
     def _complete(self, begun: int | None) -> None:
@@ -156,58 +155,82 @@ class Windows:
                 self._add_block(on // GROUP, Means(stay[on, 0], *(total[on] / stay[on] for total in sums)))
 
     def _add_block(self, group: NDArray[np.int64], seen: Means) -> None:
-        found, layout = self.slopes(seen.stay, seen.signals), self.layout
-        own = slice(layout.nodes, layout.nodes + layout.unknowns)
-        rows = self.rows[:, : seen.stay.size]
-        rows[:] = 0.0
-        for b, row in enumerate(rows):
-            row[:, : layout.nodes] = seen.Psi
-            row[:, own] = found.J[:, b]
-            row[:, layout.nodes + layout.unknowns + b] = 1.0
-            row[:, layout.z] = seen.z[:, b] + found.correction[:, b]
-            row[:, layout.terms] = seen.terms
-            row[:, -1] = found.reading - row[:, layout.z]
-        says = np.isfinite(rows.sum(axis=2))
-        rows[~says] = 0.0
-        rows *= np.sqrt(seen.stay * found.weight.T)[:, :, None]
-        summed = np.add.reduceat(rows, np.flatnonzero(np.diff(group, prepend=-1)), axis=1) / np.sqrt(GROUP)
-        self.windows += says.sum(axis=1)
-        _add_products(self.total.products, rows)
-        _add_products(self.total.slow, summed)
-        J, z = found.shaken
+        found, layout, total = self.slopes(seen.stay, seen.signals), self.layout, self.total
+        z = seen.z + found.correction
+        known = [z, found.reading[:, None], found.J.sum(axis=2), seen.terms.sum(axis=1)[:, None]]
+        says = np.logical_and.reduce([np.isfinite(each) for each in np.broadcast_arrays(*known)])
+        self.windows += says.sum(axis=0)
+        weight = np.sqrt(seen.stay[:, None] * found.weight) * says
+        nodes, own = np.flatnonzero(seen.Psi.any(axis=0)), layout.nodes + found.touched
+        columns = np.concatenate((nodes, own, np.arange(layout.nodes + layout.unknowns, layout.size)))
+        Psi = np.ascontiguousarray(seen.Psi[:, nodes])
+        _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, z, seen.terms, found.reading)
+        J, moved = found.shaken
         # a slope counts once more as far as it is trusted
-        counted = np.sqrt(seen.stay[:, None]) * found.weight * says.T
-        self._subtract(J * counted[:, :, None], z * counted, own)
+        self._subtract(own, J, moved, np.sqrt(seen.stay[:, None]) * found.weight * says)
 
-    def _subtract(self, J: Array, z: Array, own: slice) -> None:
+    def _subtract(self, own: NDArray[np.int64], J: Array, z: Array, counted: Array) -> None:
         """Take what noise makes of the products of J and z out of all sums; it is independent from window to window."""
         for a in range(self.layout.balances):
             for b in range(a, self.layout.balances):
-                left, right = J[:, a].T @ z[:, b], z[:, a] @ J[:, b]
+                both = counted[:, a] * counted[:, b]
+                left, right = J[:, a].T @ (both * z[:, b]), (both * z[:, a]) @ J[:, b]
                 for sums, count in ((self.total.products, 1), (self.total.slow, GROUP)):
                     sums[a, b, own, self.layout.z] -= left / count
                     sums[a, b, self.layout.z, own] -= right / count
 
 
 @njit(cache=True)
-def _add_products(products, rows):  # type: ignore[no-untyped-def]
-    """Add the products of rows, shape (B, n, C), of every balance with later ones, and half of those with itself."""
-    B, n, C = rows.shape
+def _mirror(products):  # type: ignore[no-untyped-def]
+    for a in range(products.shape[0]):
+        for i in range(products.shape[2]):
+            for j in range(i):
+                products[a, a, i, j] = products[a, a, j, i]
+
+
+@njit(cache=True)
+def _add_rows(products, slow, columns, group, weight, Psi, J, z, terms, reading):  # type: ignore[no-untyped-def]
+    """Add the products of the rows of n windows in some columns, and those of sums of rows over a group."""
+    n, B = z.shape
+    p, q, C = Psi.shape[1], J.shape[2], columns.size
     at, value = np.empty((B, C), dtype=np.int64), np.empty((B, C))
-    count = np.empty(B, dtype=np.int64)
+    row, summed = np.zeros((B, C)), np.zeros((B, C))
     for r in range(n):
-        for a in range(B):  # a row is mostly zeros
-            count[a] = 0
-            for i in range(C):
-                if rows[a, r, i] != 0.0:
-                    at[a, count[a]], value[a, count[a]] = i, rows[a, r, i]
-                    count[a] += 1
-        for a in range(B):
-            for b in range(a, B):
-                for k in range(count[a]):
-                    into = products[a, b, at[a, k]]
-                    for m in range(k if a == b else 0, count[b]):
-                        into[at[b, m]] += value[a, k] * value[b, m]
+        for b in range(B):
+            w = weight[r, b]
+            if w == 0.0:
+                row[b] = 0.0
+                continue
+            row[b, :p] = w * Psi[r]
+            row[b, p : p + q] = w * J[r, b]
+            row[b, p + q + b] = w
+            row[b, p + q + B] = w * z[r, b]
+            row[b, p + q + B + 1 : C - 1] = w * terms[r]
+            row[b, C - 1] = w * (reading[r] - z[r, b])
+        _add_products(products, columns, row, at, value)
+        summed += row
+        if r == n - 1 or group[r + 1] != group[r]:
+            summed /= np.sqrt(GROUP)
+            _add_products(slow, columns, summed, at, value)
+            summed[:] = 0.0
+
+
+@njit(cache=True)
+def _add_products(products, columns, row, at, value):  # type: ignore[no-untyped-def]
+    """Add the products of the rows of every balance, (B, C), with those of later ones, and half of those with itself."""
+    B, C = row.shape
+    count = np.zeros(B, dtype=np.int64)
+    for a in range(B):  # a row is mostly zeros
+        for i in range(C):
+            if row[a, i] != 0.0:
+                at[a, count[a]], value[a, count[a]] = columns[i], row[a, i]
+                count[a] += 1
+    for a in range(B):
+        for b in range(a, B):
+            for k in range(count[a]):
+                i, x = at[a, k], value[a, k]
+                for m in range(k if a == b else 0, count[b]):
+                    products[a, b, i, at[b, m]] += x * value[b, m]
 
 
 @njit(cache=True)
@@ -238,10 +261,15 @@ def _add(sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, terms, z, signal
         stop, r = start, row[start]
         while stop < row.size and row[stop] == r:
             stop += 1
-        for sums_of, values in ((z_sums, z), (signal_sums, signals)):
-            for s in range(values.shape[0]):
-                total = sums_of[r, s]
-                for k in range(start, stop):
-                    total += steps[k] * values[s, k]
-                sums_of[r, s] = total
+        _sum_up(z_sums[r], z, steps, start, stop)
+        _sum_up(signal_sums[r], signals, steps, start, stop)
         start = stop
+
+
+@njit(cache=True)
+def _sum_up(sums, values, steps, start, stop):  # type: ignore[no-untyped-def]
+    for s in range(values.shape[0]):
+        total = sums[s]
+        for k in range(start, stop):
+            total += steps[k] * values[s, k]
+        sums[s] = total

@@ -35,7 +35,7 @@ def test_what_is_taken_off_is_the_covariance_that_noise_makes(engine, grid, sett
     sums = Sums(diesel, grid, unknowns_of(settings.tolerance, diesel.components), settings)
     found = sums.slopes(np.full(len(means), LENGTH), means)
     (channels, mean_rates, _), _ = signals_for(diesel).parted(means)
-    _, flow = sums._at(channels, mean_rates)
+    _, _, flow = sums._at(channels, mean_rates)
     J, z = found.J - found.J.mean(axis=0), flow.mean(axis=0) - flow
     dJ, dz = found.shaken
     n = len(means)

@@ -35,7 +35,12 @@ def slopes(stay, means, noise=0.0, even=False):
     signs = np.stack([np.ones(len(means)), np.where(np.floor(1e3 * means[:, 0]) % 2 == 0, 1.0, -1.0)])[:, :, None, None]
     dJ = (signs * moved).sum(axis=0)
     return Slopes(
-        J, means[:, 0], trust, 1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1), (dJ, -dJ.sum(axis=-1))
+        np.arange(2),
+        J,
+        means[:, 0],
+        trust,
+        1e-3 * np.stack([means[:, 1], 0.0 * means[:, 1]], axis=1),
+        (dJ, -dJ.sum(axis=-1)),
     )
 
 
