@@ -66,7 +66,8 @@ EQUAL = (
 ABOUT_EQUAL = f"""Largest differences: of any state relative, of any node over the largest node. Double is compiled with
 -ffp-contract=off; what is left is the order of sums in the plain twin of the falling gain. The error of the map is the mean
 relative one against the truth: one balance and the configured engine, as in the published method, but smoothed signals.
-Corrected: a falling gain, the engine that `estimate` finds on {TAUGHT_BY}, its corrections as tables; the map starts at zero."""
+Corrected: a falling gain, the engine that `estimate` finds on {TAUGHT_BY}, its corrections as tables; the map starts at zero.
+The engine that is simulated is the configured one, so whatever is found from a drive is further from it."""
 COST = ("method", *2 * ("bytes", "instructions", "Cortex-M7", "Cortex-M7, worst"))
 ABOUT_COST = f"""The first four in double, then in single precision. Bytes of the state; instructions of a step, mean of {SAMPLES}
 (callgrind on this machine, -O2), and on a Cortex-M7 with a unit for double precision (QEMU: instructions, not cycles). Powers

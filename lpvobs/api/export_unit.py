@@ -148,11 +148,11 @@ def unit_of(
     gain: Path, stored: StoredGain, result: Path | None, falling: bool, rate: float, engine: Path | None = None
 ) -> Unit:
     """Return what the C is made from; raises as `export_unit` does."""
-    origin, start = f"gain {file_digest(gain)}", STARTS[0]
+    origin, start, corrections = f"gain {file_digest(gain)}", STARTS[0], dict[str, Array]()
     if result is None:
         with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
             config = config_of(read_provenance(file).config, gain)
-        air_path, corrections = config.engine_path(), {}
+        air_path = config.engine_path()
         theta, known = np.zeros(config.grid().shape), np.zeros(config.grid().shape, dtype=bool)
         if engine is not None:
             air_path, corrections = _calibrated(read_engine(engine, air_path), air_path)
@@ -188,7 +188,7 @@ def unit_of(
     )
 
 
-def _of_map(result: Path) -> tuple[Config, AirPath, Mapping[str, Array]]:
+def _of_map(result: Path) -> tuple[Config, AirPath, dict[str, Array]]:
     """Return configuration and engine of a map, and the values of the engine's corrections."""
     found = read_result(result)
     engine = known_engine(found)
@@ -199,7 +199,7 @@ def _of_map(result: Path) -> tuple[Config, AirPath, Mapping[str, Array]]:
         return engine.config, engine.air_path.deviating(deviation), read_corrections(file, engine.air_path)
 
 
-def _calibrated(stored: StoredEngine, air_path: AirPath) -> tuple[AirPath, Mapping[str, Array]]:
+def _calibrated(stored: StoredEngine, air_path: AirPath) -> tuple[AirPath, dict[str, Array]]:
     """Return a calibrated engine, and the values of its corrections."""
     if stored.learned is not None:
         return air_path.knowing(stored.learned.known), {}

@@ -23,7 +23,9 @@ from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import Unit, sources
+from lpvobs.io.results.engines import read_engine
 from lpvobs.io.results.gains import StoredGain, read_gain
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.synthesis.certificate import Certificate, Gain
 from lpvobs.synthesis.region import Region
 
@@ -207,6 +209,20 @@ def test_an_observer_starts_from_map_and_engine_of_a_result(chain, tmp_path):
     assert "real_t egr[75];" in header
     assert "_lag" not in header  # a lag moves a signal: docs/control-unit.md
     assert unit.air_path.engine_constants()["V_d"] != load_config(CONFIGS / "diesel.toml")[0].engine.geometry.V_d
+
+
+def test_an_observer_of_a_calibrated_engine_starts_at_zero(chain, other_engine, tmp_path):
+    done = export_unit(chain.gain, tmp_path / "unit", "c99", engine=other_engine.known)
+    unit = unit_of(chain.gain, read_gain(chain.gain), None, True, 100.0, other_engine.known)
+    known = read_engine(other_engine.known, load_config(CONFIGS / "diesel.toml")[0].engine_path())
+    assert done.start == "zero"
+    assert not unit.theta.any()
+    values = np.concatenate(list(unit.corrections.values()))
+    np.testing.assert_array_equal(values, known.unknowns.mean[len(known.unknowns.constants) :])
+    assert np.abs(values).max() > 1e-3
+    assert file_digest(other_engine.known) in (tmp_path / "unit" / "lpvobs_tables.c").read_text(encoding="utf-8")
+    with pytest.raises(UsageError, match="name one of the two"):
+        export_unit(chain.gain, tmp_path / "unit", "c99", result=chain.result, engine=other_engine.known)
 
 
 def test_the_gain_of_the_target_is_proven_again(chain, tmp_path, monkeypatch):
