@@ -18,7 +18,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
 from lpvobs.io.results import engines, gains, results
-from lpvobs.io.results.parts import PartsFolder
+from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
@@ -201,7 +201,7 @@ def estimate_logs(
         before.write(file)
 
     results.write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
-    PartsFolder(out, "").remove()
+    PartsFolder(out, "", StoredPart).remove()
     if method == "observer":
         healthy.learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)

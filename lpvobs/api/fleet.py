@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
 from lpvobs.io.results.engines import CalibratedEngine
-from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
+from lpvobs.io.results.parts import Left, PartsFolder, StoredPart, run_key
 from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare_pieces
@@ -33,7 +34,7 @@ from lpvobs.observer.disagreement import Agreement, agreements
 from lpvobs.observer.estimate import PASSES, MapEstimate, Point, merged
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import LogInformation, StateGain, inform
-from lpvobs.records import Array
+from lpvobs.records import Array, Recording
 
 OPENING, OPENING_SECONDS = 4, 1800.0
 """Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""
@@ -78,13 +79,18 @@ class PartTask:
     suspects: Suspects
     seconds: float = np.inf
 
+    def inform(self, recording: Recording) -> LogInformation:
+        """Return the part of a log that is gone through."""
+        point = self.point
+        return inform(point.air_path, self.grid, self.gain, recording, point.settings, point.unknowns)
+
 
 @dataclass(frozen=True)
-class PartOutcome:
-    """What came of a log: its part, unless that is there already, whether it is that of the whole, or why it cannot be used."""
+class Outcome(Generic[Left]):
+    """What came of a log: what it leaves, unless that is there already, whether of the whole, or why it cannot be used."""
 
     sha256: str
-    stored: StoredPart | None = None
+    stored: Left | None = None
     refusal: str | None = None
     whole: bool = True
 
@@ -131,12 +137,15 @@ def estimate_fleet(
         )
         task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
-        store = _Store(PartsFolder(out, key) if len(paths) > 1 else None)
+        store = _Store(PartsFolder(out, key, StoredPart) if len(paths) > 1 else None)
         for outcome in outcomes.values():
             store.keep(outcome)
         rest = [path for path in paths if path not in outcomes]
         opened, task = {each.sha256 for each in outcomes.values()}, replace(task, done=store.done())
-        outcomes |= outcomes_of(workers, task, rest, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f))
+        tasks = [replace(task, path=path) for path in rest]
+        outcomes |= outcomes_of(
+            workers, part_of, tasks, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f)
+        )
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
@@ -171,17 +180,18 @@ def estimate_fleet(
 
 def linearised(
     workers: Workers, task: PartTask, paths: Sequence[Path], progress: Callable[[float], None]
-) -> tuple[PartTask, dict[Path, PartOutcome]]:
+) -> tuple[PartTask, dict[Path, Outcome[StoredPart]]]:
     """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
 
     Logs that cannot be used make room for others.
     """
     opening = replace(task, seconds=OPENING_SECONDS)
-    found: dict[Path, PartOutcome] = {}
+    found: dict[Path, Outcome[StoredPart]] = {}
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
-            found |= outcomes_of(workers, opening, waiting[:lack], None, partial(_told, progress, turn))
+            tasks = [replace(opening, path=path) for path in waiting[:lack]]
+            found |= outcomes_of(workers, part_of, tasks, None, partial(_told, progress, turn))
             waiting = waiting[lack:]
         parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
         if not parts:
@@ -199,20 +209,30 @@ def _told(progress: Callable[[float], None], turn: int, done: float) -> None:
     progress(OPENING_SHARE * (turn + done) / PASSES)
 
 
+class OfPath(Protocol):
+    """A task about a log."""
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+
+
+Task = TypeVar("Task", bound=OfPath)
+
+
 def outcomes_of(
     workers: Workers,
-    task: PartTask,
-    paths: Sequence[Path],
-    keep: Callable[[PartOutcome], None] | None,
+    function: Callable[[Task], Outcome[Left]],
+    tasks: Sequence[Task],
+    keep: Callable[[Outcome[Left]], None] | None,
     progress: Callable[[float], None],
-) -> dict[Path, PartOutcome]:
+) -> dict[Path, Outcome[Left]]:
     """Go through logs; what comes of each is handed to `keep`, and forgotten but for its digest."""
-    found: dict[Path, PartOutcome] = {}
-    tasks = [replace(task, path=path) for path in paths]
-    for count, (number, outcome) in enumerate(workers.finished(part_of, tasks), 1):
+    found: dict[Path, Outcome[Left]] = {}
+    for count, (number, outcome) in enumerate(workers.finished(function, tasks), 1):
         if keep is not None and outcome.refusal is None:
             keep(outcome)
-        found[paths[number]] = outcome if keep is None else replace(outcome, stored=None)
+        found[tasks[number].path] = outcome if keep is None else replace(outcome, stored=None)
         progress(count / len(tasks))
     return found
 
@@ -229,22 +249,29 @@ def refuse_empty(estimate: MapEstimate) -> None:
         raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
 
 
-def part_of(task: PartTask) -> PartOutcome:
-    """Go through one log; a log that cannot be used is an outcome, not a failure."""
+def part_of(task: PartTask) -> Outcome[StoredPart]:
+    """Go through one log."""
+
+    def stored(log: LogFile, beginning: Beginning) -> StoredPart:
+        point = task.point
+        watched = Watched(beginning, judged(point.configured, point.settings, point.known), task.grid, task.suspects)
+        return StoredPart(task.inform(watched), log.kept, watched.sums)
+
+    return gone_through(task, stored)
+
+
+def gone_through(task: PartTask, left: Callable[[LogFile, Beginning], Left]) -> Outcome[Left]:
+    """Go through one log for what it leaves; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""
     try:
-        point = task.point
-        air_path = point.air_path
-        log = LogFile(task.path, air_path.channels, task.policies, threads=task.alone)
+        log = LogFile(task.path, task.point.air_path.channels, task.policies, threads=task.alone)
         sha256 = log.sha256
         if sha256 in task.done:
-            return PartOutcome(sha256)
+            return Outcome(sha256)
         beginning = Beginning(log, task.seconds)
-        watched = Watched(beginning, judged(point.configured, point.settings, point.known), task.grid, task.suspects)
-        part = inform(air_path, task.grid, task.gain, watched, point.settings, point.unknowns)
+        return Outcome(sha256, left(log, beginning), whole=not beginning.goes_on)
     except DataError as error:
-        return PartOutcome(sha256, refusal=str(error))
-    return PartOutcome(sha256, StoredPart(part, log.kept, watched.sums), whole=not beginning.goes_on)
+        return Outcome(sha256, refusal=str(error))
 
 
 def compared(task: MetricsTask) -> Metrics:
@@ -279,14 +306,14 @@ def _metrics(
 class _Store:
     """Where parts wait: in a folder, or a single one in memory."""
 
-    def __init__(self, folder: PartsFolder | None):
+    def __init__(self, folder: PartsFolder[StoredPart] | None):
         self.folder = folder
         self.held: dict[str, StoredPart] = {}
 
     def done(self) -> frozenset[str]:
         return self.folder.found() if self.folder else frozenset()
 
-    def keep(self, outcome: PartOutcome) -> None:
+    def keep(self, outcome: Outcome[StoredPart]) -> None:
         if outcome.stored is None:
             return
         if self.folder:

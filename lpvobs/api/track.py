@@ -10,23 +10,26 @@ from msgspec import Meta
 
 from lpvobs.api.estimate import gain_for, used_engine, workplace_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
-from lpvobs.api.fleet import PartOutcome, PartTask, Workplace, linearised, outcomes_of
+from lpvobs.api.fleet import Outcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
+from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, expect_key, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
+from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import Point, merged
+from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import StateGain, added_up
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
-from lpvobs.tracking.sums import Basis, basis_of, kept, weighed
+from lpvobs.tracking.sums import Basis, KeptLog, basis_of, kept, weighed
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
 """By name and by date: they show where the engine is linearised, and how rows are weighed."""
@@ -133,7 +136,7 @@ def track(
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
         write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, refused)
-        PartsFolder(target, "").remove()
+        PartsFolder(target, "", KeptLog).remove()
         fleet = StoredFleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, tuple(refused))
         if table is not None:
             write_table(as_path(table), fleet)
@@ -192,6 +195,37 @@ def _solved(config: Config, sums: FleetSums, periods: Mapping[str, str]) -> Trac
 
 
 @dataclass(frozen=True)
+class _SumsTask:
+    """A log whose weighed sums are wanted, and whose it is."""
+
+    part: PartTask
+    basis: Basis
+    whose: _Whose
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+        return self.whose.path
+
+
+def sums_of(task: _SumsTask) -> Outcome[KeptLog]:
+    """Go through one log."""
+    grid, point, its = task.part.grid, task.part.point, task.whose
+
+    def left(_: LogFile, log: Beginning) -> KeptLog:
+        part = task.part.inform(log)
+        products = weighed(part, _layout(grid, point), task.basis)
+        cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
+        return kept(part, products, task.basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
+
+    return gone_through(replace(task.part, path=its.path), left)
+
+
+def _layout(grid: Grid, point: Point) -> Columns:
+    return Columns(grid.size, point.unknowns.size, len(point.configured.balance_names))
+
+
+@dataclass(frozen=True)
 class _Adding:
     """How logs are added to a fleet."""
 
@@ -210,59 +244,64 @@ class _Adding:
         self, before: FleetSums | None, whose: Sequence[_Whose], point: Point, every: str, progress: Progress
     ) -> tuple[FleetSums | None, list[str]]:
         """Return a fleet with the logs that can be used, and why others cannot."""
-        grid = self.config.grid()
+        whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
         with Workers(min(self.workplace.jobs, len(whose)), self.workplace.scheduler) as workers:
             alone, suspects = self.workplace == Workplace(), self.config.kind.suspects
-            task = PartTask(Path(), point, grid, self.gain, self.config.reading, frozenset(), alone, suspects)
-            outcomes: dict[Path, PartOutcome] = {}
+            task = PartTask(
+                Path(), point, self.config.grid(), self.gain, self.config.reading, frozenset(), alone, suspects
+            )
             if before is None:
-                opening = [each.path for logs in _first(whose) for each in logs]
-                others = [each.path for each in whose if each.path not in opening]
-                task, outcomes = linearised(workers, task, [*opening, *others], progress)
+                basis, task, refused = self.begun(workers, task, whose, progress)
+                if basis is None:
+                    return None, refused
             else:
-                task = replace(task, point=replace(point, deviation=before.deviation))
+                basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
             key = self.key(task.point)
             if before is not None:
                 expect_key(self.out, before, key)
-            folder = PartsFolder(self.out, key)
+            folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
+            task = replace(task, done=folder.found())
 
-            def keep(outcome: PartOutcome) -> None:
+            def keep(outcome: Outcome[KeptLog]) -> None:
                 if outcome.stored is not None:
                     folder.keep(outcome.stored)
 
-            for outcome in outcomes.values():
-                keep(outcome)
-            task = replace(task, done=folder.found())
-            outcomes |= outcomes_of(
-                workers, task, [each.path for each in whose if each.path not in outcomes], keep, progress
-            )
-        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        used = {outcomes[each.path].sha256: each for each in whose if outcomes[each.path].refusal is None}
-        if not used:
-            return before, refused
-        layout = Columns(grid.size, task.point.unknowns.size, len(task.point.configured.balance_names))
-        basis = before.basis if before is not None else self.basis(folder, used, task.point, layout)
+            tasks = [_SumsTask(task, basis, each) for each in whose]
+            outcomes = outcomes_of(workers, sums_of, tasks, keep, progress)
         logs = {} if before is None else {log.sha256: log for log in before.logs}
         sums = {} if before is None else {each.vehicle: each for each in before.sums}
-        cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        for sha256 in sorted(used):
-            part, its = folder.read(sha256).part, used[sha256]
-            products = weighed(part, layout, basis)
-            logs[sha256], own = kept(part, products, basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
-            sums[its.vehicle] = sums[its.vehicle].plus(own) if its.vehicle in sums else own
+        for sha256 in sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None):
+            added = folder.read(sha256)
+            logs[sha256], name = added.log, added.log.vehicle
+            sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
         total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
-        return FleetSums(key, every, task.point.deviation, basis, total, in_order), refused
+        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
+        return FleetSums(key, every, task.point.deviation, basis, total, in_order) if logs else before, refused
 
-    def basis(self, folder: PartsFolder, used: Mapping[str, _Whose], point: Point, layout: Columns) -> Basis:
-        """Return how rows are weighed, from the first logs."""
-        grid, digests = self.config.grid(), {each: sha256 for sha256, each in used.items()}
-        first = [[folder.read(digests[each]).part for each in logs] for logs in _first(list(digests))]
-        solutions = [merged(grid, parts, point)[1] for parts in first]
-        return basis_of(grid, solutions, [added_up(grid, layout, parts) for parts in first], point.unknowns)
+    def begun(
+        self, workers: Workers, task: PartTask, whose: Sequence[_Whose], progress: Progress
+    ) -> tuple[Basis | None, PartTask, list[str]]:
+        """Return how rows are weighed and the task where the engine is linearised, after the first logs; else why there is none."""
+        opening = [each.path for logs in _first(whose) for each in logs]
+        others = [each.path for each in whose if each.path not in opening]
+        task, outcomes = linearised(workers, task, [*opening, *others], progress)
+        while True:
+            usable = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
+            first = _first(usable)
+            missing = [each.path for logs in first for each in logs if each.path not in outcomes]
+            if not missing:
+                break
+            outcomes |= outcomes_of(workers, part_of, [replace(task, path=path) for path in missing], None, progress)
+        if not first:
+            return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
+        stored = [[outcomes[each.path].stored for each in logs] for logs in first]
+        parts = [[each.part for each in logs if each is not None] for logs in stored]
+        solutions = [merged(task.grid, logs, task.point)[1] for logs in parts]
+        totals = [added_up(task.grid, _layout(task.grid, task.point), logs) for logs in parts]
+        return basis_of(task.grid, solutions, totals, task.point.unknowns), task, []
 
 
 def _first(whose: Sequence[_Whose]) -> list[list[_Whose]]:
-    """Return the first logs of the first vehicles."""
-    in_order = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
-    by_vehicle = [list(logs)[:FIRST_LOGS] for _, logs in groupby(in_order, lambda each: each.vehicle)]
+    """Return the first logs of the first vehicles, of logs by vehicle and date."""
+    by_vehicle = [list(logs)[:FIRST_LOGS] for _, logs in groupby(whose, lambda each: each.vehicle)]
     return by_vehicle[:FIRST_VEHICLES]

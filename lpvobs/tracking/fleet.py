@@ -232,8 +232,10 @@ def track(
     for last in range(ROUNDS + 1):
         found = {vehicle: history(vehicle, fleet.sizes) for vehicle in vehicles}
         stories = {vehicle: fleet.worth_a_name(vehicle, story) for vehicle, story in found.items()}
-        if last < ROUNDS:
-            fleet = replace(fleet, sizes=fleetwide(fleet.sizes, stories))
+        sizes = fleet.sizes if last == ROUNDS else fleetwide(fleet.sizes, stories)
+        if sizes == fleet.sizes:
+            break
+        fleet = replace(fleet, sizes=sizes)
     own = [
         fleet.maps(vehicle, each, stories[vehicle], [periods[log.sha256] for log in vehicle.logs])
         for vehicle, each in zip(vehicles, sums, strict=True)

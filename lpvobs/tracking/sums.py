@@ -10,6 +10,7 @@ maps themselves, so that nothing but a difference between days can tell of them;
 differs from drive to drive. Their products stay with each log, which has its day; all else adds up over a vehicle's logs.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -53,6 +54,10 @@ class Basis:
     def size(self) -> int:
         """Number of nodes and coordinates of the engine."""
         return len(self.flow) + len(self.engine.T)
+
+    def digest(self) -> str:
+        """Return a digest of all of it."""
+        return hashlib.sha256(b"".join(np.asarray(each).tobytes() for each in vars(self).values())).hexdigest()
 
     def modes(self, flow: Array) -> Array:
         """Return the maps of which a change is made, shape (p, k), with a flow at the nodes."""
@@ -110,6 +115,19 @@ class VehicleSums:
         return VehicleSums(self.vehicle, self.kind, columns, products, self.gram + other.gram)
 
 
+@dataclass(frozen=True)
+class KeptLog:
+    """What tracking keeps of a log, and what is added to the sums of its vehicle."""
+
+    log: TrackedLog
+    sums: VehicleSums
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the log."""
+        return self.log.sha256
+
+
 def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments], unknowns: Unknowns) -> Basis:
     """Return how rows are weighed after the first logs of some vehicles, each solved by itself."""
     fast = np.mean([each.fast for each in solutions], axis=0)
@@ -144,15 +162,22 @@ def flow_at_nodes(products: Array, with_flow: Array, usual: Array) -> Array:
 
 def weighed(part: LogInformation, layout: Columns, basis: Basis) -> Array:
     """Return the products of a log over the columns of tracking."""
-    normal = np.einsum("ab,abij->ij", basis.weights, part.products)
+    normal = np.tensordot(basis.weights, part.products)
     onto = basis.columns(layout)[part.columns]
-    return np.asarray(onto.T @ normal @ onto)
+    there = np.flatnonzero(onto.any(axis=0))
+    nodes = int(np.searchsorted(part.columns, layout.nodes))  # they stay as they are, and come first on both sides
+    rest = onto[nodes:, there[nodes:]]
+    across = normal[:, nodes:] @ rest
+    inner = np.block([[normal[:nodes, :nodes], across[:nodes]], [across[:nodes].T, rest.T @ across[nodes:]]])
+    products = np.zeros((onto.shape[1], onto.shape[1]))
+    products[np.ix_(there, there)] = inner
+    return products
 
 
 def kept(
     part: LogInformation, products: Array, basis: Basis, origin: tuple[str, str, str, float], cells: int
-) -> tuple[TrackedLog, VehicleSums]:
-    """Return what stays of a log, and what is added to the sums of its vehicle; of its origin name, vehicle, kind, date."""
+) -> KeptLog:
+    """Return what stays of a log, with its name, vehicle, kind and date as its origin says."""
     name, vehicle, kind, date = origin
     p = basis.flow.size
     maps = basis.modes(flow_at_nodes(products[:p, :p], products[:p, -2], basis.flow))
@@ -161,4 +186,4 @@ def kept(
     gram = np.zeros((cells, 4, 4))
     gram[part.cells] = part.gram
     columns = np.flatnonzero(np.diag(products))
-    return log, VehicleSums(vehicle, kind, columns, products[np.ix_(columns, columns)], gram)
+    return KeptLog(log, VehicleSums(vehicle, kind, columns, products[np.ix_(columns, columns)], gram))

@@ -11,7 +11,7 @@ from the first log on, a step, a new slope. `Fleetwide` holds the variances, fou
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated
 
 import numpy as np
@@ -84,6 +84,11 @@ class Timeline:
     G: Array  # (L k, L k)
     h: Array  # (L k,)
 
+    @cached_property
+    def right(self) -> Array:
+        """G and h beside each other, shape (L k, L k + 1)."""
+        return np.column_stack([self.G, self.h])
+
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
         return np.column_stack([np.zeros((day.size, 0)), *(event.terms(day) for event in events)])
@@ -113,14 +118,13 @@ class Timeline:
     def explained(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
         """Return information and right side for what comes on top of a prior: R = (I + G K)^-1 G and (I + G K)^-1 h."""
         lower_upper, swaps, _ = self._factored(fleet, events)
-        found = scipy.linalg.lu_solve((lower_upper, swaps), np.column_stack([self.G, self.h]), check_finite=False)
+        found = scipy.linalg.lu_solve((lower_upper, swaps), self.right, check_finite=False)
         return np.asarray(0.5 * (found[:, :-1] + found[:, :-1].T)), np.asarray(found[:, -1])
 
     def _factored(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, NDArray[np.int32], Array]:
         """Return the factors of I + G K, and K h; what lasts is the same for all modes, so K acts day by day and mode by mode."""
         days = self.over_time(fleet, events, self.day, self.day)
-        daily = np.tile(fleet.daily, self.day.size)
-        right = np.column_stack([self.G, self.h])
+        daily, right = np.tile(fleet.daily, self.day.size), self.right
         times = (days @ right.reshape(self.day.size, -1)).reshape(right.shape) + daily[:, None] * right
         factors = scipy.linalg.lu_factor(np.eye(self.h.size) + times[:, :-1].T, overwrite_a=True, check_finite=False)
         return *factors, times[:, -1]

@@ -19,7 +19,7 @@ from verbs import AFRESH
 from lpvobs.api.fleet import PartTask, part_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
-from lpvobs.io.results.parts import PartsFolder, run_key
+from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
 from lpvobs.observer.parts import StateGain
 
 LOGS = 6
@@ -163,7 +163,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     configuration, text = load_config(other)
     stored = read_gain(chain.gain)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    folder = PartsFolder(out, run_key(text, gain))
+    folder = PartsFolder(out, run_key(text, gain), StoredPart)
     for path in sorted(fleet.iterdir())[:2]:
         task = PartTask(
             path,

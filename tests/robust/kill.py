@@ -21,11 +21,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
+from typing import Any
 
 import verbs
 from repository import DIESEL, ROOT, short_cycle
 
-from lpvobs.io.results.parts import part_of_bytes
+from lpvobs.io.results.parts import StoredPart, part_of_bytes
+from lpvobs.tracking.sums import KeptLog
 
 SOURCE = "drive.csv"
 PROFILE = """
@@ -50,7 +52,8 @@ PATIENCE = 5
 class Verb:
     """A command line with the file that it writes; `source` is what stands there before where the verb changes it in place.
 
-    `share` says how many of the kills it gets; those that take seconds get fewer.
+    `share` says how many of the kills it gets; those that take seconds get fewer. `parts` is what it keeps of logs meanwhile; it
+    `goes_on` with what stands in its target, so nothing of another kind may.
     """
 
     name: str
@@ -58,10 +61,14 @@ class Verb:
     target: str
     source: str | None = None
     share: int = 10
+    parts: type[Any] = StoredPart
+    goes_on: bool = False
 
 
 CONFIGURED = ("--config", "diesel.toml")
 GAIN = ("--gain", "gain.h5")
+ORIGIN = ("--path", "{vehicle}-{date}.parquet")
+TRACK = ("track", *CONFIGURED, *GAIN, *ORIGIN, "fleet", "--out", "o.h5")
 VERBS = (
     Verb("simulate", ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "20", "--out", "o.parquet"), "o.parquet", share=4),
     Verb("profile", ("profile", SOURCE, "--out", "o.toml"), "o.toml"),
@@ -69,6 +76,8 @@ VERBS = (
     Verb("synth-gain", ("synth-gain", *CONFIGURED, "log.parquet", "--out", "o.h5"), "o.h5", share=5),
     Verb("estimate", ("estimate", *CONFIGURED, *GAIN, "log.parquet", "--out", "o.h5"), "o.h5"),
     Verb("estimate --jobs", ("estimate", *CONFIGURED, *GAIN, "fleet", "--jobs", "2", "--out", "o.h5"), "o.h5", share=4),
+    Verb("track", (*TRACK, "--jobs", "1"), "o.h5", share=4, parts=KeptLog, goes_on=True),
+    Verb("track more", (*TRACK, "--jobs", "2"), "o.h5", "fleet.h5", share=4, parts=KeptLog),
     Verb("extrapolate", ("extrapolate", "o.h5"), "o.h5", "result.h5", share=15),
     Verb("trace", ("trace", "o.h5", "log.parquet"), "o.h5", "result.h5", share=5),
     Verb("refine", ("refine", "result.h5", "log.parquet", "--out", "o.h5"), "o.h5", share=5),
@@ -94,12 +103,13 @@ def prepare(folder: Path) -> None:
     for line in (
         *(
             ("simulate", *CONFIGURED, "--cycle", "cycle.csv", "--rate", "10", "--seed", str(seed), "--out", name)
-            for seed, name in enumerate(("log.parquet", "fleet/a.parquet", "fleet/b.parquet"), 1)
+            for seed, name in enumerate(("log.parquet", "fleet/a-2025-01-15.parquet", "fleet/a-2025-02-15.parquet"), 1)
         ),
         ("synth-gain", *CONFIGURED, "log.parquet", "--out", "gain.h5"),
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "result.h5"),
         ("estimate", *CONFIGURED, "--gain", "gain.h5", "log.parquet", "--out", "filled.h5"),
         ("extrapolate", "filled.h5"),
+        ("track", *CONFIGURED, *GAIN, *ORIGIN, "fleet/a-2025-01-15.parquet", "--out", "fleet.h5"),
     ):
         done = verbs.lpvobs(*line, cwd=folder)
         assert done.code == 0, done.err
@@ -155,14 +165,14 @@ def hidden(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir() if path.name.startswith(".")]
 
 
-def strange(folder: Path, target: str, inputs: set[str]) -> list[str]:
+def strange(folder: Path, target: str, inputs: set[str], parts: type[Any]) -> list[str]:
     """Return what a writer of `target` must not leave: other files than its own, and parts of logs that are not whole."""
     names = {path.name for path in folder.iterdir()} - inputs - {target, f"{target}.parts"}
     found = [name for name in names if not name.startswith(f".{target}.")]
     for part in (folder / f"{target}.parts").glob("*"):
         try:
             if not part.name.startswith("."):
-                part_of_bytes(part.read_bytes())
+                part_of_bytes(part.read_bytes(), parts)
         except ValueError:
             found.append(part.name)
     return found
@@ -203,7 +213,7 @@ def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Calla
     hits = trial = 0
     while hits < number and trial < PATIENCE * number:
         trial += 1
-        before = old if verb.source or rng.random() < 0.5 else None
+        before = old if verb.source or (not verb.goes_on and rng.random() < 0.5) else None
         lay(before)
         if rng.random() < 0.5:  # what a run before this one has done is there, or is not
             shutil.rmtree(folder / f"{verb.target}.parts", ignore_errors=True)
@@ -216,7 +226,7 @@ def trials(verb: Verb, folder: Path, number: int, rng: random.Random, say: Calla
             raise AssertionError(
                 f"{verb.name}: trial {trial}, killed after {moment:.4f} s, left {len(now or b'')} bytes"
             )
-        if left := strange(folder, verb.target, inputs):
+        if left := strange(folder, verb.target, inputs, verb.parts):
             raise AssertionError(f"{verb.name}: trial {trial} left {left}")
         if code not in (0, -signal.SIGKILL):
             raise AssertionError(f"{verb.name}: trial {trial} ended with {code}")

@@ -14,5 +14,5 @@ def test_every_verb_that_writes_is_there():
     names = {verb.arguments[0] for verb in VERBS}
     assert names == {
         "simulate", "ingest", "synth-gain", "estimate", "extrapolate", "trace", "refine", "report", "export",
-        "profile",
+        "profile", "track",
     }  # fmt: skip

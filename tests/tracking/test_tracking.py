@@ -38,7 +38,8 @@ def log_of(seed, vehicle, months, gain=0.0, level=0.0, noise=NOISE):
     rows = np.column_stack([Psi, J, Psi @ FLOW, z]) / NOISE
     run = SimpleNamespace(sha256=f"{vehicle}{seed:04}", duration=300.0)
     part = SimpleNamespace(run=run, cells=np.arange(9), gram=np.tile(np.eye(4), (9, 1, 1)))
-    return *kept(part, rows.T @ rows, BASIS, ("log", vehicle, "one", 20000.0 + MONTH * months), 9), rows
+    found = kept(part, rows.T @ rows, BASIS, ("log", vehicle, "one", 20000.0 + MONTH * months), 9)
+    return found.log, found.sums, rows
 
 
 def sums_of(made):

@@ -40,8 +40,9 @@ def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -
     fields = {key: field for key, field in contents.items() if isinstance(field, Field)}
     scales = {axis for field in fields.values() for axis in field.axes}
     for key, field in fields.items():
-        large = np.size(field.values) > 10_000  # mostly nodes that no drive informs, which compress to nothing
-        dataset = group.create_dataset(key, data=field.values, compression="gzip" if large else None)
+        dataset = group.create_dataset(
+            key, data=field.values, compression="gzip" if _mostly_empty(field.values) else None
+        )
         dataset.attrs["units"] = field.units
         dataset.attrs["long_name"] = field.long_name
         for attribute, value in (field.attributes or {}).items():
@@ -55,6 +56,12 @@ def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -
         if key not in fields:
             group.attrs[key] = value
     return group
+
+
+def _mostly_empty(values: Any) -> bool | np.bool_:
+    """Return whether a large array is mostly about nodes that no drive informs, which compress to nothing."""
+    held = np.asarray(values)
+    return held.size > 10_000 and (held.dtype.kind != "f" or 2 * np.count_nonzero(np.nan_to_num(held)) < held.size)
 
 
 def flags(meanings: Mapping[int, str]) -> dict[str, Any]:

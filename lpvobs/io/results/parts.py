@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -31,6 +31,17 @@ MOST_BYTES = 2**29
 """Largest size of a part; the part of 10^9 samples has a quarter of it."""
 
 
+class OfLog(Protocol):
+    """What a log leaves."""
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the log."""
+
+
+Left = TypeVar("Left", bound=OfLog)
+
+
 @dataclass(frozen=True)
 class StoredPart:
     """The part of a log, which rows of its file were used, eight in a byte, slab by slab, and what its balances say."""
@@ -39,13 +50,18 @@ class StoredPart:
     kept: tuple[NDArray[np.uint8], ...]
     balances: balance_agreement.BalanceSums
 
+    @property
+    def sha256(self) -> str:
+        """Digest of the log."""
+        return self.part.run.sha256
+
 
 @dataclass(frozen=True)
-class _File:
+class _File(Generic[Left]):
     """What a file holds, and what it was made with."""
 
     key: str
-    stored: StoredPart
+    stored: Left
 
 
 def run_key(config_text: str, gain: parts.StateGain) -> str:
@@ -54,19 +70,20 @@ def run_key(config_text: str, gain: parts.StateGain) -> str:
     return hashlib.sha256(json.dumps(made_with).encode()).hexdigest()
 
 
-def part_bytes(stored: StoredPart, key: str) -> bytes:
+def part_bytes(stored: OfLog, key: str) -> bytes:
     """Return a part as the bytes of its file, a digest before them; the same part gives the same bytes."""
     body = msgspec.msgpack.encode(_File(key, stored), enc_hook=_shape_and_bytes)
     return hashlib.sha256(body).digest() + body
 
 
-def part_of_bytes(data: bytes) -> tuple[StoredPart, str]:
+def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str]:
     """Return a part and the key that it was made with; raises ValueError for anything else."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
         raise ValueError("not a part, or a damaged one")
     try:
-        file = msgspec.msgpack.decode(body, type=_File, dec_hook=_array)
+        of_kind: Any = _File
+        file: _File[Left] = msgspec.msgpack.decode(body, type=of_kind[kind], dec_hook=_array)
     except (msgspec.MsgspecError, RecursionError, MemoryError, OverflowError) as error:
         raise ValueError(f"not a part ({error})") from None
     return file.stored, file.key
@@ -83,18 +100,18 @@ def _array(kind: Any, stored: Any) -> NDArray[Any]:
     return np.frombuffer(data, element_of(kind)).reshape(shape).copy()
 
 
-class PartsFolder:
-    """The folder of parts beside a result that is being made; `key` says what the parts of this run are made with."""
+class PartsFolder(Generic[Left]):
+    """The folder of parts of a kind beside a result that is being made; `key` says what those of this run are made with."""
 
-    def __init__(self, result: Path, key: str):
+    def __init__(self, result: Path, key: str, kind: type[Left]):
         self.path = result.with_name(result.name + ".parts")
-        self.key = key
+        self.key, self.kind = key, kind
 
     def found(self) -> frozenset[str]:
         """Return the digests of the logs that an earlier run has done."""
         return frozenset(file.stem for file in self._own(OWN) if self._usable(file))
 
-    def keep(self, stored: StoredPart) -> None:
+    def keep(self, stored: Left) -> None:
         """Store the part of a log."""
         try:
             self.path.mkdir(exist_ok=True)
@@ -103,7 +120,7 @@ class PartsFolder:
                 f"{self.path}: cannot be made ({error.strerror}); parts of many logs wait there: name a writable folder in --out"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
-        file = self._file(stored.part.run.sha256)
+        file = self._file(stored.sha256)
         temporary = file.with_name(f".{file.name}{ENDING}")
         try:
             temporary.write_bytes(part_bytes(stored, self.key))
@@ -113,10 +130,10 @@ class PartsFolder:
                 temporary.unlink()  # half a part would take room that the disk does not have
             raise DataError(f"{file}: writing failed ({error.strerror or error}); finished logs are kept") from None
 
-    def read(self, sha256: str) -> StoredPart:
+    def read(self, sha256: str) -> Left:
         """Return the part of a log that is known to be there."""
         try:
-            return part_of_bytes(self._file(sha256).read_bytes())[0]
+            return part_of_bytes(self._file(sha256).read_bytes(), self.kind)[0]
         except (OSError, ValueError) as error:
             raise DataError(f"{self._file(sha256)}: {error}; delete the folder and run again") from None
 
@@ -141,7 +158,7 @@ class PartsFolder:
         try:
             if file.stat().st_size > MOST_BYTES:
                 return False
-            stored, key = part_of_bytes(file.read_bytes())
+            stored, key = part_of_bytes(file.read_bytes(), self.kind)
         except (OSError, ValueError):
             return False
-        return key == self.key and stored.part.run.sha256 == file.stem
+        return key == self.key and stored.sha256 == file.stem

@@ -33,14 +33,14 @@ def part(sha256):
 
 @pytest.fixture
 def folder(tmp_path):
-    parts = PartsFolder(tmp_path / "r.h5", "key")
+    parts = PartsFolder(tmp_path / "r.h5", "key", StoredPart)
     parts.keep(part(NAME))
     (parts.path / f"{NAME}.part").write_bytes(b"half a part")
     return parts
 
 
 def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
-    parts, other = (PartsFolder(tmp_path / "r.h5", key) for key in ("key", "another"))
+    parts, other = (PartsFolder(tmp_path / "r.h5", key, StoredPart) for key in ("key", "another"))
     parts.keep(part(NAME))
     assert (parts.found(), other.found()) == (frozenset({NAME}), frozenset())
     first, again = part(NAME), parts.read(NAME)
@@ -85,7 +85,7 @@ def test_a_part_larger_than_any_log_needs_is_not_loaded(folder):
 def test_a_folder_whose_name_is_too_long_or_taken_is_refused(tmp_path):
     for result in (tmp_path / ("r" * 252), tmp_path / "taken"):
         (tmp_path / "taken.parts").touch()
-        parts = PartsFolder(result, "key")
+        parts = PartsFolder(result, "key", StoredPart)
         assert parts.found() == frozenset()
         with pytest.raises(DataError, match="cannot be made"):
             parts.keep(part(NAME))
@@ -133,4 +133,4 @@ PRODUCTS = ("stored", "part", "products")
 )  # fmt: skip
 def test_a_content_that_makes_no_sense_is_no_part(body):
     with pytest.raises(ValueError, match=r"."):
-        part_of_bytes(sealed(body))
+        part_of_bytes(sealed(body), StoredPart)
