@@ -74,12 +74,6 @@ def calibrate(
         Write the engine as configured where there is nothing to calibrate from.
     progress : callable, optional
         Takes the fraction done, 0 to 1.
-
-    Returns
-    -------
-    StoredEngine
-        `unknowns.mean` and `unknowns.covariance` of shapes (q,) and (q, q): relative deviations of the constants, then the
-        corrections at their nodes.
     """
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()
@@ -209,8 +203,7 @@ def _with_tables(stored: StoredEngine, air_path: AirPath, tables: Sequence[Table
 def _points(found: Calibration) -> Iterator[ComponentPoint]:
     """Yield what each row says of the corrections that move it.
 
-    A row answers to the nodes of a correction by its flow and the weights of the nodes there. They add up to one, and give the
-    inputs of the row as well, for hat functions make a straight line straight.
+    The weights of the nodes in a row add up to one and give its inputs, too: hat functions make a straight line straight.
     """
     rows, unknowns = found.rows, found.unknowns
     for component, own in zip(unknowns.components, unknowns.places().values(), strict=True):

@@ -111,15 +111,10 @@ def estimate(
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
-    Returns
-    -------
-    Estimated
-        `estimate.theta` and `estimate.standard_error` of shape (p,) [kg/s], the map's nodes in the order of Eq. (23);
-        `summaries` of the logs, with metrics where a log has references; `refused`: why other logs were left out.
-
     Notes
     -----
-    Eq. (26) with gains that fall with information; see `docs/method.md` for the departures from the paper.
+    `estimate.theta` and `estimate.standard_error` have the shape (p,) [kg/s], nodes in the order of Eq. (23); metrics are
+    there where a log has references. Eq. (26) with gains that fall with information; departures from the paper: `docs/method.md`.
     """
     paths = some_logs(logs)
     given = None if gain is None else as_path(gain)
@@ -170,10 +165,9 @@ def estimate_logs(
     engine: engines.CalibratedEngine | None = None,
     before: known_engine.KnownEngine | None = None,
 ) -> fleet.Estimated:
-    """Estimate the map from logs and write the result.
+    """Estimate the map from logs and write the result; raises as `estimate` does.
 
-    `before` is what is known of the engine; by default what `engine` and the logs say.
-    The reference channels are read after the map is final, to compare, and by nothing else. Raises as `estimate` does.
+    `before` is what is known of the engine, by default what `engine` and the logs say. References are read after the map is final.
     """
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
@@ -239,11 +233,7 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
 
 
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> fleet.Workplace:
-    """Return where logs are done: here by default if they are few, else in one process per processor.
-
-    Raises UsageError if both jobs and a scheduler are named, jobs are less than one, or either for a method that goes through
-    the logs in turn.
-    """
+    """Return where logs are done: here by default if they are few, else in one process per processor."""
     if jobs is not None and scheduler is not None:
         raise UsageError(
             "--jobs: counts processes of this machine, --scheduler names workers elsewhere; drop one of them"

@@ -64,11 +64,6 @@ def export(
     widest : float
         Share of the mean air flow of the logs. A node whose 90 % interval is wider to either side is left out: it keeps its
         old value, is empty, or in a DCM without an old map zero, which corrects nothing.
-
-    Returns
-    -------
-    Exported
-        `surface` with values of shape (p2, p1) in the unit it names, `changes` against the old map.
     """
     file_format, kind, before = file_format.lower(), kind.upper(), None if old is None else as_path(old)
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
@@ -128,7 +123,7 @@ def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list
 
 
 def read_map(result: File, values: str = "") -> surfaces.Surface:
-    """Return the map of a result as arrays.
+    """Return the map of a result as arrays: values and standard errors [kg/s], reading minus truth, over speed and fuel.
 
     Raises DataError if the file is no result, or lacks what is asked for.
 
@@ -137,11 +132,5 @@ def read_map(result: File, values: str = "") -> surfaces.Surface:
     result : path
     values : str
         `map`: what was estimated, NaN elsewhere; `extrapolation`: every node; by default the latter if there is one.
-
-    Returns
-    -------
-    Surface
-        `values` and `standard_error` of shape (p2, p1) [kg/s], reading minus truth; `origin` 0 none, 1 estimated,
-        2 extrapolated; `x.nodes` of shape (p2,), `y.nodes` of shape (p1,), in the units of `x` and `y`.
     """
     return surfaces.read_surface(as_path(result), values)

@@ -48,16 +48,11 @@ def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) 
     smooth : bool
         Replace estimated nodes as well by what the process makes of all of them; they are marked `smoothed`.
 
-    Returns
-    -------
-    filled : Filled
-        For every node, value and covariance; the coefficients of Eq. (37) in kg/s over the units of the map's axes.
-    outer_coverage : float
-        Share of the outer estimated nodes inside their 90 % interval when they take no part in the fit.
-
     Notes
     -----
-    The observer as published has no covariance: its nodes count alike, and a quadratic is all that they allow.
+    The share returned is of the outer estimated nodes: how many lie inside their 90 % interval when they take no part in the fit.
+    Coefficients of Eq. (37) are in kg/s over the units of the map's axes. The observer as published has no covariance: its nodes
+    count alike, and a quadratic is all that they allow.
     """
     _, filled, held = fill(result, method, smooth)
     return filled, held

@@ -46,10 +46,7 @@ def some_logs(logs: File | Iterable[File]) -> list[Path]:
 
 
 def find_config(folder: Path) -> Path | None:
-    """Return `lpvobs.toml` in a folder or the nearest one above it, None where there is none.
-
-    A folder that may not be looked into counts as one without.
-    """
+    """Return `lpvobs.toml` in a folder or the nearest one above it that may be looked into, None where there is none."""
     for place in (folder, *folder.parents):
         try:
             if (place / CONFIG_NAME).is_file():

@@ -19,7 +19,7 @@ from lpvobs.io.safety.atomic import replacing
 def ingest_log(
     sources: File | Iterable[File], profile: File, out: File, *, vehicle: str | None = None, date: str | None = None
 ) -> dict[str, Any]:
-    """Make a log of a foreign recording.
+    """Make a log of a foreign recording; return what was done to every channel, each repair with its count, as the log keeps it.
 
     Raises UsageError if the profile cannot be used; DataError if the files cannot.
 
@@ -33,11 +33,6 @@ def ingest_log(
         The Parquet log to write.
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
-
-    Returns
-    -------
-    dict
-        What was done to every channel, each repair with its count, as the log keeps it.
     """
     paths, origin = some(sources, "recording"), finding.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
@@ -62,7 +57,7 @@ class ProfileOutput:
 
 
 def draft_profile(source: File, out: File | None = None, names: File | None = None) -> str:
-    """Return the text of a profile for `ingest`, drafted from names, units and ranges of a recording.
+    """Return a profile for `ingest` (TOML) drafted from names, units and ranges of a recording; what is unsure is a comment.
 
     Raises DataError if the recording cannot be read; UsageError for a table without a channel, or with a name for two.
 
@@ -74,11 +69,6 @@ def draft_profile(source: File, out: File | None = None, names: File | None = No
         The TOML file to write it to.
     names : path, optional
         Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
-
-    Returns
-    -------
-    str
-        TOML; what is unsure is a comment in it. Read it before using it.
     """
     own = None if names is None else as_path(names)
     if out is None:

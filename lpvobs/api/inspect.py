@@ -80,19 +80,13 @@ def defects_of(defects: Defects) -> tuple[Defect, ...]:
     for item in defects.findings:
         spoiled[item.channel] += item.samples
     missing = {name: count - spoiled[name] for name, count in defects.dropped.items()}
-    found = [
-        Defect(defect="no reading", channel=name, count=count, policy="drop")
-        for name, count in missing.items()
-        if count
-    ]
+    found = [Defect(defect="no reading", channel=name, count=n, policy="drop") for name, n in missing.items() if n]
     found += [
         Defect(defect=item.kind, channel=item.channel, count=item.samples, policy=item.policy, first=item.first)
         for item in defects.findings
     ]
-    if defects.gaps:
-        found.append(Defect(defect="gap", channel="time", count=defects.gaps, policy="split"))
-    if defects.repeated:
-        found.append(Defect(defect="repeated or backward", channel="time", count=defects.repeated, policy="drop"))
+    for defect, count, policy in (("gap", defects.gaps, "split"), ("repeated or backward", defects.repeated, "drop")):
+        found += [Defect(defect=defect, channel="time", count=count, policy=policy)] if count else []
     return tuple(found)
 
 
@@ -106,11 +100,6 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     log : path
     config : path, optional
         Engine and policies; by default the engine that the log suits.
-
-    Returns
-    -------
-    InspectedLog
-        Channels with units, ranges in the log's units, defects.
     """
     channels, policies = _engine_of(config)
     return inspect_log(as_path(log), channels, policies)
@@ -139,10 +128,9 @@ def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPo
 
 
 def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> InspectedLog:
-    """Return what is in a log; raises DataError where no estimate could use it.
+    """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it.
 
-    `needed` is what the engine needs; None: the first engine that the log suits, else the usual one. A log that `ingest` made is
-    shown even if it suits no engine: it may have been recorded for something else.
+    `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
     """
     units, record = parquet.channel_units(path), stored_record(path)
     lacking: dict[str, list[str]] = {}
@@ -184,12 +172,9 @@ def _channel(
 ) -> ChannelOutput:
     """Return what is in a channel; `in_log` has the units of those that the engine needs."""
     finite = values[np.isfinite(values)]
-    finite = np.where(
-        np.abs(finite) < np.finfo(float).eps * np.max(np.abs(finite), initial=0.0), 0.0, finite
-    )  # at rest
-    low, middle, high = (
-        (float(finite.min()), float(np.median(finite)), float(finite.max())) if finite.size else (np.nan,) * 3
-    )
+    at_rest = np.finfo(float).eps * np.max(np.abs(finite), initial=0.0)
+    finite = np.where(np.abs(finite) < at_rest, 0.0, finite)
+    low, middle, high = (float(of(finite)) if finite.size else np.nan for of in (np.min, np.median, np.max))
     in_file = file_units.get(name, "")
     return ChannelOutput(
         unit=in_log.get(name, in_file),

@@ -63,11 +63,6 @@ def simulate(
     progress : callable, optional
         Takes the fraction done, 0 to 1.
 
-    Returns
-    -------
-    SimulatedLog
-        `channels` as written, each of shape (N,) in the unit that `units` names, and the noise-free `truth`.
-
     Notes
     -----
     The plant is that of Wahlström and Eriksson (the paper's reference 16), Eq. (1) and (2) with six further states.

@@ -88,10 +88,8 @@ def make_gain(
 ) -> tuple[gains.StoredGain, dict[str, str]]:
     """Return a proven gain for the configured region, and the SHA-256 of each log that widened it.
 
-    `air_path` is the engine with what it has learned, by default from these logs.
-
-    `lenient` leaves out logs that cannot be used, which whoever uses the gain will meet again. Raises NotProven if no gain can
-    be proven for the region; DataError if a log cannot be used.
+    `air_path` is the engine with what it has learned, by default from these logs; `lenient` leaves out logs that cannot be used,
+    which whoever uses the gain will meet again. Raises NotProven if no gain can be proven; DataError if a log cannot be used.
     """
     from lpvobs.synthesis.solve import synthesise
 
@@ -120,10 +118,7 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
 
 
 def make_published_gain(config: Config, column: str | None = None) -> gains.StoredGain:
-    """Return the gain printed for the engine, proven on a column of its bounds (the first by default) at fixed temperatures.
-
-    Raises UsageError if none is printed for this engine, or no such bounds.
-    """
+    """Return the gain printed for the engine, proven on a column of its bounds (the first by default) at fixed temperatures."""
     from lpvobs.synthesis.solve import certify_fixed_gain
 
     air_path, printed = config.engine_path(), config.kind.published

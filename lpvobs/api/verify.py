@@ -57,10 +57,7 @@ def expect_proven(gain: File, certificate: Certificate) -> None:
 
 
 def check_again(stored: StoredGain) -> Certificate:
-    """Prove a stored gain again, from its numbers alone.
-
-    Raises DataError if the gain is for an engine that this version does not know, or its numbers are not finite or do not fit.
-    """
+    """Prove a stored gain again, from its numbers alone; raises DataError for another engine, or numbers that do not fit."""
     if stored.air_path not in ENGINES:
         raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(ENGINES)}")
     gain, known = stored.gain, ENGINES[stored.air_path].air_path

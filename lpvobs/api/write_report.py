@@ -50,11 +50,6 @@ def write_report(
         Such as `mean_relative_error<=0.02`; fractions are fractions.
     region : mapping of str to (float, float), optional
         From and to by the name of an axis: the mean of each map over it, with its interval.
-
-    Returns
-    -------
-    ReportOutput
-        The object that `lpvobs report --json` prints, without its schema: flows in kg/s.
     """
     done = make_report(result, further, html=html, gates=gates, region=region)
     enforce(done.verdicts)
@@ -151,10 +146,7 @@ def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
 
 
 def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
-    """Return what is known of a calibrated engine, and write its page if asked for.
-
-    Raises DataError if the file is no calibrated engine.
-    """
+    """Return what is known of a calibrated engine, and write its page if asked for; raises DataError if the file is none."""
     path = as_path(engine)
     with reading(path, KIND, REMEDY) as file:
         text = read_provenance(file).config

@@ -34,9 +34,8 @@ class Computed:
 
     formula: str  # + - * / ( ) on names of channels and constants, and numbers
     unit: str  # of the result, in the log
-    constants: Mapping[str, str] = field(
-        default_factory=dict
-    )  # by name: a number and its unit, such as "12.5 mg/cycle/ms"
+    # by name: a number and its unit, such as "12.5 mg/cycle/ms"
+    constants: Mapping[str, str] = field(default_factory=dict)
     meaning: str = ""  # for people
 
     def constant(self, name: str) -> tuple[float, str]:
@@ -103,10 +102,8 @@ def _kind(node: ast.expr, known: Mapping[str, "Unit"]) -> "Unit | None":
                 raise ValueError(f"'{ast.unparse(node)}' adds {one:~} and {other:~}; give both one unit in the profile")
             return other if one is None else one
         case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
-            one, other = (
-                found if found is not None else unit_of("1") for found in (_kind(left, known), _kind(right, known))
-            )
-            found: Unit = one * other if isinstance(op, ast.Mult) else one / other
+            one, other = (unit_of("1") if kind is None else kind for kind in (_kind(left, known), _kind(right, known)))
+            found: Unit = OPERATIONS[type(op)](one, other)
             return found
     raise ValueError(f"'{ast.unparse(node)}' is not allowed; expected names, numbers, + - * / and brackets")
 

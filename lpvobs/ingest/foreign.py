@@ -27,10 +27,9 @@ class Ingested:
 
 
 def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
-    """Return the log in foreign files of one drive.
+    """Return the log in foreign files of one drive and one clock: different channels, consecutive parts, or both.
 
-    Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward. The
-    sources share one clock: files with different channels, consecutive parts of one recording, or both.
+    Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
     """
     recordings = [formats.open_recording(path, profile.source) for path in sources]
     wanted = _find_all(recordings, profile)
@@ -45,12 +44,8 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     time, values, channels = resample.on_raster(samples, profile)
     units = {"time": "s"} | {name: profile.channels[name].unit for name in values}
     for name, item in profile.computed.items():
-        lacking = [
-            other
-            for other in profile.channels
-            if other not in values and re.search(rf"\b{re.escape(other)}\b", item.formula)
-        ]
-        if lacking:
+        absent = (other for other in profile.channels if other not in values)
+        if lacking := [other for other in absent if re.search(rf"\b{re.escape(other)}\b", item.formula)]:
             raise DataError(
                 f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave one of them out"
             )

@@ -8,10 +8,7 @@ from lpvobs.ingest import profiles, recordings
 
 
 def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
-    """Return a foreign file, opened by its format: the profile's, or the one that its first bytes show.
-
-    Raises DataError if it is absent, unreadable, or larger than the memory that a source may take.
-    """
+    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
     found = sniff(path)
     recording = _opener(rules.format or found)(path, rules)
     if len(recording.heads) > recordings.MOST_COLUMNS:

@@ -130,10 +130,7 @@ def shipped() -> dict[str, Path]:
 
 
 def load_profile(name: str) -> tuple[Profile, str, str]:
-    """Return a profile by the name of a shipped one or the path of a TOML file, its name, and its text.
-
-    Raises UsageError if there is none, or it has a key that nothing knows, lacks one, or holds an impossible value.
-    """
+    """Return a profile by the name of a shipped one or the path of a TOML file, its name, its text; raises UsageError for none."""
     known = shipped()
     path = known.get(name, Path(name))
     if name not in known and path.suffix != ".toml" and not path.exists():

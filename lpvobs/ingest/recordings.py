@@ -70,10 +70,7 @@ class ForeignRecording(ABC):
 
 
 def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | None:
-    """Return the full name of the first wanted column that is there, None where none is; names may lack the unit.
-
-    Raises DataError if a name without unit or group fits more than one column; `what` is wanted of it.
-    """
+    """Return the full name of the first wanted column that is there, if any; raises DataError if a name fits more than one."""
     for name in names:
         if name in recording.heads:
             return name
@@ -142,10 +139,7 @@ def check_size(path: Path, needed: float) -> None:
 
 
 def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Numbers:
-    """Return a column as floats, NaN for what is no number.
-
-    Raises ValueError if the column holds something that is neither numbers nor text.
-    """
+    """Return a column as floats, NaN for what is no number; raises ValueError if it holds neither numbers nor text."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

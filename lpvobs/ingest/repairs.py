@@ -37,10 +37,9 @@ class Stamps:
 
 
 def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
-    """Return a time column as seconds.
+    """Return a time column as seconds; raises ValueError for another unit, or if the column holds something else.
 
-    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps. Raises ValueError
-    for another unit, or if the column holds something else.
+    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
     """
     import pyarrow as pa
 

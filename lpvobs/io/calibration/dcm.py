@@ -2,9 +2,6 @@
 
 X runs along a line of values, Y from line to line. A map is a KENNFELD with axes of its own, or a GRUPPENKENNFELD whose axes are
 shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` name.
-
-The library dcmReader reads and writes such files, too. It is the independent reader of the tests; here the format is written out,
-because numbers must be rounded as stated, and a damaged file must end in one line that says where.
 """
 
 import difflib
@@ -98,10 +95,7 @@ def _number(value: float, digits: int) -> str:
 
 
 def read_dcm_map(path: Path, name: str) -> DcmMap:
-    """Return the map with this label in a DCM file; the rest of the file is passed over.
-
-    Raises DataError if the file is no DCM, lacks the map, or the map is damaged.
-    """
+    """Return the map with this label in a DCM file; raises DataError if that is none, lacks the map, or the map is damaged."""
     seen: list[str] = []
     lines = _words(path)
     for number, words in lines:

@@ -1,6 +1,5 @@
 """The error map in files for calibration tools: DCM, CSV, netCDF; and what it changes against an old DCM."""
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -56,9 +55,7 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
 def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap:
     """Return the surface as a map of a DCM file: X the speed and Y the fuel, or as the old file has them, in its units.
 
-    A node that was left out corrects nothing: zero.
-
-    Raises DataError if a node has no value: a DCM cannot say so.
+    A node that was left out corrects nothing: zero. Raises DataError if a node has no value: a DCM cannot say so.
     """
     empty = int(np.count_nonzero(surface.origin == NONE))
     if empty:
@@ -102,16 +99,13 @@ def write_dcm(path: Path, item: DcmMap, digits: int, comments: list[str]) -> Non
 def write_csv(path: Path, surface: Surface, digits: int) -> None:
     """Write a line per node: axes, value, standard error, origin; units in brackets behind the names, empty where unknown."""
     header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
-    header += [f"delta_W_c [{surface.unit}]", f"standard_error [{surface.unit}]", "origin"]
-    stream = io.StringIO()
-    stream.write(",".join(header) + "\n")
-    for i, x in enumerate(surface.x.nodes):
-        for j, y in enumerate(surface.y.nodes):
-            numbers = [x, y, surface.values[i, j], surface.standard_error[i, j]]
-            words = [f"{number:.{digits}g}" if np.isfinite(number) else "" for number in numbers]
-            stream.write(",".join([*words, ORIGINS[int(surface.origin[i, j])]]) + "\n")
+    lines = [[*header, f"delta_W_c [{surface.unit}]", f"standard_error [{surface.unit}]", "origin"]]
+    for (i, j), origin in np.ndenumerate(surface.origin):
+        numbers = (surface.x.nodes[i], surface.y.nodes[j], surface.values[i, j], surface.standard_error[i, j])
+        words = [f"{number:.{digits}g}" if np.isfinite(number) else "" for number in numbers]
+        lines.append([*words, ORIGINS[int(origin)]])
     with replacing(path) as temporary:
-        temporary.write_text(stream.getvalue(), encoding="utf-8", newline="\n")
+        temporary.write_text("".join(f"{','.join(line)}\n" for line in lines), encoding="utf-8", newline="\n")
 
 
 def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
@@ -134,9 +128,9 @@ def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
         return float(f"{value:.{digits}g}")
 
     found = []
-    for i, x in enumerate(surface.x.nodes):
-        for j, y in enumerate(surface.y.nodes):
-            before, after = rounded(old.values[i, j]), rounded(surface.values[i, j])
-            if before != after:
-                found.append(Change(float(x), float(y), before, after, ORIGINS[int(surface.origin[i, j])]))
+    for (i, j), origin in np.ndenumerate(surface.origin):
+        before, after = rounded(old.values[i, j]), rounded(surface.values[i, j])
+        if before != after:
+            x, y = float(surface.x.nodes[i]), float(surface.y.nodes[j])
+            found.append(Change(x, y, before, after, ORIGINS[int(origin)]))
     return found

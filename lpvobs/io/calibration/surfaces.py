@@ -109,11 +109,7 @@ class Surface:
 
 
 def read_surface(path: Path, source: str = "") -> Surface:
-    """Return the map of a result, or its extrapolation.
-
-    `source` is `map` or `extrapolation`; empty: the extrapolation if there is one. Raises DataError if the file is no result,
-    or lacks what is asked for.
-    """
+    """Return `map` or `extrapolation` of a result, by default the latter if there; raises DataError where it is not."""
     with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in file:
@@ -154,10 +150,9 @@ def surface_layout(x: str, y: str, unit: str, origin: str) -> mapping.Layout[Sur
 
 
 def onto(surface: Surface, x: Array, y: Array) -> Surface:
-    """Return a surface at the nodes of other axes, bilinear as the map itself.
+    """Return a surface at other nodes x and y, shapes (p2',) and (p1',) in the units of its axes, bilinear as the map itself.
 
-    A node counts as estimated only if every node that it leans on is; outside the surface nothing is known. The nodes x and y,
-    shapes (p2',) and (p1',), are in the units of the surface's axes.
+    A node counts as estimated only if every node that it leans on is; outside the surface nothing is known.
     """
     weight_x, weight_y = joint.at_weights(surface.x.nodes, x), joint.at_weights(surface.y.nodes, y)
     inside = np.outer(weight_x.sum(axis=1) > 0, weight_y.sum(axis=1) > 0)
@@ -187,16 +182,12 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
 
 
 def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surface:
-    """Return the surface with old values, shape (p2, p1), where it has none; if asked, also where it is not estimated.
-
-    Without old values such nodes are empty.
-    """
+    """Return the surface with old values, (p2, p1) or none, where it has none; if asked, also where it is not estimated."""
     kept = surface.origin != quadratic.ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
     empty = np.where(surface.origin == LEFT_OUT, LEFT_OUT, NONE)
-    values = np.where(kept, np.nan if old is None else old, surface.values)
     return replace(
         surface,
-        values=values,
+        values=np.where(kept, np.nan if old is None else old, surface.values),
         standard_error=np.where(kept, np.nan, surface.standard_error),
         origin=np.where(kept, empty if old is None else OLD, surface.origin).astype(np.int8),
     )

@@ -1,7 +1,4 @@
-"""The configuration: one TOML file, read strictly into frozen records.
-
-What the file does not know is refused with the nearest key that exists; what it lacks is named.
-"""
+"""The configuration: one TOML file, read strictly into frozen records."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, make_dataclass

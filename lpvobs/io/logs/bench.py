@@ -45,10 +45,7 @@ class BenchPoints:
 
 
 def read_bench(paths: Sequence[Path], air_path: base.AirPath) -> BenchPoints:
-    """Return the points of bench tables; raises DataError for a table that no engine can be calibrated from.
-
-    Tables are Parquet with units, or CSV with the units in a second line; the air path is the configured one.
-    """
+    """Return the points of bench tables; raises DataError for a table that the configured engine cannot be calibrated from."""
     tables = [_read(path, air_path) for path in paths]
     names = dict.fromkeys(name for table in tables for name in table)
     sizes = [table[REFERENCE].size for table in tables]
@@ -94,10 +91,7 @@ def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
 
 
 def from_csv(path: Path) -> "pa.Table":
-    """Return the columns as Parquet would have them: units in the metadata, what is no number as text.
-
-    A line `# NAME = VALUE UNIT` is a column of that one value.
-    """
+    """Return the columns as Parquet would have them, units in metadata; a line `# NAME = VALUE UNIT` is a column of one value."""
     import pyarrow as pa
 
     try:
@@ -202,10 +196,7 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
 
 
 def write_table(path: Path, columns: Mapping[str, Array], units: Mapping[str, str]) -> None:
-    """Write columns of equal length, shape (N,), with their units; a name that ends in `.csv` makes a CSV file.
-
-    Numbers in CSV are the shortest that read back the same.
-    """
+    """Write columns of equal length, shape (N,), with their units; a name that ends in `.csv` makes a CSV file."""
     if path.suffix.lower() != ".csv":
         write_log(path, columns, units)
         return

@@ -16,10 +16,7 @@ ENDING = ".parquet"
 
 
 def find_logs(named: Sequence[Path]) -> list[Path]:
-    """Return the files meant: what a pattern matches and every Parquet file below a folder, in alphabetical order.
-
-    Raises UsageError if a pattern or a folder holds no log, or a pattern means nothing.
-    """
+    """Return what a pattern matches and every Parquet file below a folder, in alphabetical order; raises UsageError for none."""
     found: list[Path] = []
     for path in named:
         if path.is_dir():
@@ -79,8 +76,7 @@ class Origins:
     def of(self, paths: Iterable[Path]) -> dict[Path, dict[str, str]]:
         """Return what is known of each log by field; the table says more than the path, the path more than the file.
 
-        A file that is no log has nothing: whoever reads it says why. Raises UsageError for a pattern without fields, or a path
-        that does not follow it; DataError for a table that cannot be read.
+        Raises UsageError for a pattern without fields, or a path that does not follow it; DataError for a table that is none.
         """
         rows = {} if self.table is None else _rows(self.table)
         return {path: _own(path) | self._in_path(path) | rows.get(path.resolve(), {}) for path in paths}
@@ -107,9 +103,7 @@ def _own(path: Path) -> dict[str, str]:
         held = schema_of(path, metadata_of(path)).metadata or {}
     except DataError:
         return {}
-    return {
-        key.decode(errors="replace"): value.decode(errors="replace") for key, value in held.items() if len(value) < 200
-    }
+    return {k.decode(errors="replace"): v.decode(errors="replace") for k, v in held.items() if len(v) < 200}
 
 
 def _rows(table: Path) -> dict[Path, dict[str, str]]:

@@ -120,10 +120,7 @@ def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -
 def write_log(
     path: Path, channels: Mapping[str, Array], units: Mapping[str, str], metadata: Mapping[str, str] | None = None
 ) -> None:
-    """Write channels of equal length to a Parquet log, the unit of each in its field's metadata.
-
-    `metadata` is kept with the file, for example what `ingest` did to make it.
-    """
+    """Write channels of equal length to a Parquet log, their units in their fields' metadata, and further metadata of the file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -211,17 +208,13 @@ def _is_numeric(kind: "pa.DataType") -> bool:
     """Return whether a column of this type holds numbers; text that looks like numbers does not."""
     import pyarrow as pa
 
-    if pa.types.is_dictionary(kind):
-        return _is_numeric(kind.value_type)
+    value = kind.value_type if pa.types.is_dictionary(kind) else kind
     tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean)
-    return any(test(kind) for test in tests)
+    return any(test(value) for test in tests)
 
 
 def as_floats(table: "pa.Table", name: str) -> Array:
-    """Return a column as floats, NaN for null.
-
-    Chunk by chunk through DLPack: pyarrow's own conversion imports pandas, which takes longer than reading the log.
-    """
+    """Return a column as floats, NaN for null; by DLPack, for pyarrow's own way imports pandas, which takes longer than reading."""
     import pyarrow as pa
 
     column = table.column(name)

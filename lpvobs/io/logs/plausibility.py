@@ -47,10 +47,9 @@ def usable_rows(
     policies: LogPolicies,
     latest: float = -math.inf,
 ) -> tuple[NDArray[np.int64], Defects]:
-    """Return the rows that are finite, possible, later than each other and than `latest`, and neither stuck nor spiked.
+    """Return the rows that are finite, possible, later than each other and than `latest`, not stuck or spiked; and what was lost.
 
-    Beside them stands what was lost. Raises DataError for time that runs backward, where the policies do not drop it, and for an
-    odd rate.
+    Raises DataError for time that runs backward, where the policies do not drop it, and for an odd rate.
     """
     keep, dropped = _usable(time, values, channels)
     rows, repeated = _increasing(path, time, np.flatnonzero(keep), policies, latest)
@@ -103,10 +102,9 @@ def _increasing(
 
 
 def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
-    """Refuse a log of which a channel's unit or sign must be wrong.
+    """Raise DataError for a log of which a channel's unit or sign must be wrong.
 
-    Raises DataError in one line that names channel, reading, expectation. The values, each of shape (N,), are those of the
-    needed channels in the contract's units, NaN where the file has none.
+    The values, each of shape (N,), are those of the needed channels in the contract's units, NaN where the file has none.
     """
     for name, channel in channels.items():
         _refuse_dead(path, name, values, channels)
@@ -116,10 +114,7 @@ def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mappin
 
 
 def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
-    """Refuse a log most of whose samples stand alone, or that was sampled faster than any recorder does.
-
-    Raises DataError: the unit of time, shape (N,) [s] and increasing, must be wrong. The limit is in s, too.
-    """
+    """Raise DataError for time, shape (N,) [s] and increasing, in steps that only a wrong unit makes; `gap_limit` in s."""
     if time.size < 2:
         return
     step = float(np.median(np.diff(time)))
@@ -138,10 +133,7 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
 def spoiled(
     time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
 ) -> Iterator[tuple[DefectFound, NDArray[np.int64]]]:
-    """Yield what is stuck, saturated or spiked, each with the samples that it spoils.
-
-    Time, shape (N,) [s], increases; the values of the needed channels are finite.
-    """
+    """Yield what is stuck, saturated or spiked in finite values over increasing time [s], with the samples that it spoils."""
     for name, channel in channels.items():
         if not np.isfinite(channel.still) or time.size < 3:
             continue
@@ -246,10 +238,7 @@ def _moves(values: Mapping[str, Array], others: list[str], start: int, stop: int
 
 
 def _saturated(column: Array, channel: Channel) -> NDArray[np.int64]:
-    """Return the samples at the very top of a channel that piles up there, as a sensor at the end of its range does.
-
-    The bottom is not looked at: an engine at rest reads its lowest values for minutes.
-    """
+    """Return the samples at the very top of a channel that piles up there; at rest the bottom is read for minutes."""
     top = column.max()
     at_top = column == top
     count = int(np.count_nonzero(at_top))

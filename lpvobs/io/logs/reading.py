@@ -140,11 +140,9 @@ def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
 
 
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
-    """Return the log in a Parquet file, in SI units, with defects treated as the policies say.
+    """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log.
 
-    Raises DataError if the file is not a log: unreadable, empty, a channel or its unit missing or wrong, time not increasing.
-    The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too. References are never among
-    them.
+    The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never.
     """
     file = LogFile(path, channels, policies)
     extra = parquet.further_channels(file.schema, file.units) if auxiliary else []

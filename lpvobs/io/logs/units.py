@@ -79,9 +79,7 @@ def is_broken(unit: str) -> bool:
 
 
 def convert(values: Array, unit: str, wanted: str) -> Array:
-    """Return values [unit] in the wanted unit.
-
-    Raises ValueError if the unit is unknown or of another dimension.
+    """Return values [unit] in the wanted unit; raises ValueError if the unit is unknown or of another dimension.
 
     Examples
     --------

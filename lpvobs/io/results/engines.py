@@ -207,10 +207,7 @@ def stored_engine(found: EngineFound) -> EngineOfMap:
 
 
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
-    """Write constants, and every component's correction over its own axes, into a result that has none.
-
-    Of a calibrated engine, what the calibration knew is written beside it.
-    """
+    """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
         before = found.before()
         write(file, BEFORE, _UnknownsAsStored(before.names, before.mean, before.covariance))

@@ -111,8 +111,7 @@ def is_hdf5(path: Path) -> bool:
 def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
     """Yield an open HDF5 file whose root attribute `schema` is `lpvobs/<kind>/1`.
 
-    Raises DataError if it is absent, not HDF5, damaged, of another kind, or lacks or garbles a dataset that is read inside the
-    block.
+    Raises DataError if it is absent, not HDF5, damaged, of another kind, or garbles a dataset that is read inside the block.
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; {remedy}")

@@ -159,10 +159,7 @@ def read_if_there(group: h5py.Group | None, what: type[Record]) -> Record | None
 
 
 def values(group: h5py.Group, what: type[Any] | Layout[Any], given: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the fields of a record that a group holds, but those that are given.
-
-    Raises KeyError, TypeError, ValueError for what is not there, or not as declared; `hdf.reading` makes a DataError of it.
-    """
+    """Return the fields of a record that a group holds, but those given; `hdf.reading` makes a DataError of what this raises."""
     layout, known = _layout(what), given or {}
     found = {key: _value(group, layout, key) for key in layout.datasets if key not in known}
     found |= {key: _attribute(group.attrs[key], layout.kind(key), key) for key in layout.attributes if key not in known}

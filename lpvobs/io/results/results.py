@@ -95,10 +95,7 @@ def write_result(
     provenance: Provenance,
     further: Callable[[h5py.File], None] | None = None,
 ) -> None:
-    """Write a new result; at any instant the target is absent, the old file, or the complete new one.
-
-    `further` adds groups to it before it takes its place.
-    """
+    """Write a new result, which appears whole; `further` adds groups to it before it takes its place."""
     with creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         file.attrs["air_path"] = air_path.name
@@ -116,10 +113,7 @@ def write_result(
 
 
 def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
-    """Apply a change to a copy of a result that then takes its place.
-
-    Raises DataError if the file is no longer the one that was read.
-    """
+    """Apply a change to a copy of a result that then takes its place; raises DataError if the file is no longer the one read."""
     refuse_replaced(stored)
     with reading(stored.path, KIND, REMEDY):
         pass
@@ -129,10 +123,7 @@ def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
 
 
 def refuse_replaced(stored: StoredResult) -> None:
-    """Raise DataError if a result has been written to since it was read: what was found does not belong to what is there now.
-
-    Claims keep this program's other verbs away, but not other programs.
-    """
+    """Raise DataError if another program has written to a result since it was read: what was found does not belong to it now."""
     if state_of(stored.path) != stored.state:
         raise DataError(
             f"{stored.path}: was replaced while this verb worked on the result of before; it stays as it is now; run the verb again"

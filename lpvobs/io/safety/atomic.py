@@ -44,10 +44,7 @@ def replacing(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def claimed(target: Path) -> Iterator[Path]:
-    """Keep other processes from writing `target`, and sweep away what killed writers have left of it; yield the file meant.
-
-    Raises DataError as `replacing` does.
-    """
+    """Keep other processes from writing `target`, and sweep away what killed writers have left; yield the file, raise as above."""
     target = _regular(target)
     if target in _claims:  # whoever claimed it first lets it go
         yield target
@@ -73,7 +70,7 @@ def _claim(target: Path) -> None:
         ) from None
     ours = re.compile(
         re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part"
-    )  # `map` is not to sweep what `map.h5` writes
+    )  # `map` sweeps nothing that `map.h5` writes
     with suppress(OSError):
         for left in target.parent.iterdir():
             if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):

@@ -89,10 +89,9 @@ MOST_BYTES = 2**30
 
 
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
-    """Raise DataError unless a file holds everything itself, under hard links, and unpacks to a reasonable size.
+    """Raise DataError unless a file holds everything itself, and unpacks to a reasonable size.
 
-    Links are looked at, never followed: a soft or external link, a virtual dataset or one whose numbers lie in another file would
-    make this program read whatever its writer names.
+    Links are looked at, never followed: otherwise this program would read whatever the file's writer names.
     """
     links = 0
     total = 0
