@@ -8,14 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.ingest.formats import open_recording, sniff
-from lpvobs.ingest.guesses import Guess, guess, kind_of, known_channels, own_names
-from lpvobs.ingest.layouts import csv_layout, polled
-from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import Column, ForeignRecording, Head, as_numbers
-from lpvobs.ingest.repairs import Stamps, stamps
+from lpvobs.ingest import formats, profiles, recordings, repairs, words
+from lpvobs.ingest.guesses import Guess, csv_layout, guess, kind_of, known_channels, own_names, polled
 from lpvobs.ingest.resample import median_step
-from lpvobs.ingest.words import normalised
 from lpvobs.records import Array
 
 TIMES = re.compile(
@@ -32,7 +27,7 @@ class Clock:
 
     column: str
     unit: str
-    found: Stamps
+    found: repairs.Stamps
     reason: str
 
 
@@ -40,8 +35,8 @@ class Clock:
 class Clues:
     """What was seen in a recording."""
 
-    recording: ForeignRecording
-    rules: SourceRules
+    recording: recordings.ForeignRecording
+    rules: profiles.SourceRules
     layout: list[str]
     clocks: list[Clock]
     columns: Mapping[str, Array]
@@ -69,9 +64,9 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
 
 
 def _look(path: Path, own: Mapping[str, str]) -> Clues:
-    kind = sniff(path)
-    rules, layout = csv_layout(path) if kind == "csv" else (SourceRules(format=kind), ["its first bytes"])
-    recording = open_recording(path, rules)
+    kind = formats.sniff(path)
+    rules, layout = csv_layout(path) if kind == "csv" else (profiles.SourceRules(format=kind), ["its first bytes"])
+    recording = formats.open_recording(path, rules)
     names = _worth_reading(recording, kind, own)
     columns = recording.read(names)
     clocks = (
@@ -93,7 +88,7 @@ def _look(path: Path, own: Mapping[str, str]) -> Clues:
     return Clues(recording, rules, layout, clocks, numbers, steps, own)
 
 
-def _worth_reading(recording: ForeignRecording, kind: str, own: Mapping[str, str]) -> list[str]:
+def _worth_reading(recording: recordings.ForeignRecording, kind: str, own: Mapping[str, str]) -> list[str]:
     """Return the columns to read: all of a small table, of a large one those that a name speaks for."""
     names = list(recording.heads)
     if kind != "mdf" and len(names) <= MOST_COLUMNS:
@@ -102,26 +97,26 @@ def _worth_reading(recording: ForeignRecording, kind: str, own: Mapping[str, str
     speaks = [
         name
         for name, head in recording.heads.items()
-        if TIMES.fullmatch(normalised(head.name))
+        if TIMES.fullmatch(words.normalised(head.name))
         or any(guess(channel, name, head, nothing, own) for channel in known_channels())
     ]
     return speaks[:MOST_COLUMNS]
 
 
-def _numbers(column: Column, rules: SourceRules) -> Array:
+def _numbers(column: recordings.Column, rules: profiles.SourceRules) -> Array:
     try:
-        return as_numbers(column.data, rules.decimal).values
+        return recordings.as_numbers(column.data, rules.decimal).values
     except ValueError:
         return np.empty(0)
 
 
-def _clock(name: str, head: Head, column: Column, rules: SourceRules) -> Clock | None:
+def _clock(name: str, head: recordings.Head, column: recordings.Column, rules: profiles.SourceRules) -> Clock | None:
     """Return a column as time if its name says so and it runs forward nearly everywhere."""
-    if not TIMES.fullmatch(normalised(head.name)):
+    if not TIMES.fullmatch(words.normalised(head.name)):
         return None
     for unit in dict.fromkeys((head.unit, "s", "clock", "datetime")):
         try:
-            found = stamps(column.data, unit, rules.decimal)
+            found = repairs.stamps(column.data, unit, rules.decimal)
         except ValueError:
             continue
         time = found.time[np.isfinite(found.time)]
@@ -131,7 +126,7 @@ def _clock(name: str, head: Head, column: Column, rules: SourceRules) -> Clock |
     return None
 
 
-def _guesses(name: str, head: Head, seen: Clues) -> list[Guess]:
+def _guesses(name: str, head: recordings.Head, seen: Clues) -> list[Guess]:
     values = seen.columns.get(name)
     if values is None:
         return []
@@ -174,7 +169,7 @@ def _source(seen: Clues) -> str:
         seen.rules,
         ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(seen.rules.format)}"],
     )
-    usual = SourceRules(format=rules.format)
+    usual = profiles.SourceRules(format=rules.format)
     for key in ("delimiter", "decimal", "header_row", "unit_row"):
         if getattr(rules, key) != getattr(usual, key):
             lines.append(f"{key} = {json.dumps(getattr(rules, key))}")

@@ -1,6 +1,9 @@
-"""What a column of an unknown recording may be: by its name, its unit, and its range; and how sure that is."""
+"""What an unknown recording may be: how a CSV file is laid out, whether it was polled, what a column is by name, unit and range."""
 
+import csv
+import io
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +11,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lpvobs.engines.channels import COMMON, Recorded
-from lpvobs.engines.registry import ENGINES
-from lpvobs.errors import UsageError
-from lpvobs.ingest.recordings import Head
+from lpvobs.engines import channels, registry
+from lpvobs.errors import DataError, UsageError
+from lpvobs.ingest import profiles, recordings
 from lpvobs.ingest.words import bare, fits, meanings, normalised
 from lpvobs.io.configuration.strict import read_text
 from lpvobs.io.logs.units import canonical, convert, unit_of
@@ -22,9 +24,9 @@ QUANTITY = {"K": frozenset({"temp"}), "Pa": frozenset({"pressure"})}
 """What a unit says where a name does not."""
 
 
-def known_channels() -> Mapping[str, Recorded]:
+def known_channels() -> Mapping[str, channels.Recorded]:
     """Return the channels that recordings may hold: those that all engines share, and those of each."""
-    return COMMON | {name: how for kind in ENGINES.values() for name, how in kind.recorded.items()}
+    return channels.COMMON | {name: how for kind in registry.ENGINES.values() for name, how in kind.recorded.items()}
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def own_names(path: Path) -> dict[str, str]:
 
 
 def guess(
-    channel: str, column: str, head: Head, values: Array, own: Mapping[str, str] = MappingProxyType({})
+    channel: str, column: str, head: recordings.Head, values: Array, own: Mapping[str, str] = MappingProxyType({})
 ) -> Guess | None:
     """Return why a column may be a channel, None where its name does not say so or its unit is of another kind.
 
@@ -105,7 +107,7 @@ def guess(
     return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
 
 
-def _typical(known: Recorded, middle: float, unit: str) -> bool | None:
+def _typical(known: channels.Recorded, middle: float, unit: str) -> bool | None:
     """Return whether a median is usual in a unit, None where the unit is of another kind."""
     try:
         value = float(convert(np.array([middle]), unit, known.unit)[0])
@@ -128,3 +130,82 @@ def kind_of(unit: str) -> list[str]:
         for name, known in known_channels().items()
         if unit and known.unit != "1" and _typical(known, 0.0, unit) is not None
     ]
+
+
+DELIMITERS = (";", "\t", ",", "|")
+LOOKED_AT = 40
+LINE = 1 << 16
+_NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?")
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
+
+
+def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
+    """Return how a CSV file is laid out, and the reason of each guess; raises DataError if its first lines are no table."""
+    lines = _first_lines(path)
+    delimiter = max(DELIMITERS, key=lambda sign: _width(lines, sign)[1])
+    width, _ = _width(lines, delimiter)
+    if width < 2:
+        raise DataError(
+            f"{path}: the first lines are no table with , ; | or tab between columns; see [source] in a profile"
+        )
+    rows = [_fields(line, delimiter) for line in lines]
+    header = next(number for number, row in enumerate(rows) if len(row) == width)
+    body = [row for row in rows[header + 1 :] if any(row)]
+    units = bool(body) and len(body[0]) == width and not any(map(_is_value, body[0])) and any(map(_is_value, body[-1]))
+    decimal = "," if delimiter != "," and _commas(body) else "."
+    rules = profiles.SourceRules(
+        format="csv", delimiter=delimiter, decimal=decimal, header_row=header + 1, unit_row=header + 2 if units else 0
+    )
+    reasons = [f"{width} columns in {sum(len(row) == width for row in rows)} of the first {len(rows)} lines"]
+    if units:
+        reasons.append(f"line {header + 2} holds no number where the later ones do")
+    if decimal == ",":
+        reasons.append("numbers with a comma and none with a point")
+    return rules, reasons
+
+
+def _first_lines(path: Path) -> list[str]:
+    with recordings.opened(path) as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as stream:
+        lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
+    kept = [line.rstrip("\r\n").lstrip("\ufeff") for line in lines if line]
+    if sum(bool(line.strip()) for line in kept) < 2 or any("\0" in line for line in kept):
+        raise DataError(f"{path}: not a CSV table with names and numbers; expected text; name another file")
+    return kept
+
+
+def _fields(line: str, delimiter: str) -> list[str]:
+    return [word.strip() for word in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _width(lines: list[str], delimiter: str) -> tuple[int, int]:
+    """Return the usual number of columns with a delimiter, and how much speaks for it: columns times lines that agree."""
+    counts = Counter(len(_fields(line, delimiter)) for line in lines)
+    width, often = max(counts.items(), key=lambda item: (item[0] - 1) * item[1])
+    return width, (width - 1) * often
+
+
+def _is_value(word: str) -> bool:
+    return bool(_NUMBER.fullmatch(word) or _CLOCK.fullmatch(word))
+
+
+def _commas(rows: list[list[str]]) -> bool:
+    """Return whether numbers are written with a comma."""
+    numbers = [word for row in rows for word in row if _NUMBER.fullmatch(word)]
+    return any("," in word for word in numbers) and not any("." in word for word in numbers)
+
+
+def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
+    """Return how often a column changes out of its turn, and how often in all; row r is the turn of column r modulo `turns`."""
+    changed = np.flatnonzero((values[1:] != values[:-1]) & np.isfinite(values[:-1])) + 1
+    return int(np.count_nonzero(changed % turns != turn)), changed.size
+
+
+def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
+    """Return which share of all changes falls into the turn of its column.
+
+    NaN where there are fewer than three columns or a hundred changes. By chance it would be one in the number of columns.
+    Columns have the shape (N,); `turns` are all columns besides time, in the order of the file.
+    """
+    counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
+    late, every = (sum(count[end] for count in counts) for end in (0, 1))
+    return 1.0 - late / every if len(turns) >= 3 and every >= 100 else float("nan")

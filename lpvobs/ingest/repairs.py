@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.ingest.layouts import refreshed
+from lpvobs.ingest.guesses import refreshed
 from lpvobs.ingest.profiles import ChannelRules, Profile
 from lpvobs.ingest.record import ChannelDone, Repairs
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest

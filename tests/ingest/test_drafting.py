@@ -11,8 +11,7 @@ from scipy.io import savemat
 from lpvobs.errors import DataError
 from lpvobs.ingest.drafting import draft_profile
 from lpvobs.ingest.foreign import ingest
-from lpvobs.ingest.guesses import guess, known_channels
-from lpvobs.ingest.layouts import csv_layout, polled
+from lpvobs.ingest.guesses import csv_layout, guess, known_channels, polled
 from lpvobs.ingest.profiles import profile_of
 from lpvobs.ingest.recordings import Head
 
