@@ -129,7 +129,7 @@ def changes(surface: Surface, old: OldMap, digits: int) -> list[Change]:
 
     found = []
     for (i, j), origin in np.ndenumerate(surface.origin):
-        before, after = rounded(old.values[i, j]), rounded(surface.values[i, j])
+        before, after = (rounded(float(values[i, j])) for values in (old.values, surface.values))
         if before != after:
             x, y = float(surface.x.nodes[i]), float(surface.y.nodes[j])
             found.append(Change(x, y, before, after, ORIGINS[int(origin)]))
