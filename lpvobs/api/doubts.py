@@ -12,6 +12,7 @@ from lpvobs.io.configuration.config import Config
 from lpvobs.maps.excitation import corners
 from lpvobs.observer.balance_agreement import DISAGREE, BalanceAgreement, BalanceSums, Judged, agreement
 from lpvobs.observer.estimate import EngineFound, MapEstimate
+from lpvobs.records import Array
 
 NEXT_TO_NOTHING = 0.2
 """Share of the air flow that a connected sensor reads at least."""
@@ -31,6 +32,8 @@ class Doubts:
     agreement: BalanceAgreement
     ratios: Mapping[str, float]
     says: tuple[str, ...]
+    # (p,) share of the time that each node stands for, and the mean true air flow there [kg/s]
+    driven: tuple[Array, float]
 
 
 def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]) -> Doubts:
@@ -50,7 +53,16 @@ def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Itera
     refuse_too_large(estimate, total, config.estimate.largest_error, says)
     says.extend(_another_volume(engine.air_path.volumes, estimate.engine))  # of a map that is refused they tell nothing
     says.extend(filter(None, [config.kind.caveat]))
-    return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says))
+    return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says), _driven(estimate, total))
+
+
+def _driven(estimate: MapEstimate, sums: BalanceSums) -> tuple[Array, float]:
+    nodes = corners(*estimate.grid.shape)
+    known = np.isfinite(estimate.theta.ravel()[nodes])
+    share = known * (sums.blocks / np.maximum(known.sum(1), 1))[:, None]
+    weights = np.bincount(nodes.ravel(), share.ravel(), minlength=estimate.grid.size) / max(share.sum(), 1.0)
+    reads = float(sums.reading[known.any(1)].sum()) / max(share.sum(), 1.0)
+    return weights, reads - float(weights @ np.nan_to_num(estimate.theta.ravel()))
 
 
 def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[str]:

@@ -130,9 +130,7 @@ def estimate(
         done = estimate_logs(
             configuration, text, stored, paths, target, method, progress or silent, workplace, known, before
         )
-    found = done.estimate
-    says = headline(found.grid, configuration.kind.air_path.axes, found.theta, found.covariance, found.supported)
-    return replace(done, engine=calibrated, headline=says)
+    return replace(done, engine=calibrated)
 
 
 def used_engine(config: Config, engine: Path | None, method: str) -> engines.CalibratedEngine | None:
@@ -186,8 +184,13 @@ def estimate_logs(
     if engine is not None:
         inputs[engine.name] = engine.sha256
     provenance = Provenance(inputs, config_text)
+    found, doubts = done.estimate, done.doubts
+    says = headline(
+        found.grid, air_path.axes, found.theta, found.covariance, found.supported, doubts.driven, doubts.agreement.ratio
+    )
 
     def further(file: h5py.File) -> None:
+        file.attrs["headline"] = says
         results.write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
         write_refused(file, done.refused)
         if done.agreement:
@@ -199,7 +202,7 @@ def estimate_logs(
     if method == "observer":
         healthy.learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
-    return done
+    return replace(done, headline=says)
 
 
 def _one_after_another(

@@ -95,8 +95,6 @@ def estimate(
             say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
-        if done.doubts.agreement.where:
-            say(f"the balances differ by {done.doubts.agreement.ratio:.2f} times what noise and tolerances allow")
     for item in done.agreement:
         if item.disagrees:
             say(

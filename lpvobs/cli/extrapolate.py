@@ -21,7 +21,7 @@ def extrapolate(
     """
     from lpvobs.api.extrapolate import ExtrapolateOutput, fill, half_widths
     from lpvobs.report.outputs import quadratic_fields
-    from lpvobs.report.tables import coefficient_tables, grams, percent
+    from lpvobs.report.tables import beside_paper, coefficient_tables, grams, percent
 
     stored, fitted, held = fill(result, method, smooth)
     if as_json:
@@ -32,7 +32,7 @@ def extrapolate(
             ),
         )
         return
-    for coefficients in coefficient_tables([("this map", stored)]):
+    for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):
         print(table(*coefficients))
     more = f", {fitted.nodes} smoothed" if smooth else ""
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")

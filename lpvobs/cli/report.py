@@ -49,7 +49,15 @@ def report(
     from lpvobs.api.compare import region_of
     from lpvobs.api.write_report import kind_of, make_report
     from lpvobs.report.gates import enforce
-    from lpvobs.report.tables import coefficient_tables, fit_rows, gain_line, region_line, report_rows
+    from lpvobs.report.tables import (
+        beside_paper,
+        coefficient_tables,
+        fit_rows,
+        gain_line,
+        region_line,
+        report_rows,
+        told,
+    )
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
         _other(kind, result, html, as_json)
@@ -62,8 +70,8 @@ def report(
     if as_json:
         print_json("report", done.content)
     else:
-        print(table(*report_rows(done.results), labels=3))
-        for coefficients in coefficient_tables(done.results):
+        print(table(*told(report_rows(done.results)), labels=3))
+        for coefficients in coefficient_tables(done.results, beside_paper(done.results)):
             print("\n" + table(*coefficients))
         if done.content.fits:
             print("\n" + table(*fit_rows(done.content.fits), labels=3))

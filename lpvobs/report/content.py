@@ -1,12 +1,15 @@
 """What a page shows, as plain frozen data: no drawing, no HTML."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath, MapAxis
+from lpvobs.ingest.record import stored_record
 from lpvobs.io.logs.reading import References
 from lpvobs.io.results.results import LogSummary, StoredResult
 from lpvobs.maps.excitation import excitation
@@ -15,8 +18,8 @@ from lpvobs.maps.metrics import best_fit
 from lpvobs.records import Array, Log
 from lpvobs.report.discovered import Discovered
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.load import Loaded, LoadedLog, air_path_of
-from lpvobs.report.names import cycle_title, distinct
+from lpvobs.report.load import Loaded, air_path_of
+from lpvobs.report.names import cycle_title, distinct, paper_error
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -30,6 +33,7 @@ class SurfaceView:
     axes: tuple[MapAxis, MapAxis]  # fuel, speed
     values: Array  # (p_2, p_1) [kg/s], NaN where there is none
     filled: NDArray[np.bool_]  # (p_2, p_1) where the value is extrapolated
+    doubtful: NDArray[np.bool_] | None = None  # (p_2, p_1) see `doubtful_nodes`
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class Drive:
     segments: tuple[tuple[int, int], ...]
     reference: Array | None  # (N,) [kg/s], the sensor's true error, where the log has it
     true_flow: Array | None  # (N,) [kg/s], where the log has it
+    ingest: Mapping[str, Any] | None  # what `ingest` did to make the log, None for one that was not ingested
     surface: SurfaceView | None  # the bilinear map that fits the reference best, at the nodes that the drive informs
 
 
@@ -89,6 +94,14 @@ class CycleView:
     drive: Drive | None
     corrections: tuple[Corrected, ...]
 
+    @property
+    def printed(self) -> bool:
+        """Whether the paper prints an error for this cycle, and the log knows its own."""
+        return any(
+            each.summary.metrics is not None and paper_error(each.result.stored.air_path, self.log) is not None
+            for each in self.corrections
+        )
+
 
 @dataclass(frozen=True)
 class Report:
@@ -103,7 +116,7 @@ def gather(loaded: Loaded, fits: Sequence[ResidualFit] = ()) -> Report:
     """Return the content of the page for results and the logs that belong to them."""
     names = distinct([result.path for result in loaded.results])
     views = [_view(*item) for item in zip(names, loaded.results, loaded.discovered, strict=True)]
-    given = {log.sha256: (log, references) for log, references in loaded.logs}
+    given = {log.sha256: (log, references, loaded.paths[log.sha256]) for log, references in loaded.logs}
     summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
     cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
     return Report(tuple(views), cycles, tuple(fits))
@@ -111,15 +124,31 @@ def gather(loaded: Loaded, fits: Sequence[ResidualFit] = ()) -> Report:
 
 def _view(name: str, stored: StoredResult, discovered: tuple[Discovered, ...]) -> ResultView:
     axes = air_path_of(stored).axes
-    estimated = SurfaceView(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool))
+    doubtful = doubtful_nodes(stored.supported, stored.standard_error)
+    estimated = SurfaceView(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool), doubtful)
     fitted = stored.extrapolation
     extrapolated = None
     if fitted is not None:
-        extrapolated = SurfaceView(stored.grid, axes, fitted.delta_W_c, fitted.support == 2)
+        extrapolated = SurfaceView(stored.grid, axes, fitted.delta_W_c, fitted.support == 2, doubtful)
     return ResultView(name, stored, discovered, estimated, extrapolated)
 
 
-def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog | None) -> CycleView:
+def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArray[np.bool_]:
+    """Return the estimated nodes that stand alone and are poorly known, shape (p_2, p_1).
+
+    Alone: at most one of the four neighbours is estimated. Poorly known: the standard error is above the middle one. Such a node
+    leans on a few seconds of driving, and no neighbour would show that they went wrong.
+    """
+    padded = np.pad(supported, 1).astype(int)
+    beside = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    if not supported.any():
+        return supported
+    return np.asarray(supported & (beside <= 1) & (standard_error > np.median(standard_error[supported])))
+
+
+def _cycle(
+    digest: str, name: str, views: Sequence[ResultView], given: tuple[Log, References | None, Path] | None
+) -> CycleView:
     pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
     first = pairs[0][0].stored
     drive = None if given is None else _drive(air_path_of(first), first.grid, *given)
@@ -131,7 +160,7 @@ def _cycle(digest: str, name: str, views: Sequence[ResultView], given: LoadedLog
     return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
 
 
-def _drive(air_path: type[AirPath], grid: Grid, log: Log, references: References | None) -> Drive:
+def _drive(air_path: type[AirPath], grid: Grid, log: Log, references: References | None, path: Path) -> Drive:
     fuel, speed = (log[axis.channel] for axis in air_path.axes)
     reference = None if references is None else references.delta_W_c
     return Drive(
@@ -142,6 +171,7 @@ def _drive(air_path: type[AirPath], grid: Grid, log: Log, references: References
         segments=log.segments,
         reference=reference,
         true_flow=None if references is None else references.W_c,
+        ingest=stored_record(path),
         surface=None if reference is None else _reference_surface(air_path, grid, log, reference),
     )
 

@@ -1,20 +1,17 @@
 """The page of a calibrated engine: every component with its correction, what the data say of it, and what they leave."""
 
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 
-import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
-from lpvobs import __version__
 from lpvobs.engines.curves import LearnedCurve, Nodes
 from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.records import Array
 from lpvobs.report.engines import CalibrateOutput, calibration_tables
 from lpvobs.report.figures import ESTIMATE, GRAMS, READING
-from lpvobs.report.page import TEMPLATE, legible
+from lpvobs.report.page import rendered
 from lpvobs.report.residual import Section, picture
 from lpvobs.report.surface_figures import SURE
 from lpvobs.report.svg import INK, render
@@ -29,14 +26,10 @@ CUTS = 3
 
 def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
     """Return the page as text; the same engine gives the same text."""
-    folder = files("lpvobs.report") / "templates"
-    whole = (folder / TEMPLATE).read_text(encoding="utf-8")
-    text = whole[: whole.index("<body>")] + (folder / BODY).read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     learned = {} if stored.learned is None else stored.learned.known.curves
     components = [item for item in stored.unknowns.components if item.axes]
-    page = environment.from_string(text).render(
-        version=__version__,
+    return rendered(
+        BODY,
         name=name,
         inputs=", ".join(found.inputs) or "the configuration alone",
         tables=calibration_tables(found),
@@ -53,7 +46,6 @@ def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
         )),
         constants=_constants(found),
     )  # fmt: skip
-    return legible(page)
 
 
 def residuals(name: str, stored: StoredEngine, kind: str) -> str:

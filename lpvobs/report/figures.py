@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
+from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Outline
 from numpy.typing import NDArray
 
@@ -200,6 +201,8 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
     image = axes.pcolormesh(u_edges, n_edges, values, cmap=colours, norm=scale)
     if surface.filled.any():
         axes.add_patch(_hatched(u_edges, n_edges, surface.filled))
+    if surface.doubtful is not None:
+        frame(axes, surface, surface.doubtful, linestyle=":")
     digits = int(np.clip(1 - np.floor(np.log10(float(scale.vmax or 1.0))), 0, 4))  # about two of the largest value
     for (j, i), value in np.ndenumerate(values):
         if np.isfinite(value):
@@ -209,7 +212,7 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
                 float(grid.fuel[i]),
                 float(grid.speed[j]),
                 _value(value, digits),
-                gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{', extrapolated' if surface.filled[j, i] else ''}",
+                gid=f"{TIP}{_where(surface, i, j)}: {_value(value, digits + 2)}{_mark(surface, j, i)}",
                 ha="center",
                 va="center_baseline",
                 fontsize=6.5,
@@ -220,6 +223,14 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
     axes.set_xticks(grid.fuel[::2])
     axes.set_yticks(grid.speed[::2])
     return axes
+
+
+def frame(axes: Axes, surface: SurfaceView, nodes: NDArray[np.bool_], **look: Any) -> None:
+    """Draw a frame around some nodes."""
+    u, n = edges(surface.grid.fuel), edges(surface.grid.speed)
+    style = {"fill": False, "edgecolor": READING, "linewidth": 1.8} | look
+    for j, i in np.argwhere(nodes):
+        axes.add_patch(Rectangle((u[i], n[j]), u[i + 1] - u[i], n[j + 1] - n[j], **style))
 
 
 def _hatched(u_edges: Array, n_edges: Array, filled: NDArray[np.bool_]) -> PathPatch:
@@ -253,10 +264,16 @@ def _log_scale(values: Array) -> LogNorm:
     return LogNorm(max(min(low, 0.1 * top), 1e-4 * top), top)
 
 
+def _mark(surface: SurfaceView, j: int, i: int) -> str:
+    if surface.filled[j, i]:
+        return ", extrapolated"
+    return ", doubtful: alone and poorly known" if surface.doubtful is not None and surface.doubtful[j, i] else ""
+
+
 def _where(surface: SurfaceView, i: int, j: int) -> str:
     fuel, speed = surface.axes
     return f"{surface.grid.fuel[i]:g} {fuel.unit}, {surface.grid.speed[j]:g} {speed.unit}"
 
 
 def _value(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}".replace("-", "−")
+    return f"{value:z.{digits}f}".replace("-", "−")

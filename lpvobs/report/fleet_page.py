@@ -2,20 +2,17 @@
 
 from collections import defaultdict
 from collections.abc import Iterator
-from importlib.resources import files
 from typing import Any
 
-import jinja2
 import numpy as np
 
-from lpvobs import __version__
 from lpvobs.engines.base import MapAxis
 from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.report.content import SurfaceView
 from lpvobs.report.figures import error_limit, error_map
 from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
-from lpvobs.report.page import TEMPLATE, legible
+from lpvobs.report.page import rendered
 from lpvobs.report.residual import Section, picture
 from lpvobs.tracking.fleet import PeriodMap
 
@@ -27,10 +24,6 @@ KNOWN = 1e-3
 def fleet_page(name: str, fleet: StoredFleet) -> str:
     """Return the page as text; the same fleet gives the same text."""
     found = fleet.found
-    folder = files("lpvobs.report") / "templates"
-    whole = (folder / TEMPLATE).read_text(encoding="utf-8")
-    text = whole[: whole.index("<body>")] + (folder / BODY).read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     fuel, speed = (MapAxis(axis, item.unit, item.meaning) for axis, item in fleet.axes.items())
     pictures = []
     for number, each in enumerate(found.types):
@@ -41,8 +34,8 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         pictures.append(
             picture(drawing, f"Type {each.kind}: what its vehicles have in common, where it is known within 1 g/s.")
         )
-    page = environment.from_string(text).render(
-        version=__version__,
+    return rendered(
+        BODY,
         name=name,
         summary=fleet_summary(fleet),
         header=vehicle_rows(fleet, True)[0][3:],
@@ -50,7 +43,6 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         refused=fleet.refused,
         types=Section("", tuple(pictures)),
     )
-    return legible(page)
 
 
 def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:

@@ -3,18 +3,19 @@
 import re
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
+from typing import Any
 
 import jinja2
 import numpy as np
 
 from lpvobs import __version__
 from lpvobs.engines.registry import ENGINES
-from lpvobs.io.results.results import LogSummary
 from lpvobs.maps.excitation import Plan, plan
 from lpvobs.report import figures, surface_figures, tables
-from lpvobs.report.content import Corrected, CycleView, Drive, Report, ResultView, SurfaceView
+from lpvobs.report.content import CycleView, Report, ResultView, SurfaceView
+from lpvobs.report.courses import course_data
 from lpvobs.report.discovered import sentences
-from lpvobs.report.names import method_title, paper_error
+from lpvobs.report.names import cycle_title, method_title, paper_error
 from lpvobs.report.outputs import RegionMean
 from lpvobs.report.residual import Picture, Section, fit_section, picture, residual_sections
 from lpvobs.report.spoken import headline
@@ -26,27 +27,34 @@ _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u
 
 def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
     """Return the page as text; the same content gives the same text."""
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True).from_string(
-        (files("lpvobs.report") / "templates" / TEMPLATE).read_text(encoding="utf-8")
-    )
     named = [(view.name, view.stored) for view in report.results]
     widest = max((stored for _, stored in named), key=lambda stored: len(stored.gain.log_bounds))
-    printed = [ENGINES[stored.air_path].published for _, stored in named if stored.extrapolation is not None]
-    text = template.render(
-        version=__version__,
+    paper = tables.beside_paper(named)
+    printed = [ENGINES[stored.air_path].published for _, stored in named if paper and stored.extrapolation is not None]
+    cycles = list(enumerate(report.cycles))
+    return rendered(
+        "",
         verdicts=[
-            *(verdict(view) for view in report.results),
+            *(line for view in report.results for line in verdict(view)),
             *sentences([(v.name, v.discovered) for v in report.results]),
             *map(tables.region_line, regions),
         ],
-        summary=tables.report_rows(named),
-        cycles=[Section(each.title, tuple(_pictures(each, f"c{number}"))) for number, each in enumerate(report.cycles)],
+        summary=tables.told(tables.report_rows(named)),
+        referenced=any(log.metrics is not None for _, stored in named for log in stored.logs),
+        maps=[Section(each.title, tuple(_maps(each, f"c{number}"))) for number, each in cycles],
         quality=[Section(view.name, tuple(_quality(view, number))) for number, view in enumerate(report.results)],
         driving=list(_driving(report)),
         residuals=[*filter(None, [fit_section(report.fits)])]
         + [part for number, view in enumerate(report.results) for part in residual_sections(view, number)],
-        bounds=tables.bounds_table(widest.gain, widest.logs),
-        coefficients=tables.coefficient_tables(named),
+        cycles=[
+            (Section(each.title, tuple(_courses(each, f"t{number}"))), course_data(each, each.drive))
+            for number, each in cycles
+            if each.drive is not None
+        ],
+        script=(files("lpvobs.report") / "templates" / "course.js").read_text(encoding="utf-8"),
+        bounds=tables.bounds_table(widest.gain, widest.logs, paper),
+        coefficients=tables.coefficient_tables(named, paper),
+        paper=paper,
         remarks=list(dict.fromkeys(found.remark for found in printed if found is not None)),
         held=[
             (view.name, tables.percent(view.stored.outer_coverage, 0))
@@ -55,42 +63,46 @@ def page(report: Report, regions: Sequence[RegionMean] = ()) -> str:
         ],
         gains=[(view.name, tables.gain_line(view.stored.gain), gain_rows(view)) for view in report.results],
         defects=defect_rows(report),
+        ingested=[
+            (tables.ingest_notes(each.drive.ingest), tables.ingest_rows(each.drive.ingest))
+            for each in report.cycles
+            if each.drive is not None and each.drive.ingest is not None
+        ],
         refused=[line for view in report.results for line in view.stored.refused],
         origins=[(view.name, view.stored.provenance) for view in report.results],
     )
-    return legible(text)
 
 
-def legible(text: str) -> str:
-    """Return text without what a browser or an editor would obey instead of showing it."""
-    return _NOT_SHOWN.sub("\ufffd", text)
+def rendered(body: str, **content: Any) -> str:
+    """Return the page with another template as its body, if one is named, without what a browser would obey instead of showing."""
+    folder = files("lpvobs.report") / "templates"
+    text = (folder / TEMPLATE).read_text(encoding="utf-8")
+    if body:
+        text = text[: text.index("<body>")] + (folder / body).read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    return _NOT_SHOWN.sub("\ufffd", environment.from_string(text).render(version=__version__, **content))
 
 
-def verdict(view: ResultView) -> str:
-    """Return one sentence on how far the corrected sensor is from the truth, for each log of a result."""
-    return " ".join(_sentence(view, log) for log in view.stored.logs)
-
-
-def _sentence(view: ResultView, log: LogSummary) -> str:
-    nodes = f"{int(view.stored.supported.sum())} of {view.stored.grid.size} nodes estimated"
-    if log.metrics is None:
-        stored = view.stored
-        says = headline(stored.grid, view.axes, stored.theta, stored.covariance, stored.supported)
-        return (
-            f"{view.name} ({method_title(view.stored.method)}): {nodes}; the log {log.name} has no references, "
-            f"so the standard errors are all that is known of the map's accuracy: {says}."
-        )
-    m = log.metrics
-    beside = paper_error(view.stored.air_path, log.name)
-    paper = f"; the paper reports {tables.percent(beside)}" if beside is not None else ""
-    constant = ENGINES[view.stored.air_path].air_path.rate_names
-    held = f", {' and '.join(constant)} held constant" if view.stored.method == "published" else ""
-    floor, certified = tables.percent(m.floor_mean_relative_error), tables.percent(log.share_certified, 1)
-    return (
-        f"{view.name} ({method_title(view.stored.method)}): the map misses the sensor's true error by "
-        f"{tables.percent(m.mean_relative_error)} on average (floor of the grid {floor}{paper}), {tables.grams(m.rmse)} g/s rms; "
-        f"{nodes}; {certified} of the samples where stability is certified{held}."
-    )
+def verdict(view: ResultView) -> Iterator[str]:
+    """Yield what a result says, and how far it is from the truth on every log that knows it."""
+    stored = view.stored
+    says = stored.headline or headline(stored.grid, view.axes, stored.theta, stored.covariance, stored.supported)
+    nodes = f"{int(stored.supported.sum())} of {stored.grid.size} nodes estimated"
+    yield f"{view.name} ({method_title(stored.method)}): {says}. {nodes}."
+    for log in stored.logs:
+        if (m := log.metrics) is not None:
+            beside = paper_error(stored.air_path, log.name)
+            paper = f"; the paper reports {tables.percent(beside)}" if beside is not None else ""
+            constant = ENGINES[stored.air_path].air_path.rate_names
+            held = f", {' and '.join(constant)} held constant" if stored.method == "published" else ""
+            yield (
+                f"{view.name}: on {cycle_title(log.name)} the map misses the sensor's true error by "
+                f"{tables.percent(m.mean_relative_error)} on average (floor of the grid "
+                f"{tables.percent(m.floor_mean_relative_error)}{paper}), {tables.grams(m.rmse)} g/s rms; "
+                f"{tables.percent(log.share_certified, 1)} of the samples where stability is certified{held}."
+            )
+    if all(log.metrics is None for log in stored.logs):
+        yield "The logs have no references, so nobody knows the true error: the intervals are all that is known of the accuracy."
 
 
 def gain_rows(view: ResultView) -> tables.Table:
@@ -112,68 +124,71 @@ def defect_rows(report: Report) -> tables.Table:
     return header, list(rows.values())
 
 
-def _pictures(cycle: CycleView, name: str) -> Iterator[Picture]:
-    """Yield what corresponds to the paper's Figures 3 to 9, as far as the content has it."""
+def _maps(cycle: CycleView, name: str) -> Iterator[Picture]:
+    """Yield the map of every result of a log, as it was estimated, filled, in space and cut open."""
     shown = [correction.result.estimated for correction in cycle.corrections]
-    drive = cycle.drive
+    drive, title = cycle.drive, cycle.title
     limit = figures.error_limit([*shown, *([drive.surface] if drive and drive.surface else [])])
-    if drive is not None:
-        yield from _drive(cycle, drive, name, limit)
-    for index, correction in enumerate(cycle.corrections):
-        yield from _correction(cycle, correction, f"{name}-r{index}", limit)
 
+    def printed(numbers: str) -> str:
+        return f" ({numbers})" if cycle.printed else ""
 
-def _drive(cycle: CycleView, drive: Drive, name: str, limit: float) -> Iterator[Picture]:
-    title = cycle.title
-    if drive.surface is not None:
+    if drive is not None and drive.surface is not None:
         yield picture(
             figures.error_map(f"{name}-ref", f"reference error, {title}", drive.surface, limit),
-            "Reference error where the drive goes, as the best bilinear map shows it (the paper's Figure 3).",
+            f"Reference error where the drive goes, as the best bilinear map shows it{printed('the paper: Figure 3')}.",
         )
-    yield picture(
-        figures.drive_course(f"{name}-drive", f"fuel and speed over time, {title}", cycle, drive),
-        "Fuel quantity and engine speed over time (Figures 4a, 7a).",
-    )
-    surface = cycle.corrections[0].result.estimated
-    yield picture(
-        figures.trajectory(f"{name}-path", f"operating points, {title}", cycle, drive, surface),
-        "Path of the operating point over the grid; cells without it are the area S (Figures 4b, 7b).",
-    )
+    for index, view in enumerate(each.result for each in cycle.corrections):
+        own, what = f"{name}-r{index}", f"{title}, {method_title(view.stored.method)}"
+        doubted = " A dotted frame marks a node that stands alone and is poorly known."
+        yield picture(
+            figures.error_map(f"{own}-map", f"estimated map, {what}", view.estimated, limit),
+            f"Estimated error map, {what}{printed('Figures 5a, 8a')}. The drive says nothing of empty nodes."
+            + (doubted if view.estimated.doubtful is not None and view.estimated.doubtful.any() else ""),
+        )
+        if view.extrapolated is not None:
+            yield picture(
+                figures.error_map(f"{own}-full", f"extrapolated map, {what}", view.extrapolated, limit),
+                f"The same map, filled{printed('Figures 5b, 8b')}. Hatched nodes are extrapolated.",
+            )
+        whole = view.extrapolated or view.estimated
+        if np.isfinite(view.stored.theta).any():
+            yield picture(
+                surface_figures.surface_view(f"{own}-space", f"map in space, {what}", whole, limit),
+                f"The map as a surface, {what}. What is extrapolated is pale.",
+            )
+            yield picture(
+                surface_figures.cuts(f"{own}-cuts", f"cuts through the map, {what}", whole, view.deviation),
+                f"Cuts through the map with 90 % intervals, {what}. Marks are estimated nodes, dashes are extrapolated.",
+            )
+    if drive is not None:
+        yield picture(
+            figures.trajectory(f"{name}-path", f"operating points, {title}", cycle, drive, shown[0]),
+            f"Operating points of the drive over the grid{printed('Figures 4b, 7b')}.",
+        )
 
 
-def _correction(cycle: CycleView, correction: Corrected, name: str, limit: float) -> Iterator[Picture]:
-    view, drive = correction.result, cycle.drive
-    what = f"{cycle.title}, {method_title(view.stored.method)}"
-    yield picture(
-        figures.error_map(f"{name}-map", f"estimated map, {what}", view.estimated, limit),
-        f"Estimated error map, {what} (Figures 5a, 8a): empty nodes were not informed by the drive.",
-    )
-    if view.extrapolated is not None:
-        yield picture(
-            figures.error_map(f"{name}-full", f"extrapolated map, {what}", view.extrapolated, limit),
-            f"The same, filled from the quadratic of Eq. (37), {what} (Figures 5b, 8b): hatched nodes are extrapolated.",
-        )
-    whole = view.estimated if view.extrapolated is None else view.extrapolated
-    if np.isfinite(view.stored.theta).any():
-        yield picture(
-            surface_figures.surface_view(f"{name}-space", f"map in space, {what}", whole, limit),
-            f"The map as a surface, {what}; what is extrapolated is pale.",
-        )
-        yield picture(
-            surface_figures.cuts(f"{name}-cuts", f"cuts through the map, {what}", whole, view.deviation),
-            f"Cuts through the map with 90 % intervals, {what}: estimated nodes are marked, dashed is extrapolated.",
-        )
-    if drive is None or correction.estimate is None:
+def _courses(cycle: CycleView, name: str) -> Iterator[Picture]:
+    """Yield the courses over time: the first one is what the script replaces; the paper's own figures in its comparison alone."""
+    drive = cycle.drive
+    if drive is None:
         return
-    if drive.reference is not None:
+    for index, correction in enumerate(cycle.corrections):
+        what = f"{cycle.title}, {method_title(correction.result.stored.method)}"
         yield picture(
-            figures.error_course(f"{name}-error", f"errors over time, {what}", drive, correction),
-            f"Reference and estimated error along the drive, {what} (Figures 6a, 9a).",
+            figures.flow_course(f"{name}-f{index}", f"flows over time, {what}", drive, correction),
+            f"Reading, and reading after correction, {what}{' (Figures 6b, 9b)' if cycle.printed else ''}.",
         )
-    yield picture(
-        figures.flow_course(f"{name}-flow", f"flows over time, {what}", drive, correction),
-        f"True flow where known, reading, and reading after correction, {what} (Figures 6b, 9b).",
-    )
+        if drive.reference is not None and correction.estimate is not None:
+            yield picture(
+                figures.error_course(f"{name}-e{index}", f"errors over time, {what}", drive, correction),
+                f"Reference and estimated error, {what}{' (Figures 6a, 9a)' if cycle.printed else ''}.",
+            )
+    if cycle.printed:
+        yield picture(
+            figures.drive_course(f"{name}-drive", f"fuel and speed over time, {cycle.title}", cycle, drive),
+            "Fuel quantity and engine speed over time (Figures 4a, 7a).",
+        )
 
 
 def _driving(report: Report) -> Iterator[Section]:

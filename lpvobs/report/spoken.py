@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lpvobs.engines.base import MapAxis
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import NORMAL_90, combined
+from lpvobs.observer.balance_agreement import DISAGREE
 from lpvobs.records import Array
 
 LEAST_CHANCE = 1e-16
@@ -107,28 +108,52 @@ BY_IDENTIFIER = {
 
 
 def headline(
-    grid: Grid, axes: tuple[MapAxis, MapAxis], theta: Array, covariance: Array, supported: NDArray[np.bool_]
+    grid: Grid,
+    axes: tuple[MapAxis, MapAxis],
+    theta: Array,
+    covariance: Array,
+    supported: NDArray[np.bool_],
+    driven: tuple[Array, float] | None = None,
+    disagreement: float = math.nan,
 ) -> str:
-    """Return what a map [kg/s] over (p_2, p_1) nodes says in one sentence; its covariance is that of all nodes, row by row."""
+    """Return what a map [kg/s] over (p_2, p_1) nodes says in one sentence; its covariance is that of all nodes, row by row.
+
+    `driven` is the share of the time that each node stands for, shape (p,), and the mean air flow [kg/s]; without it all nodes
+    count alike. `disagreement` is the ratio of the balances over all logs.
+    """
     on = np.flatnonzero(supported)
     if not on.size:
         return "the drives say nothing of the map"
-    weights = np.zeros((1, grid.size))
-    weights[0, on] = 1.0 / on.size
-    where = f"over the {on.size} nodes that were driven"
-    if not np.isfinite(covariance[np.ix_(on, on)]).all():
-        return f"the sensor's error is {1e3 * theta.ravel()[on].mean():.2g} g/s on average {where}"
-    mean = combined(weights, theta.ravel(), covariance)
-    value, low, high = with_interval(*(1e3 * float(x) for x in (mean.values[0], *mean.ci90[0])))
+    weights = driven[0][None] if driven else np.where(supported.ravel(), 1.0 / on.size, 0.0)[None]
+    sure = bool(np.isfinite(covariance[np.ix_(on, on)]).all())
+    mean = combined(weights, theta.ravel(), covariance) if sure else None
+    value = float(weights[0, on] @ theta.ravel()[on])
+    shown, low, high = f"{1e3 * value:.2g}", "", ""
+    if mean is not None:
+        shown, low, high = with_interval(*(1e3 * float(x) for x in (value, *mean.ci90[0])))
+    side = "high" if value > 0.0 else "low"
+    share = f"{abs(100.0 * value / driven[1]):.2g} % {side}, " if driven and driven[1] > 0.0 else ""
     worst = int(on[np.argmax(np.abs(theta.ravel()[on]))])
     row, column = np.unravel_index(worst, grid.shape)
-    place = f"{grid.speed[row]:g} {axes[1].unit} and {grid.fuel[column]:g} {axes[0].unit}"
-    largest = 1e3 * theta.ravel()[worst]
-    known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
-    return (
-        f"the sensor's error is {value} g/s on average {where} (90 %: {low} to {high}), "
-        f"{largest:+.2g} g/s at most, at {place}; the middle node is known to {known:.2g} g/s"
-    )
+    place = ", ".join(spelled(x, axis) for x, axis in ((grid.speed[row], axes[1]), (grid.fuel[column], axes[0])))
+    said = [
+        f"the sensor reads {share}{shown} g/s on average" + (f" (90 %: {low} to {high})" if mean else ""),
+        f"worst {1e3 * theta.ravel()[worst]:+.2g} g/s at {place}",
+    ]
+    if sure:
+        known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
+        said.append(f"the middle one of {on.size} nodes is known to {known:.2g} g/s")
+    if math.isfinite(disagreement):
+        agree = disagreement <= DISAGREE
+        said.append(
+            "the balances agree" if agree else f"the balances differ by {disagreement:.1f} times what is allowed"
+        )
+    return "; ".join(said)
+
+
+def spelled(value: float, axis: MapAxis) -> str:
+    """Return a value of an axis with its unit; one without a unit has its name."""
+    return f"{axis.channel} {value:g}" if axis.unit == "1" else f"{value:g} {axis.unit}"
 
 
 def in_words(effects: Sequence[Mapping[str, Any]]) -> str:

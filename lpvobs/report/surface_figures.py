@@ -101,10 +101,7 @@ def change_map(figure: Figure, surface: SurfaceView, changed: NDArray[np.bool_])
     """Draw a heat map of how a map has changed, [g/s]; nodes that have changed by more than their errors are framed."""
     size = figures.GRAMS * figures.error_limit([surface])
     axes = figures.node_map(figure, surface, Normalize(-size, size), "change of the sensor error [g/s]")
-    u, n = figures.edges(surface.grid.fuel), figures.edges(surface.grid.speed)
-    for j, i in np.argwhere(changed):
-        width, height = u[i + 1] - u[i], n[j + 1] - n[j]
-        axes.add_patch(Rectangle((u[i], n[j]), width, height, fill=False, edgecolor=figures.READING, linewidth=1.8))
+    figures.frame(axes, surface, changed)
 
 
 @drawn()

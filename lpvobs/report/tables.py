@@ -25,12 +25,12 @@ METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "stabil
 
 def percent(value: float | None, digits: int = 2) -> str:
     """Return a fraction as per cent; a dash where there is none."""
-    return NONE if value is None or not np.isfinite(value) else f"{100 * value:.{digits}f} %"
+    return NONE if value is None or not np.isfinite(value) else f"{100 * value:z.{digits}f} %"
 
 
 def grams(value: float | None) -> str:
     """Return kg/s as g/s; a dash where there is none."""
-    return NONE if value is None or not np.isfinite(value) else f"{1e3 * value:.3f}"
+    return NONE if value is None or not np.isfinite(value) else f"{1e3 * value:z.3f}"
 
 
 def region_line(mean: RegionMean) -> str:
@@ -119,8 +119,17 @@ def fit_rows(fits: Sequence[ResidualFit]) -> Table:
     ]
 
 
-def coefficient_tables(results: Sequence[tuple[str, StoredResult]]) -> list[Table]:
-    """Return the six coefficients of Eq. (37) with standard errors, beside printed ones: a table for each kind of engine."""
+def beside_paper(results: Sequence[tuple[str, StoredResult]]) -> bool:
+    """Return whether a log is of a cycle that the paper prints an error for, and knows its own."""
+    return any(
+        log.metrics is not None and paper_error(item.air_path, log.name) is not None
+        for _, item in results
+        for log in item.logs
+    )
+
+
+def coefficient_tables(results: Sequence[tuple[str, StoredResult]], paper: bool = False) -> list[Table]:
+    """Return the six coefficients of Eq. (37) with standard errors, beside printed ones if asked for: a table for each engine."""
     filled = [(name, item.air_path, item.extrapolation) for name, item in results if item.extrapolation is not None]
     tables = []
     for air_path in dict.fromkeys(kind for _, kind, _ in filled):
@@ -129,20 +138,20 @@ def coefficient_tables(results: Sequence[tuple[str, StoredResult]]) -> list[Tabl
         for name, fitted in [(name, fitted) for name, own, fitted in filled if own == air_path]:
             rows.append([name, *(f"{value:.4g}" for value in fitted.coefficients)])
             rows.append(["  standard error", *(f"{value:.2g}" for value in fitted.standard_error)])
-        printed = {} if kind.published is None else kind.published.surfaces
+        printed = kind.published.surfaces if paper and kind.published is not None else {}
         rows += [[f"paper, {name}", *(f"{value:.4g}" for value in values)] for name, values in printed.items()]
         axes = ", ".join(f"{axis.channel} [{axis.unit}]" for axis in kind.air_path.axes)
         tables.append(([f"kg/s over {axes}", *COEFFICIENTS], rows))
     return tables
 
 
-def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = ()) -> Table:
-    """Return Table 1: the paper's bounds of rho, those of the logs, and the region that the certificate covers.
+def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = (), paper: bool = True) -> Table:
+    """Return Table 1: the paper's bounds of rho if asked for, those of the logs, and the region that the certificate covers.
 
     `logs` are those of a result; the logs that the gain's region was drawn from come first.
     """
     kind, names = ENGINES.get(gain.air_path), gain.gain.region.names
-    printed = kind.published.bounds if kind and kind.published else {}
+    printed = kind.published.bounds if paper and kind and kind.published else {}
     header = ["", *names]
     rows = [
         [f"paper, {column}", *(_range(low, high) for low, high in bounds), *[NONE] * (len(names) - len(bounds))]

@@ -4,6 +4,8 @@ import os
 import re
 import subprocess
 
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
 import pytest
 from verbs import AFRESH
 
@@ -28,15 +30,49 @@ def test_gates(lpvobs, chain, gate, code):
 
 
 def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path):
-    import pyarrow.parquet as pq
-
     bare, out = tmp_path / "bare.parquet", tmp_path / "bare.h5"
     pq.write_table(table.drop_columns(["ref_W_c", "ref_delta_W_c"]), bare)
     assert lpvobs("estimate", "--config", config, "--gain", chain.gain, bare, "--out", out).code == 0
     assert lpvobs("report", out, "--gate", "mean_relative_error<=1").code == 3
     page = tmp_path / "bare.html"
-    assert lpvobs("report", out, bare, "--html", page).code == 0
-    assert "no references" in page.read_text()
+    done = lpvobs("report", out, bare, "--html", page)
+    assert done.code == 0
+    assert "rmse" not in done.out  # no column where no log has a value
+    text = page.read_text()
+    assert "no references" in text
+    assert re.search(r"the sensor reads [\d.]+ % low, -[\d.]+ g/s on average \(90 %: .*; the balances agree", text)
+    order = [
+        "verdict",
+        "map",
+        "quality",
+        "driving",
+        "residual",
+        "courses",
+        "model",
+        "coefficients",
+        "logs",
+        "provenance",
+    ]
+    assert re.findall(r'<section id="(\w+)"', text) == order
+    for of_the_paper in ("Figure", "paper", "rmse"):
+        assert of_the_paper not in text.partition('<section id="provenance"')[0].partition("<body>")[2]
+    assert not re.search(
+        r"[-−]0(\.0+)?(?![\d.])", re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", text, flags=re.DOTALL)
+    )
+
+
+def test_the_ingest_record_stands_on_the_page(lpvobs, config, chain, tmp_path):
+    csv, profile, log, out = (tmp_path / name for name in ("drive.csv", "mine.toml", "road.parquet", "road.h5"))
+    table = pq.read_table(chain.log)
+    named = [f"{f.name} [{f.metadata[b'unit'].decode()}]" for f in table.schema]
+    pacsv.write_csv(table.rename_columns(named), csv)
+    assert lpvobs("profile", csv, "--out", profile).code == 0
+    assert lpvobs("ingest", csv, "--profile", profile, "--out", log).code == 0
+    assert lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", out).code == 0
+    assert lpvobs("report", out, log, "--html", tmp_path / "page.html").code == 0
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "What ingest did to make the log" in text
+    assert "drive.csv (sha256" in text
 
 
 def test_one_page_that_needs_nothing_else(lpvobs, chain, tmp_path):
@@ -47,11 +83,21 @@ def test_one_page_that_needs_nothing_else(lpvobs, chain, tmp_path):
     text = pages[0].read_text()
     assert text == pages[1].read_text()
     assert len(text) < 2_000_000
-    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//|url\(\s*["']?(https?:)?//|<script""", text)
-    for heading in ("Verdict", "FTP75 cold transient", "Table 1", "Extrapolation", "Provenance", "Gain L"):
+    assert not re.search(
+        r"""(src|href)\s*=\s*["']?(https?:)?//|url\(\s*["']?(https?:)?//|<script[^>]*src|fetch\(|import\(""", text
+    )
+    for heading in (
+        "Verdict",
+        "FTP75 cold transient",
+        "Table 1",
+        "Figures 6a, 9a",
+        "Extrapolation",
+        "Provenance",
+        "Gain L",
+    ):
         assert heading in text
-    figures = re.findall(r"<figure><svg [^>]*aria-label=\"([^\"]+)\"", text)
-    assert len(figures) == text.count("<figure>") >= 8
+    figures = re.findall(r"<figure[^>]*><svg [^>]*aria-label=\"([^\"]+)\"", text)
+    assert len(figures) == text.count("<figure") >= 8
     assert all(f'id="{target}"' in text for target in re.findall(r'href="#([^"]+)"', text))
 
 

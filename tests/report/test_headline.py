@@ -4,6 +4,7 @@ import numpy as np
 
 from lpvobs.engines.base import MapAxis
 from lpvobs.maps.grid import Grid
+from lpvobs.report.content import doubtful_nodes
 from lpvobs.report.spoken import headline
 
 GRID = Grid(np.array([0.0, 10.0, 20.0]), np.array([1000.0, 1500.0]))
@@ -16,14 +17,38 @@ def test_errors_of_neighbours_are_not_taken_as_independent():
     together = np.full((6, 6), 4e-8) + 1e-12 * np.eye(6)  # all nodes are off by the same 0.2 g/s
     said = headline(GRID, AXES, THETA, together, DRIVEN)
     # mean of 1, 2 and -4; 1.645 times 0.2 to either side
-    assert "-0.33 g/s on average over the 3 nodes that were driven (90 %: -0.66 to 0.00)" in said
-    assert "-4 g/s at most, at 1500 rpm and 10 mg/cycle; the middle node is known to 0.33 g/s" in said
+    assert "the sensor reads -0.33 g/s on average (90 %: -0.66 to 0.00)" in said
+    assert "worst -4 g/s at 1500 rpm, 10 mg/cycle; the middle one of 3 nodes is known to 0.33 g/s" in said
+
+
+def test_the_drive_weights_the_nodes_and_the_air_flow_makes_it_a_share():
+    driven = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]), 0.05  # 1.5 g/s of 50
+    said = headline(GRID, AXES, THETA, 1e-8 * np.eye(6), DRIVEN, driven, 0.8)
+    assert said.startswith("the sensor reads 3 % high, 1.50 g/s on average (90 %: 1.38 to 1.62); worst -4 g/s")
+    assert said.endswith("; the balances agree")
+    said = headline(GRID, AXES, -THETA, 1e-8 * np.eye(6), DRIVEN, driven, 2.9)
+    assert said.startswith("the sensor reads 3 % low, -1.50 g/s")
+    assert said.endswith("; the balances differ by 2.9 times what is allowed")
+
+
+def test_an_axis_without_a_unit_has_its_name():
+    axes = (MapAxis("m_f", "1", "fuel"), AXES[1])
+    assert "at 1500 rpm, m_f 10;" in headline(GRID, axes, THETA, 1e-8 * np.eye(6), DRIVEN)
 
 
 def test_a_method_without_errors_claims_none():
     said = headline(GRID, AXES, THETA, np.full((6, 6), np.nan), DRIVEN)
-    assert said == "the sensor's error is -0.33 g/s on average over the 3 nodes that were driven"
+    assert said == "the sensor reads -0.33 g/s on average; worst -4 g/s at 1500 rpm, 10 mg/cycle"
 
 
 def test_nothing_driven_is_said():
     assert headline(GRID, AXES, THETA, np.eye(6), np.zeros((2, 3), bool)) == "the drives say nothing of the map"
+
+
+def test_a_node_alone_and_poorly_known_is_doubtful():
+    supported = np.array([[1, 1, 0, 1], [1, 1, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]], dtype=bool)
+    error = np.where(supported, 0.1, np.nan)
+    error[0, 3] = 0.4
+    found = doubtful_nodes(supported, error)
+    assert np.argwhere(found).tolist() == [[0, 3]]  # the other lone node is known as well as the rest
+    assert not doubtful_nodes(np.zeros((3, 3), dtype=bool), np.ones((3, 3))).any()

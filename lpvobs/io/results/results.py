@@ -81,6 +81,7 @@ class StoredResult:
     provenance: Provenance
     agreement: tuple[disagreement.Agreement, ...] = ()
     balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
+    headline: str = ""  # what the map says, in a sentence
     engine: engines.EngineOfMap | None = None
     state: tuple[int, ...] = ()
     refused: tuple[str, ...] = ()  # why other logs were left out
@@ -156,6 +157,7 @@ def read_result(path: Path) -> StoredResult:
             extrapolation=extrapolation,
             outer_coverage=outer_coverage,
             provenance=read_provenance(file),
+            headline=str(file.attrs.get("headline", "")),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
             agreement=read_rows(file.get("agreement"), disagreement.Agreement, "log"),
             engine=read_if_there(file.get(engines.ENGINE_FOUND), engines.EngineOfMap),
