@@ -228,7 +228,7 @@ def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str)
 def frame(axes: Axes, surface: SurfaceView, nodes: NDArray[np.bool_], **look: Any) -> None:
     """Draw a frame around some nodes."""
     u, n = edges(surface.grid.fuel), edges(surface.grid.speed)
-    style = {"fill": False, "edgecolor": READING, "linewidth": 1.8} | look
+    style: dict[str, Any] = {"fill": False, "edgecolor": READING, "linewidth": 1.8} | look
     for j, i in np.argwhere(nodes):
         axes.add_patch(Rectangle((u[i], n[j]), u[i + 1] - u[i], n[j + 1] - n[j], **style))
 
