@@ -1,4 +1,4 @@
-"""The `lpvobs` command: one short file per verb, joined here."""
+"""The `lpvobs` command: its verbs, joined here."""
 
 import gc
 import os
@@ -40,9 +40,16 @@ VERBS = {
     "report": "Tables, gates and the HTML report.",
     "selftest": "Try the installed package on cases with known answers.",
 }
+SHARED = {
+    "recordings": ("ingest", "profile", "inspect"),
+    "gains": ("synth_gain", "verify"),
+    "loop": ("trace", "refine"),
+}
+"""Modules of several verbs; the others have one of their own name."""
 for verb, told in VERBS.items():
     name = verb.replace("-", "_")
-    app.command(verb, short_help=told)(getattr(import_module(f"lpvobs.cli.{name}"), name))
+    module = next((module for module, verbs in SHARED.items() if name in verbs), name)
+    app.command(verb, short_help=told)(getattr(import_module(f"lpvobs.cli.{module}"), name))
 
 
 def _version(wanted: bool) -> None:

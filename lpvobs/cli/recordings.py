@@ -1,13 +1,64 @@
-"""`lpvobs inspect`."""
+"""Foreign recordings and logs: `lpvobs ingest`, `lpvobs profile`, `lpvobs inspect`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lpvobs.cli.common import folder_config, guarded, leave, print_json, table, visible
-from lpvobs.cli.options import JSON, LOGS, option
+from lpvobs.cli.common import folder_config, guarded, leave, print_json, say, table, visible
+from lpvobs.cli.options import DATE, JSON, LOGS, PROFILES, VEHICLE, argument, needed, option
 
 if TYPE_CHECKING:
     from lpvobs.api.inspect import InspectedLog
+
+
+@guarded
+def ingest(
+    sources: list[Path] = argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
+    profile: str = needed(
+        "NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES
+    ),
+    out: Path = needed("LOG.parquet", "The log to write."),
+    vehicle: str | None = VEHICLE,
+    date: str | None = DATE,
+    as_json: bool = JSON,
+) -> None:
+    """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.
+
+    Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
+    """
+    from lpvobs.api.ingest_log import ingest_log
+    from lpvobs.report.tables import ingest_notes, ingest_rows
+
+    record = ingest_log(sources, profile, out, vehicle=vehicle, date=date)
+    if as_json:
+        print_json("ingest", {"log": str(out), **record})
+        return
+    print("\n".join([*ingest_notes(record), table(*ingest_rows(record))]))
+    say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` shows this again")
+
+
+@guarded
+def profile(
+    source: Path = argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording."),
+    out: Path | None = option("TOML", "The profile to write; else it is printed."),
+    names: Path | None = option(
+        "FILE", "Your own table of names, which comes first: CSV or INCA .lab, lines NAME;CHANNEL."
+    ),
+    as_json: bool = JSON,
+) -> None:
+    """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.
+
+    Example: lpvobs profile drive.mf4 --out mine.toml
+    """
+    from lpvobs.api.ingest_log import ProfileOutput, draft_profile
+
+    text = draft_profile(source, out, names)
+    if out is not None:
+        say(f"{out}: read it, uncomment what is right, then lpvobs ingest {source} --profile {out} --out LOG.parquet")
+    if as_json:
+        profile = None if out is None else str(out)
+        print_json("profile", ProfileOutput(source=str(source), profile=profile, text=text))
+    elif out is None:
+        print(text, end="")
 
 
 @guarded
