@@ -11,11 +11,12 @@ if TYPE_CHECKING:
     from lpvobs.api.calibrate import calibrate
     from lpvobs.api.compare import compare
     from lpvobs.api.estimate import estimate
-    from lpvobs.api.export import export, read_map
+    from lpvobs.api.export import export
     from lpvobs.api.export_unit import export_unit
     from lpvobs.api.extrapolate import extrapolate
     from lpvobs.api.ingest_log import draft_profile, ingest_log
     from lpvobs.api.inspect import inspect
+    from lpvobs.api.read_map import read_map
     from lpvobs.api.refine import refine
     from lpvobs.api.simulate import simulate, simulate_bench
     from lpvobs.api.synth_gain import synth_gain
@@ -45,7 +46,7 @@ __all__ = [
     "verify",
     "write_report",
 ]
-ELSEWHERE = {"draft_profile": "ingest_log", "read_map": "export", "simulate_bench": "simulate"}
+ELSEWHERE = {"draft_profile": "ingest_log", "simulate_bench": "simulate"}
 """Modules of `lpvobs.api` for functions that are not in one of their own name."""
 
 

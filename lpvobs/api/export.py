@@ -1,4 +1,4 @@
-"""`export`: the map of a result in a file for calibration tools, or as arrays."""
+"""`export`: the map of a result in a file for calibration tools."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,17 +120,3 @@ def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list
     if old is not None:
         lines.append(f"axes, and values where none is new, from {old.name}, sha256 {file_digest(old)}")
     return lines
-
-
-def read_map(result: File, values: str = "") -> surfaces.Surface:
-    """Return the map of a result as arrays: values and standard errors [kg/s], reading minus truth, over speed and fuel.
-
-    Raises DataError if the file is no result, or lacks what is asked for.
-
-    Parameters
-    ----------
-    result : path
-    values : str
-        `map`: what was estimated, NaN elsewhere; `extrapolation`: every node; by default the latter if there is one.
-    """
-    return surfaces.read_surface(as_path(result), values)

@@ -50,7 +50,7 @@ class Workplace:
     scheduler: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimated:
     """What `estimate` wrote."""
 
@@ -63,6 +63,11 @@ class Estimated:
     engine: Path | None = None  # the calibrated engine that it started from
     reused: int = 0  # logs that a run before this one had done
     headline: str = ""  # what the map says, in a sentence
+
+    def __repr__(self) -> str:
+        left = f", {len(self.refused)} left out" if self.refused else ""
+        logs = ", ".join(log.name for log in self.summaries[:3]) + (", ..." if len(self.summaries) > 3 else "")
+        return f"Estimated from {logs}{left}: {self.headline}"
 
 
 @dataclass(frozen=True)
