@@ -17,14 +17,13 @@ def selftest(as_json: bool = JSON) -> None:
     Example: lpvobs selftest
     """
     from lpvobs.errors import NotProven
-    from lpvobs.selftest.cases import CaseOutput, SelftestOutput, run_cases
+    from lpvobs.selftest.cases import SelftestOutput, run_cases
 
     with progress("testing") as report:
         rows, versions = run_cases(report)
     failed = [row for row in rows if not row.passed]
     if as_json:
-        cases = [CaseOutput(**vars(row), passed=row.passed) for row in rows]
-        print_json("selftest", SelftestOutput(passed=not failed, cases=cases, versions=versions))
+        print_json("selftest", SelftestOutput(passed=not failed, cases=rows, versions=versions))
     else:
         lines = [
             [

@@ -132,9 +132,8 @@ def estimate_default(
     """Return the map from one or more logs by the default method."""
     point = Point(air_path, settings.of_engine(air_path.usual_tolerance))
     for _ in range(PASSES):
-        found = of_parts(
-            grid, [inform(point.air_path, grid, gain, log, point.settings, point.unknowns) for log in logs], point
-        )
+        parts = [inform(point.air_path, grid, gain, log, point.settings, point.unknowns) for log in logs]
+        found = of_parts(grid, parts, point)
         moved = point.moved(found.engine)
         if moved is point:
             break

@@ -65,9 +65,8 @@ class RangeSeen:
         """Return what is kept of the log that has been gone through."""
         share = float("nan") if self.region is None else self.inside / self.scheduled
         flow = self.flow / self.samples if self.sensor else float("nan")
-        return LogRun(
-            log.name, log.sha256, self.samples, self.duration, log.defects, self.lower, self.upper, share, flow
-        )
+        seen = self.samples, self.duration, log.defects, self.lower, self.upper
+        return LogRun(log.name, log.sha256, *seen, share, flow)
 
 
 def running_sum(start: float, values: Array) -> float:

@@ -66,6 +66,5 @@ def estimate_batch(
     inverse = np.linalg.inv(gram + np.eye(p) / NO_PRIOR**2)
     theta = inverse @ right
     variance = max(squares - float(theta @ right), 0.0) / max(samples - p, 1)
-    return finished(
-        "batch", grid, theta, variance * 0.5 * (inverse + inverse.T), runs, sum(excited[1:], excited[0]), settings
-    )
+    covariance = variance * 0.5 * (inverse + inverse.T)
+    return finished("batch", grid, theta, covariance, runs, sum(excited[1:], excited[0]), settings)

@@ -131,9 +131,9 @@ class Held:
         """Return how many samples have a complete window, and one so much ahead [s], while the segment may go on."""
         beyond = int(np.count_nonzero(self.time[-1] - self.time >= half_width))
         whole = max(min(beyond, self.time.size - CALM_LEAST), self.done)
-        return (
-            max(int(np.count_nonzero(self.time[:whole] + ahead <= self.time[whole - 1])), self.done) if ahead else whole
-        )
+        if not ahead:
+            return whole
+        return max(int(np.count_nonzero(self.time[:whole] + ahead <= self.time[whole - 1])), self.done)
 
     def rest(self, ready: int, half_width: float) -> "Held":
         """Return what the windows from sample `ready` on need, and the sample before."""
@@ -147,9 +147,9 @@ class Held:
         for start in range(self.done, ready, BLOCK):
             stop = min(start + BLOCK, ready)
             values, rates = self.through(windows.half_width, windows.names, start, stop)
-            calm = (
-                self.through(windows.widest, windows.calm, start, stop, CALM_LEAST)[0] if windows.calm else values[:0]
-            )
+            calm = values[:0]
+            if windows.calm:
+                calm = self.through(windows.widest, windows.calm, start, stop, CALM_LEAST)[0]
             part = slice(start, stop)
             yield SmoothStretch(
                 before=float(self.time[start - 1]) if start else float("nan"),

@@ -33,35 +33,24 @@ from lpvobs.synthesis.region import Region
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the table."""
+class CaseOutput:
+    """A case with a known answer."""
 
     case: str  # what is examined
     basis: str  # where the answer comes from
     expected: float  # in `unit`, like `found`; yes and no are one and zero
     found: float
     tolerance: float  # largest difference that passes
-    unit: str = "1"
-    note: str = ""  # what went wrong, where no number came out at all
-
-    @property
-    def passed(self) -> bool:
-        """Whether the answer is right; what is not a number never is."""
-        return abs(self.found - self.expected) <= self.tolerance
-
-
-@dataclass(frozen=True, kw_only=True)
-class CaseOutput:
-    """A case with a known answer."""
-
-    case: str
-    basis: str
-    expected: float
-    found: float
-    tolerance: float
     unit: str
-    note: str
-    passed: bool
+    note: str  # what went wrong, where no number came out at all
+    passed: bool  # whether the answer is right; what is not a number never is
+
+
+def row(
+    case: str, basis: str, expected: float, found: float, tolerance: float, unit: str = "1", note: str = ""
+) -> CaseOutput:
+    """Return one line of the table."""
+    return CaseOutput(case, basis, expected, found, tolerance, unit, note, bool(abs(found - expected) <= tolerance))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,16 +62,16 @@ class SelftestOutput:
     versions: Mapping[str, str]
 
 
-Case = Callable[[], Iterable[Row]]
+Case = Callable[[], Iterable[CaseOutput]]
 
 
-def rows_of(name: str, case: Case) -> Iterator[Row]:
+def rows_of(name: str, case: Case) -> Iterator[CaseOutput]:
     """Yield the rows of a case; one that fails where it stands if the case ends in an exception."""
     try:
         yield from case()
     except Exception as error:  # whatever is broken in the installation belongs into the table
         note = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        yield Row(name, "runs at all", 1.0, 0.0, 0.0, note=note)
+        yield row(name, "runs at all", 1.0, 0.0, 0.0, note=note)
 
 
 def known_map(grid: Grid) -> Array:
@@ -120,7 +109,7 @@ def shipped_config() -> tuple[Config, str]:
     return load_config(shipped_folder("configs") / KIND.example)
 
 
-def units() -> Iterator[Row]:
+def units() -> Iterator[CaseOutput]:
     """Yield conversions that everyone knows."""
     for value, unit, wanted, expected in (
         (101.325, "kPa", "Pa", 101_325.0),
@@ -130,10 +119,10 @@ def units() -> Iterator[Row]:
         (600.0, "rpm", "rad/s", 62.83185307179586),
     ):
         found = convert(np.array([value]), unit, wanted)
-        yield Row(f"{value:g} {unit}", "definition", expected, float(found[0]), 1e-12 * expected, wanted)
+        yield row(f"{value:g} {unit}", "definition", expected, float(found[0]), 1e-12 * expected, wanted)
 
 
-def interpolation() -> Iterator[Row]:
+def interpolation() -> Iterator[CaseOutput]:
     """Yield the weights of Eq. (10) to (13) at places where they are told by looking."""
     grid = Grid(np.array([0.0, 4.0, 8.0]), np.array([0.0, 250.0, 500.0]))
     theta = np.arange(9.0)
@@ -144,10 +133,10 @@ def interpolation() -> Iterator[Row]:
         ("outside, where the map is held", 20.0, 9000.0, 8.0),
     ):
         found = grid.interpolate(theta, np.array([u]), np.array([n]))
-        yield Row(f"bilinear map at {where}", "by hand", expected, float(found[0]), 1e-12)
+        yield row(f"bilinear map at {where}", "by hand", expected, float(found[0]), 1e-12)
 
 
-def quadratic() -> Iterator[Row]:
+def quadratic() -> Iterator[CaseOutput]:
     """Yield Eq. (39) and (40): found again from the nodes that a drive informs, and their contradiction outside."""
     fuel, speed = KIND.air_path.axes
     grid = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 4001.0, 250.0))
@@ -158,19 +147,13 @@ def quadratic() -> Iterator[Row]:
         known = evaluate(np.array(coefficients), u, n)
         fitted = fit(grid, np.where(supported, known, np.nan), 1e-10 * np.eye(grid.size), supported)
         worst = float(np.max(np.abs(fitted.coefficients / np.array(coefficients) - 1.0)))
-        yield Row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
+        yield row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
         at = int(np.searchsorted(grid.speed, 2000.0)), int(np.searchsorted(grid.fuel, 56.0))
-        yield Row(
-            f"56 {fuel.unit}, 2000 {speed.unit}, {name}",
-            "the paper, by hand",
-            places[name],
-            float(fitted.delta_W_c[at]),
-            5e-5,
-            "kg/s",
-        )
+        where, found = f"56 {fuel.unit}, 2000 {speed.unit}, {name}", float(fitted.delta_W_c[at])
+        yield row(where, "the paper, by hand", places[name], found, 5e-5, "kg/s")
 
 
-def published() -> Iterator[Row]:
+def published() -> Iterator[CaseOutput]:
     """Yield the proof of the paper's own L of Eq. (38) on Table 1, and that the proof can fail."""
     config, _ = shipped_config()
     path, known = config.engine_path(), _known()["published"]
@@ -183,20 +166,19 @@ def published() -> Iterator[Row]:
             ("refused with one sign changed", PRINTED.L * np.array([[-1.0, 1, 1], [1, 1, 1], [1, 1, 1]]), 0.0),
         ):
             proof = _proof(PRINTED.outputs, region, L, known[column], PRINTED.epsilon)
-            yield Row(
-                f"L of Eq. (38) on Table 1, {column}: {what}", "exact arithmetic", expected, float(proof.proven), 0.0
-            )
+            case = f"L of Eq. (38) on Table 1, {column}: {what}"
+            yield row(case, "exact arithmetic", expected, float(proof.proven), 0.0)
 
 
-def default_gain() -> Iterator[Row]:
+def default_gain() -> Iterator[CaseOutput]:
     """Yield the proof of a shipped gain with all states as outputs on the hull of Table 1, temperatures moving."""
     gain, known = _shipped_gain(), _known()["default"]
     again = _proof(tuple(known["outputs"]), gain.region, gain.L, known, (gain.eps_1, gain.eps_2))
-    yield Row("shipped gain: Theorem 1", "exact arithmetic", 1.0, float(again.proven), 0.0)
-    yield Row("shipped gain: vertices", "two to the seventh", 128.0, float(again.vertices), 0.0)
+    yield row("shipped gain: Theorem 1", "exact arithmetic", 1.0, float(again.proven), 0.0)
+    yield row("shipped gain: vertices", "two to the seventh", 128.0, float(again.vertices), 0.0)
 
 
-def chain() -> Iterator[Row]:
+def chain() -> Iterator[CaseOutput]:
     """Yield the map of a drive by formula, through files and back: log, gain, estimate, extrapolation, result."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -205,18 +187,17 @@ def chain() -> Iterator[Row]:
         for method, tolerance in METHODS.items():
             result = _estimated(folder, config, text, stored, log, method)
             error = (result.theta - known_map(result.grid))[result.supported]
-            yield Row(f"known map, method {method}: nodes", "by construction", 1.0, float(error.size >= 100), 0.0)
+            yield row(f"known map, method {method}: nodes", "by construction", 1.0, float(error.size >= 100), 0.0)
             worst = float(np.max(np.abs(error)))
-            yield Row(f"known map, method {method}: worst node", "by construction", 0.0, worst, tolerance, "kg/s")
+            yield row(f"known map, method {method}: worst node", "by construction", 0.0, worst, tolerance, "kg/s")
             (summary,) = result.logs
             rmse = summary.metrics.rmse if summary.metrics else float("nan")
-            yield Row(
-                f"known map, method {method}: rmse along the drive", "by construction", 0.0, rmse, tolerance, "kg/s"
-            )
+            what = f"known map, method {method}: rmse along the drive"
+            yield row(what, "by construction", 0.0, rmse, tolerance, "kg/s")
         yield from _damage(folder)
 
 
-def _damage(folder: Path) -> Iterator[Row]:
+def _damage(folder: Path) -> Iterator[CaseOutput]:
     """Yield that one changed byte in a gain is noticed."""
     path = folder / "gain.h5"
     content = bytearray(path.read_bytes())
@@ -227,10 +208,10 @@ def _damage(folder: Path) -> Iterator[Row]:
         noticed = 0.0
     except DataError:
         noticed = 1.0
-    yield Row("a gain file with one bit changed is refused", "checksum", 1.0, noticed, 0.0)
+    yield row("a gain file with one bit changed is refused", "checksum", 1.0, noticed, 0.0)
 
 
-def loop() -> Iterator[Row]:
+def loop() -> Iterator[CaseOutput]:
     """Yield a fault that is put into a simulated drive and found again: plant, map, search."""
     # With it every kernel has been compiled: what runs after a self-test does not wait for the compiler.
     with tempfile.TemporaryDirectory() as name:
@@ -238,9 +219,8 @@ def loop() -> Iterator[Row]:
         config, clean, faulty = folder / "config.toml", folder / "clean.parquet", folder / "faulty.parquet"
         config.write_text(shipped_config()[1], encoding="utf-8")
         (folder / "effect.toml").write_text(f'[[effect]]\nid = "maf.gain"\nfactor = {FACTOR}\n', encoding="utf-8")
-        speeds = [
-            f"{t},{35.0 * (1.0 - np.cos(np.pi * t / 20.0)):.2f}" for t in range(81)
-        ]  # 0 to 70 km/h and back, twice
+        # 0 to 70 km/h and back, twice
+        speeds = [f"{t},{35.0 * (1.0 - np.cos(np.pi * t / 20.0)):.2f}" for t in range(81)]
         (folder / "cycle.csv").write_text("\n".join(["time_s,speed_kmh", *speeds]), encoding="utf-8")
         simulate(config, str(folder / "cycle.csv"), clean, rate=20.0)
         simulate(config, str(folder / "cycle.csv"), faulty, rate=20.0, seed=2, effects=folder / "effect.toml")
@@ -248,11 +228,9 @@ def loop() -> Iterator[Row]:
         estimate_logs(*shipped_config(), stored, [clean], folder / "map.h5", "observer", lambda done: None)
         found = trace(folder / "map.h5", faulty).found
         sizes = {finding.id: finding.parameters for finding in found.findings}
-        yield Row(
-            "a sensor that reads too much: its gain alone is found", "put in", 1.0, float([*sizes] == ["maf.gain"]), 0.0
-        )
-        size = sizes["maf.gain"]["factor"].value
-        yield Row("a sensor that reads too much: how much", "put in", FACTOR, size, 0.03)
+        case, alone = "a sensor that reads too much", float([*sizes] == ["maf.gain"])
+        yield row(f"{case}: its gain alone is found", "put in", 1.0, alone, 0.0)
+        yield row(f"{case}: how much", "put in", FACTOR, sizes["maf.gain"]["factor"].value, 0.03)
 
 
 CASES: dict[str, Case] = {
@@ -266,9 +244,9 @@ CASES: dict[str, Case] = {
 }
 
 
-def run_cases(progress: Callable[[float], None]) -> tuple[list[Row], dict[str, str]]:
+def run_cases(progress: Callable[[float], None]) -> tuple[list[CaseOutput], dict[str, str]]:
     """Return the rows of all cases, and the versions of what they ran on; `progress` takes the fraction done."""
-    rows: list[Row] = []
+    rows: list[CaseOutput] = []
     for done, (name, case) in enumerate(CASES.items(), 1):
         rows += rows_of(name, case)
         progress(done / len(CASES))
@@ -298,14 +276,12 @@ def _shipped_gain() -> Gain:
 
 def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
     """Write the log and the gain; return the gain as it is read back, and the log's path."""
-    path = config.engine_path()
-    grid = config.grid()
+    path, grid = config.engine_path(), config.grid()
     channels = DRIVE(config.engine, partial(bilinear, grid, known_map(grid)))
     write_log(folder / "known.parquet", channels, UNITS)
     outputs = tuple(_known()["default"]["outputs"])
-    made = StoredGain(
-        "shipped", path.name, dict(path.engine_constants()), path.state_names, outputs, _shipped_gain(), {}
-    )
+    constants = dict(path.engine_constants())
+    made = StoredGain("shipped", path.name, constants, path.state_names, outputs, _shipped_gain(), {})
     write_gain(folder / "gain.h5", made, Provenance({}, text))
     return read_gain(folder / "gain.h5"), folder / "known.parquet"
 

@@ -70,9 +70,8 @@ def load_cycle(name: str) -> SpeedCycle | EngineCycle:
         near = difflib.get_close_matches(name, TABLES, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TABLES)}"
         raise UsageError(f"--cycle {name}: no such cycle; {hint}, or the path of a table that ends in .csv")
-    return read_cycle(
-        shipped_folder() / "cycles" / TABLES[name], ENDS.get(name, np.inf), world_harmonised=name == "whtc"
-    )
+    path = shipped_folder() / "cycles" / TABLES[name]
+    return read_cycle(path, ENDS.get(name, np.inf), world_harmonised=name == "whtc")
 
 
 def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) -> SpeedCycle | EngineCycle:

@@ -50,9 +50,8 @@ def look_up(rows: Array, columns: Array, values: Array, row: float, column: floa
 @njit(cache=True)
 def egr_is_active(targets: Targets, n_e: float, u_demand: float) -> bool:
     """Return whether this operating point runs with EGR."""
-    return (
-        targets.egr_off_below_u_delta <= u_demand <= targets.egr_off_above_u_delta and n_e <= targets.egr_off_above_n_e
-    )
+    low, high = targets.egr_off_below_u_delta, targets.egr_off_above_u_delta
+    return low <= u_demand <= high and n_e <= targets.egr_off_above_n_e
 
 
 @njit(cache=True)
@@ -73,9 +72,8 @@ def control(
     # rests while shut.
     if egr_is_active(targets, n_e, u_demand):
         excess = fresh_air_error(targets, n_e, u_demand, W_c)
-        egr_integral = min(
-            max(last.egr_integral + targets.period * targets.egr_integral * excess, 0.0), targets.egr_max
-        )
+        moved = last.egr_integral + targets.period * targets.egr_integral * excess
+        egr_integral = min(max(moved, 0.0), targets.egr_max)
         u_egr = min(max(egr_integral + targets.egr_proportional * excess, 0.0), targets.egr_max)
         missing = targets.delta_p[0] + targets.delta_p[1] * n_e - (p_em - p_im)
         kp, ki = targets.pressure_proportional, targets.pressure_integral
@@ -213,9 +211,8 @@ def _run(
                 work[5] = x
                 if after > 0.0:
                     runge_kutta(plant, course, commands, targets.period, action, start, after, work[5], work)
-                record(
-                    plant, inputs_at(course, commands, targets.period, action, start + after), work[5], recorded[done]
-                )
+                now = inputs_at(course, commands, targets.period, action, start + after)
+                record(plant, now, work[5], recorded[done])
                 done += 1
             if trail.shape[0] > 0:
                 now = inputs_at(course, commands, targets.period, action, start)

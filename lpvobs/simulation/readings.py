@@ -199,9 +199,8 @@ def sense(
         truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)
     instruments = instruments.settled(truth, scene.duration)
     truth["W_maf"] = instruments.maf(truth, time)
-    shown = {
-        name: reading(name, values, time, instruments.effects) for name, values in truth.items() if name != "W_maf"
-    }
+    others = {name: values for name, values in truth.items() if name != "W_maf"}
+    shown = {name: reading(name, values, time, instruments.effects) for name, values in others.items()}
     shown["W_maf"] = truth["W_maf"]
     if trail.shape[0] > 0:
         shown |= _with_trail(instruments, scene, samples, trail, (time, truth, shown))

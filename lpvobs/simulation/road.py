@@ -98,9 +98,8 @@ def _stream(seed: int, name: str) -> np.random.Generator:
 def _mean_over(values: Array, width: float) -> Array:
     """Return a moving average over about `width` samples, the same shape."""
     size = max(1, round(width))
-    return np.convolve(
-        np.pad(values, (size // 2, size - 1 - size // 2), mode="edge"), np.full(size, 1.0 / size), "valid"
-    )
+    padded = np.pad(values, (size // 2, size - 1 - size // 2), mode="edge")
+    return np.convolve(padded, np.full(size, 1.0 / size), "valid")
 
 
 def altitude(distance: Array, seed: int) -> Array:

@@ -123,9 +123,8 @@ def scene_of(
     if auxiliary is None:
         still = np.ones_like(n_e)
         wall = wall_temperature(period, parameters.cooling.T_cool * still, heat / V_d)
-        return DriveCourse(
-            Course(n_e, u_delta, ambient.p_amb * still, ambient.T_amb * still, wall, speed), period, {}, ()
-        )
+        air = ambient.p_amb * still, ambient.T_amb * still
+        return DriveCourse(Course(n_e, u_delta, *air, wall, speed), period, {}, ())
     around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
     loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
     wall = wall_temperature(period, around.channels["T_coolant"], heat / V_d)

@@ -89,9 +89,8 @@ def bench(
             f"the engine comes to rest at {len(truth)} of {MOST_TRIES * points} points, expected {points}; "
             f"take smaller amplitudes in [simulation.structure], or other set-points"
         )
-    return BenchTable(
-        _measured({name: np.array([row[name] for row in truth]) for name in truth[0]}, parameters, seed), UNITS
-    )
+    columns = {name: np.array([row[name] for row in truth]) for name in truth[0]}
+    return BenchTable(_measured(columns, parameters, seed), UNITS)
 
 
 def spread(full_load: FullLoad, points: int, seed: int) -> Sequence[SteadyPoint]:

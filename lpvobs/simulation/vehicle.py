@@ -202,15 +202,11 @@ def choose_gear(car: Car, work: Work, now: Moment, force: float) -> int:
     if gear > 0 and (n_e < car.shift_down_below or pedal > 1.0):
         fits = car.ratio[gear - 1] * now.speed * RPM < 0.97 * car.shift_up_always
         return gear - 1 if fits else gear
-    if (
-        gear < top
-        and force > 0.0
-        and n_e > car.shift_up_light + (car.shift_up_full - car.shift_up_light) * min(pedal, 1.0)
-    ):
+    light, full = car.shift_up_light, car.shift_up_full
+    if gear < top and force > 0.0 and n_e > light + (full - light) * min(pedal, 1.0):
         after = car.ratio[gear + 1] * now.speed * RPM
-        needed = fuel_in_gear(car, work, now.speed, force, gear + 1) / interpolate(
-            car.pedal_n_e, car.pedal_u_delta, after
-        )
+        limit = interpolate(car.pedal_n_e, car.pedal_u_delta, after)
+        needed = fuel_in_gear(car, work, now.speed, force, gear + 1) / limit
         if after > 1.05 * car.shift_down_below and needed < car.shift_reserve:
             return gear + 1
     return gear
@@ -220,9 +216,8 @@ def choose_gear(car: Car, work: Work, now: Moment, force: float) -> int:
 def moved(car: Car, work: Work, now: Moment, force: float, dt: float) -> Moment:
     """Return the moment after a time step: pedal, engine speed, and the car under drive, brakes and road."""
     ratio = car.ratio[now.gear]
-    governed = fuel(work, car.idle_speed, car.accessory_torque) * min(
-        max(1.0 - (now.n_e - car.idle_speed) / IDLE_BAND, 0.0), 1.0
-    )
+    fading = min(max(1.0 - (now.n_e - car.idle_speed) / IDLE_BAND, 0.0), 1.0)
+    governed = fuel(work, car.idle_speed, car.accessory_torque) * fading
     asked = governed
     target = car.idle_speed
     if now.engaged:

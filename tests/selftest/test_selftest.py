@@ -10,7 +10,7 @@ import pytest
 from reference import diesel_textbook as textbook
 
 from lpvobs.engines.diesel.published import drive
-from lpvobs.selftest.cases import CASES, METHODS, Row, bilinear, known_map, rows_of
+from lpvobs.selftest.cases import CASES, METHODS, bilinear, known_map, row, rows_of
 
 SLOW = ("loop",)  # it simulates and searches drives
 
@@ -19,7 +19,7 @@ SLOW = ("loop",)  # it simulates and searches drives
 def test_every_answer_is_right(case):
     rows = list(rows_of(case, CASES[case]))
     assert rows
-    assert [row for row in rows if not row.passed] == []
+    assert [found for found in rows if not found.passed] == []
 
 
 @pytest.mark.parametrize(
@@ -27,12 +27,12 @@ def test_every_answer_is_right(case):
     [(1.0, True), (1.1, True), (1.2, False), (0.8, False), (float("nan"), False), (float("inf"), False)],
 )
 def test_an_answer_passes_within_its_tolerance_and_never_as_no_number(found, passed):
-    assert Row("case", "basis", 1.0, found, 0.1 + 1e-12).passed is passed
+    assert row("case", "basis", 1.0, found, 0.1 + 1e-12).passed is passed
 
 
 def test_a_case_that_breaks_is_a_line_of_the_table():
     def broken():
-        yield Row("first", "basis", 1.0, 1.0, 0.0)
+        yield row("first", "basis", 1.0, 1.0, 0.0)
         raise ImportError("libfoo.so is missing,\nreinstall it")
 
     first, second = rows_of("broken", broken)

@@ -183,12 +183,8 @@ def further(found: DieselAsFound, s: Signals) -> tuple[Array, Array]:
     c, flows = found.constants, _changes(found, s)[:T_EM_LAG]
     change = imbalances_of(c, x, dx, s.lacks, flows) - imbalances_of(c, x, dx, in_order, flows)
     a_1, a_2 = c.R_a * s["T_im"] / c.V_im, c.R_e * s["T_em"] / c.V_em
-    inputs = (
-        a_1 * (change[1] - change[0]),
-        a_2 * change[2],
-        change[3] * POWER / (c.J_t * np.maximum(s["omega_t"], 1.0)),
-    )
-    return -change[:2], np.stack(inputs)
+    rotor = change[3] * POWER / (c.J_t * np.maximum(s["omega_t"], 1.0))
+    return -change[:2], np.stack([a_1 * (change[1] - change[0]), a_2 * change[2], rotor])
 
 
 def _stacked(channels: Mapping[str, Array]) -> Array:

@@ -51,9 +51,8 @@ def compressor(_: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Arra
 def filling(engine: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return the points of a table of volumetric efficiency, over the displacement of the configuration."""
     swept = table["p_im"] * table["n_e"] * engine.geometry.V_d / (120.0 * engine.gas.R_a * intake.USUAL_CHARGE)
-    return _points(
-        table, n_e=table["n_e"], p_im=table["p_im"], p_em=USUAL_RATIO * table["p_im"], flow=table["eta_vol"] * swept
-    )
+    n_e, p_im, flow = table["n_e"], table["p_im"], table["eta_vol"] * swept
+    return _points(table, n_e=n_e, p_im=p_im, p_em=USUAL_RATIO * p_im, flow=flow)
 
 
 def egr(engine: DieselEngine, table: Mapping[str, Array]) -> Mapping[str, Array]:

@@ -72,9 +72,8 @@ def _pressure(load: Array, speed: Array, t: Array) -> tuple[Array, Array]:
     """Return p_im [Pa] and its time derivative."""
     load_rise, speed_rise = 0.5 * 0.61 * np.cos(0.61 * t), 0.5 * 0.083 * np.cos(0.083 * t + 0.4)
     reach = 7.0e4
-    return 1.05e5 + reach * load * (0.3 + 0.7 * speed), reach * (
-        load_rise * (0.3 + 0.7 * speed) + load * 0.7 * speed_rise
-    )
+    reached, rising = 0.3 + 0.7 * speed, 0.7 * speed_rise
+    return 1.05e5 + reach * load * reached, reach * (load_rise * reached + load * rising)
 
 
 def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:

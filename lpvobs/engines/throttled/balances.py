@@ -97,9 +97,8 @@ class Imbalances:
 def by_reading(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
     """Return the derivative of the balances by the reading [s/kg], shape (4, K): a difference quotient."""
     step = LEAST_FLOW
-    return np.asarray(
-        (balances(learned, s.corrected(SENSOR, s[SENSOR] + step), blocks) - balances(learned, s, blocks)) / step
-    )
+    more = balances(learned, s.corrected(SENSOR, s[SENSOR] + step), blocks)
+    return np.asarray((more - balances(learned, s, blocks)) / step)
 
 
 def shown(learned: Learned, s: Signals, blocks: Blocks | None) -> NDArray[np.bool_]:

@@ -92,9 +92,8 @@ class Learned:
     def names(self) -> tuple[str, ...]:
         """Names of all nodes of the curves, in the order of the covariance."""
         where = self.deviations()
-        return tuple(
-            f"{name} {i}" for name in where if name != "volumes" for i in range(where[name].stop - where[name].start)
-        )
+        sizes = {name: at.stop - at.start for name, at in where.items() if name != "volumes"}
+        return tuple(f"{name} {i}" for name, size in sizes.items() for i in range(size))
 
     def deviations(self) -> Mapping[str, slice]:
         """Return where each curve stands in the covariance."""

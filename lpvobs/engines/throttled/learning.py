@@ -130,16 +130,12 @@ def _injector(m_f: Array, columns: Array) -> Array:
 def _by_node(columns: Array) -> Array:
     """Return a value for each node from the blocks it dominates; nodes without such blocks lie on a line between others."""
     total = columns.sum(1)
-    share = columns / total[:, None]
-    number = np.arange(columns.shape[1])
-    seen = [share[:, j] > 0.5 for j in number]
-    known = np.array([int(np.count_nonzero(each)) >= 3 for each in seen])
-    if not known.any():
-        return np.full(number.size, float(1.0 / np.median(total)))
-    value = np.array(
-        [np.log(1.0 / np.median(total[each])) if ok else 0.0 for each, ok in zip(seen, known, strict=True)]
-    )
-    return np.asarray(np.exp(np.interp(number, number[known], value[known])))
+    seen = (columns / total[:, None]).T > 0.5
+    known = np.flatnonzero(seen.sum(1) >= 3)
+    if not known.size:
+        return np.full(columns.shape[1], float(1.0 / np.median(total)))
+    value = [np.log(1.0 / np.median(total[seen[j]])) for j in known]
+    return np.asarray(np.exp(np.interp(np.arange(columns.shape[1]), known, value)))
 
 
 def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -172,9 +168,8 @@ def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray
 
 def _robust(residual: Array, level: NDArray[np.int64]) -> Array:
     """Return weights 1/variance, smaller for what lies far out of its class."""
-    medians = np.array(
-        [np.median(np.abs(residual[level == c])) if np.any(level == c) else 0.0 for c in range(len(QUANTILES) + 1)]
-    )
+    classes = [np.abs(residual[level == c]) for c in range(len(QUANTILES) + 1)]
+    medians = np.array([np.median(each) if each.size else 0.0 for each in classes])
     scale = np.maximum(1.48 * medians, 1e-4)[level]
     return np.asarray((TAIL + 1.0) / (TAIL + (residual / scale) ** 2) / scale**2)
 
