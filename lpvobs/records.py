@@ -63,10 +63,7 @@ class Piece:
 
 
 class Recording(Protocol):
-    """A drive that can be gone through once from beginning to end, in memory or piece by piece.
-
-    How it is cut into pieces changes no bit of what is computed from it.
-    """
+    """A drive to be gone through from beginning to end; how it is cut into pieces changes no bit of what comes of it."""
 
     @property
     def name(self) -> str:

@@ -30,10 +30,7 @@ SPEED_AXIS = MapAxis("n_e", "rpm", "engine speed")
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The LPV system of Eq. (24) along a log: N samples, n states, r outputs.
-
-    The observer is at its fastest where neighbouring samples lie beside each other in memory.
-    """
+    """The LPV system of Eq. (24) along N samples, n states, r outputs; fastest with neighbouring samples side by side."""
 
     # (N, m) the scheduling parameters in the order of `AirPath.parameter_names` (for the diesel rho_1..rho_5, a_1, a_2)
     parameters: Array

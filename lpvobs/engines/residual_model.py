@@ -81,10 +81,7 @@ class ComponentCurve:
 
 @dataclass(frozen=True)
 class ResidualModel:
-    """The balances of one engine, with everything that may move them.
-
-    K places are instants, whose signals are looked at twice (2K columns), or blocks of samples (`blocks`).
-    """
+    """The balances of one engine and all that may move them, at K places: instants seen twice (2K columns), or `blocks`."""
 
     balances: tuple[str, ...]  # B balances
     unit: str  # of the residual: `kg/s`, or `1` for residuals relative to the flow

@@ -39,10 +39,7 @@ class Grid:
         return self.speed.size * self.fuel.size
 
     def interpolate(self, theta: Array, fuel: Array, speed: Array) -> Array:
-        """Return Psi(v) theta of Eq. (22), shape (N,) in the unit of theta, NaN where a node that takes part is NaN.
-
-        theta has shape (p,) or (p_2, p_1), `fuel` and `speed` have shape (N,).
-        """
+        """Return Psi(v) theta of Eq. (22), (N,), for theta (p,) or (p_2, p_1); NaN where a node that takes part is."""
         return _interpolate(self.fuel, self.speed, np.ascontiguousarray(theta).reshape(-1), fuel, speed)
 
     def regressors(self, fuel: Array, speed: Array) -> tuple[NDArray[np.int64], Array]:

@@ -46,10 +46,7 @@ class Joint:
 
 
 def combined(weights: Array, values: Array, covariance: Array) -> Joint:
-    """Return sums of nodes with weights, shape (K, p), of values, shape (p,), with their covariance, shape (p, p).
-
-    Raises DataError where a node that counts has no value.
-    """
+    """Return sums of nodes, weights (K, p), values (p,), covariance (p, p); raises DataError where one is unknown."""
     used = np.flatnonzero(np.any(weights != 0.0, axis=0))
     unknown = int(np.count_nonzero(~np.isfinite(values[used])))
     if unknown:
@@ -74,10 +71,7 @@ def at_weights(nodes: Array, at: Array) -> Array:
 
 
 def mean_weights(nodes: Array, low: float, high: float) -> Array:
-    """Return how much each node of an axis counts in the mean of a bilinear map from `low` to `high`, shape (len(nodes),).
-
-    Raises DataError for an interval that is empty or leaves the axis.
-    """
+    """Return weights (len(nodes),) of a bilinear mean from `low` to `high`; raises DataError for an interval off the axis."""
     if not nodes[0] <= low < high <= nodes[-1]:
         raise DataError(f"region: {low:g} to {high:g}, expected two rising values from {nodes[0]:g} to {nodes[-1]:g}")
     places = np.unique(np.concatenate(([low, high], nodes[(nodes > low) & (nodes < high)])))

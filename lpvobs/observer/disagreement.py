@@ -28,11 +28,9 @@ HALVINGS = 60
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far one log's own map is from the common one.
+    """How far one log's own map is from the common one, scatter between logs allowed for; what cannot be compared is NaN."""
 
-    Scatter between logs is part of the variance; what cannot be compared is NaN. `deviation` is of the mean difference or the
-    logarithm of chi-square, whichever lies further beyond the median log.
-    """
+    # `deviation` is of the mean difference or the logarithm of chi-square, whichever lies further beyond the median log.
 
     name: Annotated[str, Item("1", "log", name="log")]
     nodes: Annotated[int, Item("1", "nodes that this log and others inform")]

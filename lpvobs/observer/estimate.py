@@ -114,10 +114,7 @@ class MapEstimate:
 
 
 def steps_of(log: Log) -> Array:
-    """Return the time that each sample stands for, shape (N,) [s]; the first of a segment stands for none.
-
-    Raises DataError if no two samples are neighbours.
-    """
+    """Return the time of each sample, (N,) [s], zero for a segment's first; raises DataError if all are apart."""
     steps = np.diff(log.time, prepend=log.time[0])
     for start, _ in log.segments:
         steps[start] = 0.0

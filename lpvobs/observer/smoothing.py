@@ -77,10 +77,7 @@ def stretches(
 
 
 def held_back(pieces: Iterable[Piece], half_width: float, ahead: float = 0.0) -> Iterator[tuple["Held", int]]:
-    """Yield what has been read of a segment, and how many of its samples have all that their windows reach.
-
-    `ahead` [s] is how much later than its sample a window may lie.
-    """
+    """Yield what is read of a segment, and how many samples have all that their windows, up to `ahead` [s] late, reach."""
     held = None
     for piece in pieces:
         cuts = np.flatnonzero(piece.begins).tolist()

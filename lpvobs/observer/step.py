@@ -27,10 +27,7 @@ class Sample:
 
 
 def rates(x: Array, theta: Array, sample: Sample, L: Array, Gamma: Array, Psi: Array) -> tuple[Array, Array]:
-    """Return dx/dt, shape (n,), and dtheta/dt, shape (p,) [kg/s^2], of Eq. (26); all readings are there.
-
-    x has the shape (n,), theta (p,) [kg/s], L (n, r), Gamma (p, p) [1/s], Psi (1, p).
-    """
+    """Return dx/dt (n,), dtheta/dt (p,) [kg/s^2] of Eq. (26); theta (p,), L (n, r), Gamma (p, p) [1/s], Psi (1, p)."""
     A, E, C, y = sample.A, sample.E, sample.C, sample.y
     G = _map_output(sample)
     C_2, y_2 = C[-1:], y[-1:]

@@ -30,10 +30,7 @@ GRADED = ("ramp", "saturating", "lagged")  # courses in which a part of the effe
 
 @dataclass(frozen=True)
 class EffectCourse:
-    """The course of an effect; where its table names none, it is there from onset to end.
-
-    Raises UsageError for a course that cannot be meant.
-    """
+    """The course of an effect, by default there from onset to end; raises UsageError for one that cannot be meant."""
 
     name: str
     intervals: tuple[tuple[float, float], ...] = ()  # [s] of the log

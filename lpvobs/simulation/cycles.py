@@ -60,10 +60,7 @@ def shipped_folder(name: str = "data") -> Path:
 
 
 def load_cycle(name: str) -> SpeedCycle | EngineCycle:
-    """Return a cycle by its name, or from a CSV file whose path ends in `.csv`.
-
-    Raises UsageError if there is no such cycle, or the table cannot be used.
-    """
+    """Return a cycle by its name, or from a path that ends in `.csv`; raises UsageError for none, or a table of no use."""
     if name.lower().endswith(".csv"):
         return read_cycle(Path(name))
     if name not in TABLES:

@@ -53,10 +53,7 @@ class ChannelEffect(Timed):
         return PREFIX + self.channel
 
     def settled(self, truth: Mapping[str, Array], duration: float) -> "ChannelEffect":
-        """Return the effect with reference or threshold taken from the channel's values over the drive, shape (N,).
-
-        Raises UsageError where the channel stands still, so that nothing can follow it, or moves the reading too far.
-        """
+        """Return the effect with what the drive decides; raises UsageError where it cannot show, or moves too far."""
         course = truth[self.channel]
         if float(np.ptp(course)) == 0.0:
             raise UsageError(
@@ -188,7 +185,9 @@ def _check_strength(name: str, form: str, strength: float) -> None:
 
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
-        raise UsageError(f"unlogged: {len(episodes)} episodes, expected at least two: one alone has an onset")
+        raise UsageError(
+            f"unlogged: {len(episodes)} episodes, expected at least two: one alone is an effect with an onset"
+        )
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):
@@ -199,50 +198,31 @@ def injected_of(table: Mapping[str, Any]) -> Injected:
     """Return what one `[[effect]]` table describes; raises UsageError for anything missing, unknown, or that cannot be meant."""
     identifier = table.get("id")
     if isinstance(identifier, str) and identifier.startswith(PREFIX):
-        return _channel_effect_of(identifier, table)
+        return _channel_effect_of(catalogue.Entry(identifier, table))
     return _unlogged_of(table) if identifier == "unlogged" else catalogue.effect_of(table)
 
 
-def _channel_effect_of(name: str, table: Mapping[str, Any]) -> ChannelEffect:
-    catalogue.refuse_others(
-        name, table, ("id", "form", "amplitude", "reference", "threshold", *catalogue.course_keys(table))
-    )
-    return ChannelEffect(
-        name.removeprefix(PREFIX),
-        _text(name, table, "form"),
-        catalogue.number(name, table, "amplitude"),
-        catalogue.optional_number(name, table, "reference"),
-        catalogue.optional_number(name, table, "threshold"),
-        onset=catalogue.optional_number(name, table, "onset"),
-        end=catalogue.optional_number(name, table, "end"),
-        course=catalogue.course_of(name, table),
-    )
+def _channel_effect_of(entry: catalogue.Entry) -> ChannelEffect:
+    entry.refuse_others("id", "form", "amplitude", "reference", "threshold", *entry.course_keys())
+    form, amplitude = entry.text("form"), entry.number("amplitude")
+    reference, threshold = entry.optional("reference"), entry.optional("threshold")
+    channel = entry.name.removeprefix(PREFIX)
+    return ChannelEffect(channel, form, amplitude, reference, threshold, **entry.timed())
 
 
 def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
-    catalogue.refuse_others("unlogged", table, ("id", "form", "amplitude", "episodes", "telegraph", "shape"))
-    shape = _text("unlogged", {"shape": "abrupt", **table}, "shape")
+    entry = catalogue.Entry("unlogged", {"shape": "abrupt", **table})
+    entry.refuse_others("id", "form", "amplitude", "episodes", "telegraph", "shape")
+    shape = entry.text("shape")
     if ("episodes" in table) == ("telegraph" in table):
         raise UsageError("unlogged: expected either episodes = [[start, stop], ...] or telegraph = { seed, on, off }")
-    drawn: tuple[tuple[float, float], ...] | Telegraph
-    if "telegraph" in table:
-        drawn = _telegraph(table["telegraph"])
-    else:
-        drawn = catalogue.pairs_of("unlogged", "episodes", table["episodes"])
-    form, amplitude = _text("unlogged", table, "form"), catalogue.number("unlogged", table, "amplitude")
-    return UnloggedEffect(form, amplitude, drawn, shape)
+    drawn = _telegraph(table["telegraph"]) if "telegraph" in table else entry.pairs("episodes")
+    return UnloggedEffect(entry.text("form"), entry.number("amplitude"), drawn, shape)
 
 
 def _telegraph(table: Any) -> Telegraph:
     if not isinstance(table, Mapping) or type(table.get("seed")) is not int:  # a bool is an int to isinstance
         raise UsageError("unlogged: telegraph is no table with a whole seed; write { seed = 1, on = 40.0, off = 60.0 }")
-    catalogue.refuse_others("unlogged: telegraph", table, ("seed", "on", "off"))
-    on, off = (catalogue.number("unlogged: telegraph", table, key) for key in ("on", "off"))
-    return Telegraph(table["seed"], on, off)
-
-
-def _text(name: str, table: Mapping[str, Any], key: str) -> str:
-    value = table.get(key)
-    if not isinstance(value, str):
-        raise UsageError(f"{name}: key '{key}' is missing or no text")
-    return value
+    entry = catalogue.Entry("unlogged: telegraph", table)
+    entry.refuse_others("seed", "on", "off")
+    return Telegraph(table["seed"], entry.number("on"), entry.number("off"))

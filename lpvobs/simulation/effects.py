@@ -118,84 +118,82 @@ def kind_of(identifier: str) -> Kind:
     raise UsageError(f"{identifier}: no such effect; {hint}")
 
 
+@dataclass(frozen=True)
+class Entry:
+    """A table of an effects file, read strictly: raises UsageError for a key that is missing, unknown, or cannot be meant."""
+
+    name: str  # how messages call it
+    table: Mapping[str, Any]
+
+    def refuse_others(self, *known: str) -> None:
+        """Refuse the first key that does not belong to this effect."""
+        for key in self.table:
+            if key not in known:
+                raise UsageError(f"{self.name}: unknown key '{key}'; it has {', '.join(known)}")
+
+    def number(self, key: str) -> float:
+        """Return a number that has to be there."""
+        value = self.optional(key)
+        if value is None:
+            raise UsageError(f"{self.name}: parameter '{key}' is missing; give it a number")
+        return value
+
+    def optional(self, key: str) -> float | None:
+        """Return a number, or None where the table does not have the key."""
+        value = self.table.get(key)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or isnan(value):
+            raise UsageError(f"{self.name}: {key} = {value!r}, expected a number")
+        return float(value)
+
+    def text(self, key: str) -> str:
+        """Return a text that has to be there."""
+        value = self.table.get(key)
+        if not isinstance(value, str):
+            raise UsageError(f"{self.name}: key '{key}' is missing or no text")
+        return value
+
+    def pairs(self, key: str) -> tuple[tuple[float, float], ...]:
+        """Return a list of pairs of seconds, an empty one where the table does not have the key."""
+        rows = self.table.get(key, [])
+        pairs = rows if isinstance(rows, list) else [rows]
+        if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+            raise UsageError(f"{self.name}: {key} is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
+        spans = [Entry(self.name, {"start": start, "stop": stop}) for start, stop in pairs]
+        return tuple((span.number("start"), span.number("stop")) for span in spans)
+
+    def course_keys(self) -> tuple[str, ...]:
+        """Return the keys that the table may have for its course."""
+        return ("course", "onset", "end", *KEYS.get(str(self.table.get("course")), ()))
+
+    def timed(self) -> dict[str, Any]:
+        """Return the fields of `Timed`."""
+        return {"onset": self.optional("onset"), "end": self.optional("end"), "course": self.course()}
+
+    def course(self) -> EffectCourse | None:
+        """Return the course, None where the table names none."""
+        if "course" not in self.table:
+            return None
+        course = self.table["course"]
+        if course not in KEYS:
+            raise UsageError(f"{self.name}: course = {course!r}, expected one of {', '.join(KEYS)}")
+        for key in KEYS[course]:
+            if key not in self.table and (course, key) != ("ramp", "end"):
+                raise UsageError(f"{self.name}: course {course} needs '{key}'; add it")
+        low, high = ("low", "high") if course == "hysteresis" else ("from", "to")
+        lasting, lower = self.optional("time_constant") or 0.0, self.optional(low) or 0.0
+        upper = 1.0 if high not in self.table else self.number(high)
+        return EffectCourse(course, self.pairs("intervals"), lasting, str(self.table.get("input", "")), lower, upper)
+
+
 def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
-    """Return the effect that one `[[effect]]` table describes.
-
-    Raises UsageError for anything that is missing, unknown, or cannot be meant.
-    """
-    identifier = table.get("id")
-    if not isinstance(identifier, str):
+    """Return the effect of one `[[effect]]` table; raises UsageError for what is missing, unknown, or cannot be meant."""
+    if not isinstance(table.get("id"), str):
         raise UsageError("key 'id' is missing or no text; give one such as id = \"maf.lag\"")
-    kind = kind_of(identifier)
-    curve = ("centre", "width") if kind.bump else ()
-    refuse_others(identifier, table, ("id", kind.parameter, *curve, *course_keys(table)))
-    bump = tuple(number(identifier, {key: usual, **table}, key) for key, usual in zip(curve, kind.bump, strict=True))
-    return CatalogueEffect(
-        identifier,
-        number(identifier, table, kind.parameter),
-        onset=optional_number(identifier, table, "onset"),
-        end=optional_number(identifier, table, "end"),
-        course=course_of(identifier, table),
-        bump=bump,
-    )
-
-
-def course_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the keys that a table may have for its course."""
-    return ("course", "onset", "end", *KEYS.get(str(table.get("course")), ()))
-
-
-def course_of(name: str, table: Mapping[str, Any]) -> EffectCourse | None:
-    """Return the course of a table, None where it names none; raises UsageError where a key is missing or cannot be meant."""
-    if "course" not in table:
-        return None
-    course = table["course"]
-    if course not in KEYS:
-        raise UsageError(f"{name}: course = {course!r}, expected one of {', '.join(KEYS)}")
-    for key in KEYS[course]:
-        if key not in table and (course, key) != ("ramp", "end"):
-            raise UsageError(f"{name}: course {course} needs '{key}'; add it")
-    low, high = ("low", "high") if course == "hysteresis" else ("from", "to")
-    return EffectCourse(
-        course,
-        pairs_of(name, "intervals", table.get("intervals", [])),
-        optional_number(name, table, "time_constant") or 0.0,
-        str(table.get("input", "")),
-        optional_number(name, table, low) or 0.0,
-        1.0 if high not in table else number(name, table, high),
-    )
-
-
-def pairs_of(name: str, key: str, rows: Any) -> tuple[tuple[float, float], ...]:
-    """Return a list of pairs of seconds; raises UsageError for anything else."""
-    pairs = rows if isinstance(rows, list) else [rows]
-    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise UsageError(f"{name}: {key} is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
-    return tuple(
-        (number(name, {"start": start}, "start"), number(name, {"stop": stop}, "stop")) for start, stop in pairs
-    )
-
-
-def refuse_others(name: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    """Raise for the first key that does not belong to this effect."""
-    for key in table:
-        if key not in known:
-            raise UsageError(f"{name}: unknown key '{key}'; it has {', '.join(known)}")
-
-
-def number(name: str, table: Mapping[str, Any], key: str) -> float:
-    """Return a number that has to be there."""
-    value = optional_number(name, table, key)
-    if value is None:
-        raise UsageError(f"{name}: parameter '{key}' is missing; give it a number")
-    return value
-
-
-def optional_number(name: str, table: Mapping[str, Any], key: str) -> float | None:
-    """Return a number, or None where the table does not have the key."""
-    value = table.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or isnan(value):
-        raise UsageError(f"{name}: {key} = {value!r}, expected a number")
-    return float(value)
+    kind = kind_of(table["id"])
+    usual = dict(zip(("centre", "width"), kind.bump, strict=False))
+    entry = Entry(table["id"], {**usual, **table})
+    entry.refuse_others("id", kind.parameter, *usual, *entry.course_keys())
+    bump = tuple(entry.number(key) for key in usual)
+    return CatalogueEffect(entry.name, entry.number(kind.parameter), bump, **entry.timed())

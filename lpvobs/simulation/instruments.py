@@ -66,10 +66,8 @@ FREE = 20.0  # m/s, at which the configured effectiveness holds
 
 
 def wall_temperature(period: float, coolant: Array, heat: Array) -> Array:
-    """Return the temperature of the intake ports [K], shape (M,) every `period` seconds.
-
-    It follows the coolant [K] and the fuel's heat per displacement [W/m^3] within half a minute (Heywood 1988, Sec. 12.7).
-    """
+    """Return the temperature of the intake ports [K], shape (M,) every `period` seconds."""
+    # They follow coolant [K] and heat per displacement [W/m^3] within half a minute (Heywood 1988, Sec. 12.7).
     return coolant + lagged(WALL_RISE * heat, period, WALL_LAG)
 
 

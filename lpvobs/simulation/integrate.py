@@ -98,18 +98,14 @@ CHUNK = 2000  # actions of the control between two reports of progress
 
 
 class Course(NamedTuple):
-    """What the engine is asked for, at every action of its control.
+    """What the engine is asked for at every action of its control, shape (M,): the first four run straight in between."""
 
-    All have shape (M,). `n_e` [rpm], `u_demand` [mg/cycle], `p_amb` [Pa] and `T_amb` [K] run straight between the actions; `T_wall`
-    [K] and `v_air` [m/s] stand still.
-    """
-
-    n_e: Array
-    u_demand: Array
-    p_amb: Array
-    T_amb: Array
-    T_wall: Array
-    v_air: Array
+    n_e: Array  # [rpm]
+    u_demand: Array  # [mg/cycle]
+    p_amb: Array  # [Pa]
+    T_amb: Array  # [K]
+    T_wall: Array  # [K], stands still in between, as does
+    v_air: Array  # [m/s]
 
 
 class Samples(NamedTuple):

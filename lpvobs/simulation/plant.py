@@ -260,13 +260,9 @@ def vgt_area_ratio(plant: Plant, u_vgt: float) -> float:
 def turbine_flow(
     plant: Plant, p_em: float, u_vgt: float, T_em: float, p_amb: float, factor: float = 1.0
 ) -> tuple[float, float]:
-    """Return W_t [kg/s] of Eq. (2) and the quotient of outlet over inlet pressure, by three fixed-point passes.
-
-    `factor` multiplies the area.
-
-    They come within 0.2 % of the solution as long as the back pressure is that of a clean exhaust, and swing around it when it is
-    several times that; with a restriction, Newton's method solves the two equations instead.
-    """
+    """Return W_t [kg/s] of Eq. (2) and outlet over inlet pressure, by three fixed-point passes; `factor` is on the area."""
+    # They come within 0.2 % of the solution as long as the back pressure is that of a clean exhaust, and swing around it when
+    # it is several times that; with a restriction, Newton's method solves the two equations instead.
     c = plant.engine
     scale = factor * (c.A_vgt_max * vgt_area_ratio(plant, u_vgt)) * p_em / sqrt(T_em * c.R_e)
     if plant.condition.exhaust_restriction != 1.0:

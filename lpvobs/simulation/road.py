@@ -44,10 +44,7 @@ AMBIENT = {"p_amb": Quality(10.0, 10.0), "T_amb": Quality(0.05, 0.1)}
 
 @dataclass(frozen=True)
 class Auxiliary:
-    """A drive on the road, and which channels of `AUXILIARY` are logged; none named: all that the cycle has.
-
-    Raises ValueError for a channel that does not exist or is named twice.
-    """
+    """A drive on the road, and which of `AUXILIARY` are logged; none: all of the cycle. Raises ValueError for others."""
 
     channels: tuple[str, ...] = ()
 

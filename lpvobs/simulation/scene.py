@@ -57,10 +57,7 @@ def harmonised_span(full_load: FullLoad, work: Work) -> float:
 
 
 def speed_at_power(full_load: FullLoad, work: Work, share: float, first: bool) -> float:
-    """Return the lowest (`first`) or highest speed [rpm] at which full load gives this share of rated power.
-
-    Raises UsageError if full load gives no power.
-    """
+    """Return the lowest (`first`) or highest speed [rpm] with this share of rated power; raises UsageError if there is none."""
     curve = np.arange(full_load.n_e[0], full_load.n_e[-1], CURVE_STEP)
     power = full_load_torque(full_load, work, curve) * curve
     if not power.max() > 0:
@@ -103,10 +100,7 @@ class DriveCourse:
 def scene_of(
     engine: DieselEngine, parameters: SimulationParameters, cycle: str, auxiliary: Auxiliary | None, seed: int
 ) -> DriveCourse:
-    """Return the scene of a cycle: in the configured air, or with the road's own where `auxiliary` is given.
-
-    Raises UsageError for an unknown cycle, a cycle that it cannot drive, or a channel that it cannot have.
-    """
+    """Return the scene of a cycle, on the road where `auxiliary` is given; raises UsageError for one that cannot be driven."""
     period, work, table = parameters.control.period, work_of(engine, parameters), load_cycle(cycle)
     measured, ambient = isinstance(table, SpeedCycle), parameters.ambient
     if isinstance(table, SpeedCycle):

@@ -162,7 +162,9 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
         and effect.acts
         and np.all(scene.course.T_amb == WARM)
     ):
-        raise UsageError(f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add [auxiliary]")
+        raise UsageError(
+            f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add an [auxiliary] table"
+        )
 
 
 def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:

@@ -20,10 +20,7 @@ from lpvobs.simulation.parameters import SimulationParameters, Vehicle
 
 
 class Work(NamedTuple):
-    """Work per cycle of the whole engine: what a mg/cycle of fuel gives and what friction and gas exchange take.
-
-    The losses are a parabola over n_e [rpm].
-    """
+    """Work per cycle of the whole engine: what a mg/cycle of fuel gives, and losses, a parabola over n_e [rpm]."""
 
     per_fuel: float  # J/(mg/cycle)
     loss_0: float  # J
@@ -103,10 +100,7 @@ def car_of(vehicle: Vehicle) -> Car:
 
 
 def drive_speed_cycle(vehicle: Vehicle, work: Work, cycle: SpeedCycle, raster: float) -> tuple[Array, Array, Array]:
-    """Return n_e [rpm], u_delta [mg/cycle] before the smoke limit and the vehicle's speed [m/s].
-
-    Each of shape (M,), every `raster` seconds from zero.
-    """
+    """Return n_e [rpm], u_delta [mg/cycle] before the smoke limit, speed [m/s], each (M,), every `raster` seconds."""
     time = np.arange(round(cycle.time[-1] / raster) + 1) * raster
     wanted = smooth(np.interp(time, cycle.time, cycle.speed), SMOOTHING / raster)
     acceleration = np.gradient(wanted, raster)

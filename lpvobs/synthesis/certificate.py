@@ -63,7 +63,7 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
     Eq. (27), (28), (33). Departure from the paper: none in the conditions.
     """
     vertices = problem.region.vertices()
-    n, r = _sizes(problem)
+    n, r = (len(matrix) for matrix in problem.at(vertices[0]))
     for name, value, shape in (("L", L, (n, r)), ("P", P, (n, n)), ("Q", Q, (n, n))):
         _refuse_unusable(name, np.asarray(value), shape)
     if not (isfinite(eps_1) and isfinite(eps_2)):
@@ -74,8 +74,7 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
         where = None if failed is None else tuple(float(value) for value in failed)
         return Certificate(not reason, len(vertices), pivot, where, reason)
 
-    reason = _about_scalars(e_1, e_2) or _about_system(problem) or _about_symmetry(P, Q)
-    if reason:
+    if reason := _why_not(problem, P, Q, e_1, e_2):
         return verdict(reason, 0.0)
     exact_P, exact_Q = fractions(P), fractions(Q)
     smallest = inf
@@ -104,11 +103,6 @@ def _minus_M(
     return [*rows, [*(-b for b in PLG), eps_1, zero], [*(-c for c in C_2), zero, eps_2]]  # Eq. (27)
 
 
-def _sizes(problem: GainProblem) -> tuple[int, int]:
-    A, C = problem.at(problem.region.vertices()[0])
-    return len(A), len(C)
-
-
 def _refuse_unusable(name: str, value: Array, shape: tuple[int, int]) -> None:
     if value.shape != shape:
         raise DataError(f"gain: {name} has the shape {value.shape}, expected {shape}: use the gain of this system")
@@ -116,20 +110,14 @@ def _refuse_unusable(name: str, value: Array, shape: tuple[int, int]) -> None:
         raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
 
 
-def _about_scalars(eps_1: Fraction, eps_2: Fraction) -> str:
+def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: Fraction) -> str:
+    """Return why vertices prove nothing, empty where they do."""
     if eps_1 <= 0 or eps_2 <= 0:
         return "eps_1 and eps_2 must be positive"
     if 2 - eps_1 - eps_2 <= 0:  # Eq. (28)
         return "2 - eps_1 - eps_2 > 0 does not hold"
-    return ""
-
-
-def _about_system(problem: GainProblem) -> str:
-    names = bent_block(problem)
-    return "" if names is None else f"the system is not affine in {' and '.join(names)}, so vertices prove nothing"
-
-
-def _about_symmetry(P: Array, Q: Array) -> str:
+    if bent := bent_block(problem):
+        return f"the system is not affine in {' and '.join(bent)}, so vertices prove nothing"
     for name, matrix in (("P", np.asarray(P)), ("Q", np.asarray(Q))):
         if not np.array_equal(matrix, matrix.T):
             return f"{name} is not symmetric"
@@ -165,10 +153,7 @@ def state_bound(problem: GainProblem, L: Array) -> StateBound | None:
 
 
 def prove_bound(problem: GainProblem, L: Array, bound: StateBound) -> str:
-    """Return why a bound is not proven, empty where it is.
-
-    Raises DataError where its shapes do not fit those of the gain, (n, r).
-    """
+    """Return why a bound is not proven, empty where it is; raises DataError where shapes do not fit L, (n, r)."""
     n, r = L.shape
     shapes = bound.of_rates.shape, bound.of_outputs.shape
     if shapes != ((n, n), (n, r)) or not all(np.isfinite(each).all() for each in vars(bound).values()):
@@ -198,10 +183,7 @@ def comparison(problem: GainProblem, L: Array) -> Matrix:
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """A feedback gain of Eq. (26) and the numbers that prove it.
-
-    The certificate is proven, on the region; a gain without a proof is not made.
-    """
+    """A feedback gain of Eq. (26) and the numbers that prove it on the region; a gain without a proof is not made."""
 
     L: Annotated[Array, Item("SI", "gain of Eq. (26), state unit per output unit and second", ("state", "output"))]
     P: Annotated[Array, Item("SI", "Lyapunov matrix of Theorem 1", ("state", "other_state"))]

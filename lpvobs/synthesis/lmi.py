@@ -63,10 +63,7 @@ def free_gain(
 
 
 def fixed_gain(closed: Array, L: Array, C_2: Array, map_output: int, k: float) -> LmiSolution | str:
-    """Return P for a given gain L, shape (n, r), or the solver's word where it has none.
-
-    `closed`, shape (N, n, n), is A - L C, balanced, C_2 has shape (N, n), and k is eps_1 eps_2.
-    """
+    """Return P for balanced A - L C (N, n, n), L (n, r), C_2 (N, n), k = eps_1 eps_2; the solver's word where it has none."""
     n, _ = L.shape
     P = cp.Variable((n, n), symmetric=True)
     column = L[:, [map_output]]

@@ -130,7 +130,9 @@ def _refuse_bad_pairs(region: Region) -> None:
         )
     for first, second in region.nonnegative_sums:
         if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
-            raise UsageError(f"region: {first} + {second} is negative everywhere, expected room for a sum of zero")
+            raise UsageError(
+                f"region: {first} + {second} is negative everywhere, expected room for a sum of zero or more"
+            )
 
 
 @dataclass(frozen=True)

@@ -105,10 +105,7 @@ def largest_feasible(
     epsilon: tuple[float, float] | None = None,
     resolution: float = 0.01,
 ) -> Shrunk:
-    """Return the largest part of the region, drawn towards `centre`, for which a gain is proven; by bisection.
-
-    The parts are nested, so what proves one proves every smaller one. Raises NotProven where not even the centre has a gain.
-    """
+    """Return the largest part of the region, drawn towards `centre`, with a gain, by bisection; NotProven if not even there."""
 
     def attempt(scale: float) -> tuple[GainProblem, Gain]:
         part = GainProblem(problem.system, problem.region.scaled(scale, centre), problem.map_output)

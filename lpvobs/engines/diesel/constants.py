@@ -122,10 +122,7 @@ NAMES = [name for part in (Gas, Geometry, Filling, Compressor, Turbine, Egr) for
 
 
 class DieselConstants(flat_type(NAMES)):  # type: ignore[misc]
-    """The same constants, flat, for the compiled relations (numba reads a named tuple by field name).
-
-    A form is its place among the forms; the constants of other forms are zero.
-    """
+    """The same constants, flat; a form is its place among the forms, and constants of other forms are zero."""
 
 
 def constants_of(engine: DieselEngine) -> DieselConstants:

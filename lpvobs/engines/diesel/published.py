@@ -42,10 +42,7 @@ SLOWEST, FASTEST = 500.0, 30_000.0  # [rad/s] Range in which the turbine's speed
 
 
 def drive(engine: DieselEngine, error_at: Callable[[Array, Array], Array]) -> Mapping[str, Array]:
-    """Return every channel of a diesel's log, with `time` [s] and the two reference channels.
-
-    `error_at` gives the error of the sensor [kg/s] at fuel [mg/cycle] and speed [rpm].
-    """
+    """Return every channel of a log, with references; the sensor's error [kg/s] is over fuel [mg/cycle] and speed [rpm]."""
     t = np.arange(round(RATE * DURATION) + 1) / RATE
     load, speed = 0.5 + 0.5 * np.sin(0.61 * t), 0.5 + 0.5 * np.sin(0.083 * t + 0.4)
     p_im, rise = _pressure(load, speed, t)

@@ -49,10 +49,7 @@ class _Balance:
 
 
 def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
-    """Return what healthy logs tell of an engine, from all blocks of `blocks_of` or those to `use`, flags for each log.
-
-    Raises DataError if there are too few blocks with flow.
-    """
+    """Return what blocks of healthy logs tell, all or those to `use` (flags per log); raises DataError for too few."""
     parts, transience = [], []
     for i, log in enumerate(logs):
         blocks = blocks_of(log)
