@@ -69,8 +69,8 @@ def _pressure(load: Array, speed: Array, t: Array) -> tuple[Array, Array]:
     """Return p_im [Pa] and its time derivative."""
     load_rise, speed_rise = 0.5 * 0.61 * np.cos(0.61 * t), 0.5 * 0.083 * np.cos(0.083 * t + 0.4)
     reach = 7.0e4
-    reached, rising = 0.3 + 0.7 * speed, 0.7 * speed_rise
-    return 1.05e5 + reach * load * reached, reach * (load_rise * reached + load * rising)
+    reached = 0.3 + 0.7 * speed
+    return 1.05e5 + reach * load * reached, reach * (load_rise * reached + load * 0.7 * speed_rise)
 
 
 def _cylinders(engine: DieselEngine, c: Mapping[str, Array]) -> Array:

@@ -115,12 +115,8 @@ def by_curves(engine: ThrottledEngine, learned: Learned, s: Signals, blocks: Blo
     """Return how the balances move with the relative deviation of every node of the curves, shape (m - 2, 4, K)."""
     blocks, where = _needed(blocks), learned.deviations()
     out = np.zeros((where["volumes"].start, len(BALANCES), blocks.count))
-    parts = (
-        (relation.throttle_nodes, relation.throttle_per_area, learned.area),
-        (relation.filling_nodes, relation.swept, learned.eta_vol),
-        (relation.fuel_nodes, relation.fuel_strokes, learned.fuel),
-    )
-    for b, (name, (nodes, per, values)) in enumerate(zip(BALANCES, parts, strict=False)):
+    curves = zip(BALANCES, relation.CURVES, (learned.area, learned.eta_vol, learned.fuel), strict=False)
+    for b, (name, (nodes, per), values) in enumerate(curves):
         if all(channel in s.value for channel in NEEDS[name]):
             shares = blocks.sums(nodes(engine, s.value), values.size, per(engine, s.value)) * values.reshape(-1)
             out[where[name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T

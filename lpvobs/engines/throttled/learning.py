@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
@@ -82,13 +83,9 @@ def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Ar
     flow = np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
     RT = engine.air.R_a * blocks.mean(x["T_ic"])
     ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
-    curves = (
-        blocks.sums(relation.throttle_nodes(engine, x), len(nodes.alpha_th), relation.throttle_per_area(engine, x)),
-        blocks.sums(relation.filling_nodes(engine, x), len(nodes.n_e) * len(nodes.p_im), relation.swept(engine, x)),
-        blocks.sums(
-            relation.fuel_nodes(engine, x), len(nodes.m_f) * len(nodes.fuel_n_e), relation.fuel_strokes(engine, x)
-        ),
-    )
+    sizes = (len(nodes.alpha_th), len(nodes.n_e) * len(nodes.p_im), len(nodes.m_f) * len(nodes.fuel_n_e))
+    parts = zip(relation.CURVES, sizes, strict=True)
+    curves = [blocks.sums(at(engine, x), size, per(engine, x)) for (at, per), size in parts]
     both = np.stack([ic, im], axis=1) / flow[:, None]
     volumes = (both * np.array([1.0, 0.0]), both, both)
     return [(c / flow[:, None], v) for c, v in zip(curves, volumes, strict=True)]
@@ -139,20 +136,13 @@ def _solve(engine: ThrottledEngine, balances: Sequence[_Balance], level: NDArray
     """Return relative deviations from the guesses and their covariance."""
     # Least squares with weights for long tails, and a scale of its own for each class of transience, shape (blocks,).
     g = engine.geometry
-    size = sum(b.guess.size for b in balances) + 2
     volume = np.array([g.V_ic, g.V_im])
-    prior, offset, blocks = [], 0, []
+    believed = scipy.linalg.block_diag(*(b.prior for b in balances), np.eye(2) / g.volume_tolerance)
+    blocks, end = [], 0
     for b in balances:
-        rows = np.zeros((b.prior.shape[0], size))
-        rows[:, offset : offset + b.guess.size] = b.prior
-        prior.append(rows)
-        X = np.zeros((b.columns.shape[0], size))
-        X[:, offset : offset + b.guess.size] = b.columns
-        X[:, -2:] = b.volumes * volume
+        X, begin, end = np.zeros((b.columns.shape[0], believed.shape[1])), end, end + b.guess.size
+        X[:, begin:end], X[:, -2:] = b.columns, b.volumes * volume
         blocks.append((X, 1.0 - b.columns.sum(1) - b.volumes @ volume))
-        offset += b.guess.size
-    prior.append(np.eye(size)[-2:] / g.volume_tolerance)
-    believed = np.vstack(prior)
     normal_prior = believed.T @ believed
     weights = [np.full(y.size, 1.0 / FIRST_ERROR**2) for _, y in blocks]
     for _ in range(PASSES):
@@ -180,20 +170,16 @@ def _learned(
     calm_flow: float,
 ) -> Learned:
     nodes, g = engine.curves, engine.geometry
-    curves, offset = [], 0
-    for b in balances:
-        curves.append(b.guess * np.maximum(1.0 + deviation[offset : offset + b.guess.size], 0.05))
-        offset += b.guess.size
-    V_ic, V_im = (float(V * max(1.0 + d, 0.05)) for V, d in zip((g.V_ic, g.V_im), deviation[-2:], strict=True))
-    now = np.concatenate(
-        [np.concatenate(curves) / np.concatenate([b.guess for b in balances]), [V_ic / g.V_ic, V_im / g.V_im]]
-    )
+    guesses = np.concatenate([*(b.guess for b in balances), [g.V_ic, g.V_im]])
+    found = guesses * np.maximum(1.0 + deviation, 0.05)
+    area, eta_vol, fuel, volumes = np.split(found, np.cumsum([b.guess.size for b in balances]))
+    now = found / guesses
     return Learned(
-        area=curves[0],
-        eta_vol=curves[1].reshape(len(nodes.n_e), len(nodes.p_im)),
-        fuel=curves[2].reshape(len(nodes.m_f), len(nodes.fuel_n_e)),
-        V_ic=V_ic,
-        V_im=V_im,
+        area=area,
+        eta_vol=eta_vol.reshape(len(nodes.n_e), len(nodes.p_im)),
+        fuel=fuel.reshape(len(nodes.m_f), len(nodes.fuel_n_e)),
+        V_ic=float(volumes[0]),
+        V_im=float(volumes[1]),
         covariance=covariance / np.outer(now, now),
         sources=sources,
         calm_flow=calm_flow,

@@ -56,6 +56,10 @@ def fuel_nodes(engine: ThrottledEngine, x: Channels) -> Weights:
     return on_surface(np.array(engine.curves.m_f), np.array(engine.curves.fuel_n_e), x["m_f"], x["n_e"])
 
 
+# Of throttle, filling and fuel: the nodes of the curve, and the flow per unit of it.
+CURVES = ((throttle_nodes, throttle_per_area), (filling_nodes, swept), (fuel_nodes, fuel_strokes))
+
+
 def throttle_flow(engine: ThrottledEngine, learned: Learned, x: Channels) -> Array:
     """Return the flow through the throttle [kg/s]."""
     return values_at(throttle_nodes(engine, x), learned.area) * throttle_per_area(engine, x)
