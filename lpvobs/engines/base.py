@@ -196,7 +196,8 @@ class EngineKind:
     air_path: type[AirPath]
     # records of the configuration's tables whose keys are this engine's own: `engine`, and further ones
     tables: Mapping[str, type]
-    recorded: Mapping[str, Recorded]  # under which names foreign recordings hold its channels, beside those of `COMMON`
+    # under which names foreign recordings hold its channels, beside those that all engines share
+    recorded: Callable[[], Mapping[str, Recorded]]
     example: str  # the shipped, commented configuration, a name in `configs`
     # the engine as the closed loop sees it, from the configuration, the air path with what it has learned, the errors
     # of the healthy engine, the digests of the logs that taught it, and what a calibration knows

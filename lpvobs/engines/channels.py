@@ -1,8 +1,11 @@
 """Channels of a log: what a working sensor reads, how recordings of other programs call them, and those that all engines share."""
 
 import math
-from collections.abc import Collection
+import tomllib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 
 @dataclass(frozen=True)
@@ -53,56 +56,12 @@ class Recorded:
     weak: str = r"(?!)"  # the same for names that may mean it
 
 
-PRESSURE, TEMPERATURE, SPEED, SHARE = ("Pa", "hPa", "kPa", "bar"), ("K", "degC"), ("rpm", "rad/s"), ("%", "1")
-"""Units that recordings write a quantity in."""
-
-COMMON: dict[str, Recorded] = {
-    "n_e": Recorded(
-        "rpm",
-        (500, 5000),
-        SPEED,
-        "engine speed, revs, engine revs, motor revs",
-        "speed -turbo -turbine -boost -compressor, revs -turbo -turbine -boost -compressor",
-        r"n ?e|n ?mot w|drehzahl|dzm nmit",
-        r"n|n ?\d+|vel motor",
-    ),
-    "p_im": Recorded(
-        "Pa",
-        (2e4, 4e5),
-        PRESSURE,
-        "intake manifold pressure, manifold pressure, boost pressure actual, boost pressure absolute, "
-        "intake valve before pressure",
-        "intake pressure -turbine -compressor, manifold pressure -exhaust, boost -speed -temp -position -flow -mass -revs, "
-        "turbo pressure -exhaust -before -after, intercooler pressure",
-        r"p ?im|p lade|ps w|ldm p llin",
-        r"ep ?im|p ?[ls]|p ?(2|22|2s|int|man).*|bpscd.*|pvdkd?s( w)?|put( .*)?",
-    ),
-    "p_amb": Recorded(
-        "Pa",
-        (5.5e4, 1.1e5),
-        PRESSURE,
-        "ambient pressure",
-        "ambient pressure",
-        r"p ?a(mb|tm)|pu( w)?|abs baro pres(s(ure)?)?",
-        r"p ?(0|1)( .*)?|p(a|u)( .*)?|bpscd.*|apscd.*|(anm|ldm) ?adf|luftdruck|air press(ure)?",
-    ),
-    "T_amb": Recorded(
-        "K",
-        (220, 330),
-        TEMPERATURE,
-        "ambient temp",
-        "ambient temp, air temp -boost -exhaust -manifold -intercooler, air mass flow temp",
-        r"t ?amb|tha|tumg( w)?",
-        r"t ?(0|1)( .*)?|t(a|u)( .*)?|t at maf|anm ?utf",
-    ),
-    "W_maf": Recorded(
-        "kg/s",
-        (5e-4, 0.5),
-        ("kg/s", "g/s", "kg/h"),
-        "air mass flow, air flow, intake mass flow, intake air flow",
-        "air flow -exhaust -egr -fuel, mass flow -exhaust -egr -fuel, air mass -exhaust -egr -fuel, intake flow",
-        r"w ?maf|ga|fa mass|ml( hfm)?( w)?|mshfm( w)?",
-        r".*\b(maf|luft)\b.*|(m|q|g|gn|w|wl|qm|qml|dml?) ?(a|l|air|luft|maf|dot)?|d?m ?(dot )?(air|l|luft)( .*)?",
-    ),
-}
-"""Channels of every engine."""
+@cache
+def recorded(*folders: str) -> Mapping[str, Recorded]:
+    """Return how recordings hold the channels that `recorded.toml` lists in folders of `lpvobs.engines`; `` is that itself."""
+    tables = [
+        files("lpvobs.engines").joinpath(folder, "recorded.toml").read_text(encoding="utf-8") for folder in folders
+    ]
+    found = {name: how for table in tables for name, how in tomllib.loads(table).items()}
+    lists = ("typical", "units")
+    return {name: Recorded(**how | {key: tuple(how[key]) for key in lists}) for name, how in found.items()}

@@ -26,7 +26,8 @@ QUANTITY = {"K": frozenset({"temp"}), "Pa": frozenset({"pressure"})}
 
 def known_channels() -> Mapping[str, channels.Recorded]:
     """Return the channels that recordings may hold: those that all engines share, and those of each."""
-    return channels.COMMON | {name: how for kind in registry.ENGINES.values() for name, how in kind.recorded.items()}
+    own = {name: how for kind in registry.ENGINES.values() for name, how in kind.recorded().items()}
+    return {**channels.recorded(""), **own}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvobs.engines.base import AsKnown, Balances, EngineKind, MapAxis, Trajectory
-from lpvobs.engines.channels import PRESSURE, Channel, Recorded
+from lpvobs.engines.channels import Channel, Recorded
 from lpvobs.engines.effects import BOOST, SENSOR, Effect, lacking, on_the_reading
 from lpvobs.engines.residual_model import ResidualModel
 
@@ -182,5 +182,5 @@ def residual_model(config: Any, path: Blower, *_: Any) -> ResidualModel:
 
 def kind(example: str, **more: Any) -> EngineKind:
     """Return the record of the engine with its commented configuration in a file."""
-    recorded = {"p_box": Recorded("Pa", (6e4, 4e5), PRESSURE, r"p box|box pressure")}
-    return EngineKind(Blower, {"engine": Box}, recorded, example, residual_model, **more)
+    recorded = {"p_box": Recorded("Pa", (6e4, 4e5), ("Pa", "hPa", "kPa", "bar"), strong="p box|box pressure")}
+    return EngineKind(Blower, {"engine": Box}, lambda: recorded, example, residual_model, **more)

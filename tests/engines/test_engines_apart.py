@@ -12,7 +12,7 @@ from functools import cache
 import pytest
 from repository import ROOT
 
-from lpvobs.engines.channels import COMMON
+from lpvobs.engines.channels import recorded
 from lpvobs.engines.registry import ENGINES
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.io.configuration.config import load_config
@@ -45,7 +45,7 @@ def words_of(name):
     kind = ENGINES[name]
     path = load_config(ROOT / "configs" / kind.example)[0].engine_path()
     own = {
-        *path.channels, *kind.recorded, *path.state_names, *path.parameter_names, *path.temperature_names, *path.rate_names,
+        *path.channels, *kind.recorded(), *path.state_names, *path.parameter_names, *path.temperature_names, *path.rate_names,
         *path.smoothed, *path.usual_tolerance, *path.engine_constants(), *(axis.channel for axis in path.axes), path.sensor,
     }  # fmt: skip
     own_records = (kind.air_path, *kind.tables.values())
@@ -54,7 +54,7 @@ def words_of(name):
 
 TRUTH = {"W_c"}
 """The true flow past the sensor, which a simulated log holds as `ref_W_c` and one engine as a state."""
-ALL_WORDS = (frozenset(word for name in ENGINES for word in words_of(name)) | frozenset(COMMON)) - TRUTH
+ALL_WORDS = (frozenset(word for name in ENGINES for word in words_of(name)) | frozenset(recorded(""))) - TRUTH
 
 
 def docstrings(tree):
@@ -109,7 +109,7 @@ def test_a_room_knows_no_engine(source):
 )
 def test_what_engines_share_names_none_of_them(source):
     if source != "engines/registry.py":
-        assert offences(tree_of(source), ALL_WORDS - set(COMMON)) == []
+        assert offences(tree_of(source), ALL_WORDS - set(recorded(""))) == []
 
 
 @pytest.mark.parametrize("source", [source for source in SOURCES if fits(source, ["engines/*/*.py"])])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from repository import CONFIGS
 
-from lpvobs.engines.channels import COMMON
+from lpvobs.engines.channels import recorded as listed
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.io.configuration.config import load_config
 from lpvobs.simulation.plants import PLANTS
@@ -20,7 +20,7 @@ def test_channels_axes_and_units_agree(kind):
     for axis in path.axes:
         assert axis.unit == path.channels[axis.channel].unit
     assert {path.sensor, *path.temperature_names, *path.smoothed} <= set(path.channels)
-    recorded = COMMON | kind.recorded
+    recorded = {**listed(""), **kind.recorded()}
     assert set(path.channels) <= set(recorded)
     for name in path.channels:
         assert recorded[name].unit == path.channels[name].unit

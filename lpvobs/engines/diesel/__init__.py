@@ -1,11 +1,13 @@
 """A diesel with EGR and VGT: the paper's engine."""
 
+from functools import partial
+
 from lpvobs.engines.base import EngineKind
+from lpvobs.engines.channels import recorded
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.effects import pulsating, residual_model
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED, drive
-from lpvobs.engines.diesel.recorded import RECORDED
 from lpvobs.engines.mix_ups import Suspects, below, exchanged
 from lpvobs.engines.residual_model import DayToDay
 
@@ -20,7 +22,7 @@ SUSPECTS = Suspects(
 ENGINE = EngineKind(
     air_path=Diesel,
     tables={"engine": DieselEngine, "trace": DayToDay},
-    recorded=RECORDED,
+    recorded=partial(recorded, "components", "diesel"),
     example="diesel.toml",
     residual_model=residual_model,
     plant="nine states",

@@ -1,20 +1,22 @@
 """An engine that logs what series vehicles do: a diesel without turbine speed and exhaust pressure."""
 
+from functools import partial
+
 from lpvobs.engines.base import EngineKind
+from lpvobs.engines.channels import recorded
 from lpvobs.engines.mix_ups import Suspects, below, exchanged
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.series.constants import SeriesEngine
 from lpvobs.engines.series.effects import residual_model
 from lpvobs.engines.series.lpv import Series
 from lpvobs.engines.series.obd import OBD
-from lpvobs.engines.series.recorded import RECORDED
 
 __all__ = ["ENGINE", "OBD"]
 
 ENGINE = EngineKind(
     air_path=Series,
     tables={"engine": SeriesEngine, "trace": DayToDay},
-    recorded=RECORDED,
+    recorded=partial(recorded, "components", "series"),
     example="series.toml",
     residual_model=residual_model,
     suspects=Suspects(

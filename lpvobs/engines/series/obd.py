@@ -6,17 +6,17 @@ of the same vehicle on different days differ by what has changed of the three.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from lpvobs.engines.base import SPEED_AXIS, Balances, EngineKind, MapAxis
-from lpvobs.engines.channels import Channel
+from lpvobs.engines.channels import Channel, recorded
 from lpvobs.engines.components import intake
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.series.constants import SeriesEngine
 from lpvobs.engines.series.lpv import RELATIVE_STEP, TOLERANCE, Series
-from lpvobs.engines.series.recorded import RECORDED
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
@@ -81,7 +81,7 @@ def residual_model(*_: Any) -> Any:
 OBD = EngineKind(
     air_path=SpeedDensity,
     tables={"engine": SeriesEngine, "trace": DayToDay},
-    recorded=RECORDED,
+    recorded=partial(recorded, "components", "series"),
     example="speed_density.toml",
     residual_model=residual_model,
     caveat="EGR flow, filling and sensor are confounded in this map: it tells what differs between days, and no sensor's error; "

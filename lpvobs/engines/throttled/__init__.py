@@ -1,13 +1,15 @@
 """A throttled spark-ignition engine with intercooler."""
 
+from functools import partial
+
 from lpvobs.engines.base import EngineKind
+from lpvobs.engines.channels import recorded
 from lpvobs.engines.mix_ups import Suspects, below, exchanged
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.throttled.constants import ThrottledEngine, in_c
 from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.learning import errors_of
 from lpvobs.engines.throttled.lpv import Throttled
-from lpvobs.engines.throttled.recorded import RECORDED
 
 # The intercooler of the LiU-ICE bench holds T_ic within 2 K of T_amb, mostly below it: two thermometers, not two temperatures.
 SUSPECTS = Suspects(
@@ -17,7 +19,7 @@ SUSPECTS = Suspects(
 ENGINE = EngineKind(
     air_path=Throttled,
     tables={"engine": ThrottledEngine, "trace": DayToDay},
-    recorded=RECORDED,
+    recorded=partial(recorded, "throttled"),
     example="liu-ice.toml",
     residual_model=residual_model,
     errors=errors_of,
