@@ -1,7 +1,6 @@
 """Four balances of a diesel with EGR and VGT, with room for what the model lacks."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from lpvobs.compiled import njit
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.components import intake
+from lpvobs.engines.components.effects import AsFound
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
 from lpvobs.engines.diesel.corrections import COMPONENTS, corrections
@@ -51,14 +51,6 @@ PARTS = {
 """What the corrections change: flows of compressor, cylinders and EGR [kg/s], and two signals by their lag [s]."""
 NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4)
 """Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
-
-
-@dataclass(frozen=True, eq=False)
-class DieselAsFound:
-    """A diesel's constants, and the values of its corrections; none where nothing is known beyond the configuration."""
-
-    constants: DieselConstants
-    values: Array
 
 
 @njit(cache=True)
@@ -125,12 +117,12 @@ def expansion(ambient: float, strength: float, K_t: float) -> float:
     return min(P, 0.9999)
 
 
-def imbalances(found: DieselAsFound, s: Signals, _: Blocks | None = None) -> Array:
+def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
     """Return what is left of each balance, shape (4, C) [kg/s]."""
     return _imbalances(found, s, _changes(found, s))
 
 
-def _imbalances(found: DieselAsFound, s: Signals, changes: Array) -> Array:
+def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
     """Return the balances with changes of `PARTS`, shape (5, C)."""
     x, dx = _stacked(s.value), _stacked(s.rate)
     # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
@@ -139,7 +131,7 @@ def _imbalances(found: DieselAsFound, s: Signals, changes: Array) -> Array:
     return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
 
 
-def _changes(found: DieselAsFound, s: Signals) -> Array:
+def _changes(found: AsFound, s: Signals) -> Array:
     """Return what the values of the corrections change, shape (5, C)."""
     changes = np.zeros((len(NUDGES), s.lacks.shape[1]))
     if found.values.size:
@@ -148,7 +140,7 @@ def _changes(found: DieselAsFound, s: Signals) -> Array:
     return changes
 
 
-def _columns(found: DieselAsFound, s: Signals) -> Iterator[tuple[int, slice, Array]]:
+def _columns(found: AsFound, s: Signals) -> Iterator[tuple[int, slice, Array]]:
     """Yield of every correction what it changes, where its values stand, and the change by each of them, shape (C, size)."""
     still, begin = np.zeros(s.lacks.shape[1]), 0
     rates = {name: s.rate.get(name, still) for name in CHANNELS}
@@ -160,7 +152,7 @@ def _columns(found: DieselAsFound, s: Signals) -> Iterator[tuple[int, slice, Arr
         begin = place.stop
 
 
-def by_corrections(modes: Array, found: DieselAsFound, s: Signals, _: Blocks | None) -> Array:
+def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -> Array:
     """Return the derivatives of the balances by modes of the corrections, given as (values, m), shape (m, 4, C)."""
     changes, along = _changes(found, s), np.zeros((len(NUDGES), s.lacks.shape[1], modes.shape[1]))
     for part, place, columns in _columns(found, s):
@@ -174,7 +166,7 @@ def by_corrections(modes: Array, found: DieselAsFound, s: Signals, _: Blocks | N
     return derivatives
 
 
-def further(found: DieselAsFound, s: Signals) -> tuple[Array, Array]:
+def further(found: AsFound, s: Signals) -> tuple[Array, Array]:
     """Return what the engine lacks adds to the flows of compressor and filling, (2, N) [kg/s], and to dx/dt, (3, N)."""
     # The first imbalance is the reading less W_c, the second the reading less what leaves the intake manifold, the third
     # what enters the exhaust manifold less what leaves it, the fourth the power that is left for the turbocharger's rotor.

@@ -8,28 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.components.effects import EGR, AsFound, found_around, lacks, on_the_intake
 from lpvobs.engines.components.intake import PRESSURE
 from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import balances
-from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, DieselAsFound, imbalances
+from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, imbalances
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
 from lpvobs.engines.diesel.corrections import RATIO
-from lpvobs.engines.effects import (
-    ALTITUDE,
-    BOOST,
-    FILTER,
-    SENSOR,
-    STEADY,
-    Change,
-    Effect,
-    Signals,
-    fuel_gain,
-    gain,
-    lacking,
-    offset,
-    on_the_reading,
-    reading,
-)
+from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, reading
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.unknowns import Unknowns, loop_unknowns
@@ -49,7 +35,7 @@ CURVES: Mapping[str, tuple[str, float, Mapping[str, Nodes], tuple[float, float]]
     "egr.curve": ("egr.area", 0.2, {"u_egr": OPENING, "p_im/p_em": RATIO}, (20.0, 0.12)),
     "turbine.curve": ("turbine.efficiency", 0.04, {"u_vgt": VANES, "p_amb/p_em": EXPANSION}, (20.0, 0.3)),
 }
-INPUTS: Mapping[str, Callable[[DieselAsFound, Mapping[str, Array]], Array]] = {
+INPUTS: Mapping[str, Callable[[AsFound, Mapping[str, Array]], Array]] = {
     "U_c": lambda found, x: found.constants.R_c * x["omega_t"],
     "p_im/p_amb": lambda _, x: x["p_im"] / x["p_amb"],
     "p_im/p_em": lambda _, x: x["p_im"] / x["p_em"],
@@ -69,27 +55,6 @@ def curves(catalogue: Mapping[str, Effect]) -> tuple[ComponentCurve, ...]:
 PULSATION_SPEED = 2000.0  # [rpm] Speed above which the flow at the sensor no longer pulsates backward
 PULSATION_FUEL = 40.0  # [mg/cycle] Full load at low speed
 ANY_DAY = DayToDay()  # the differences between days where none are configured
-EGR = "the same operating points with the EGR valve open and shut"
-
-
-def lacks(name: str) -> Change:
-    """Return the engine that lacks something, by its name."""
-    i = balances.Lacks._fields.index(name)
-    return lacking(i, IN_ORDER[i])
-
-
-def temperature_lag(s: Signals, tau: float) -> Signals:
-    """Return the temperature before a slow sensor; its rate is read through a wide window."""
-    return s.corrected("T_im", s["T_im"] + tau * s.slow("T_im"))
-
-
-def bypass(s: Signals, area: float) -> Signals:
-    """Return the flow before a hole that draws air in behind the filter, whose depression grows with the square of its flow."""
-    # The hole takes a fixed share of what passes the sensor, whatever the sensor's own error: the flow is that of the
-    # filling.
-    share = area * np.sqrt(2.0 * s["p_amb"] / (s.constants.constants.R_a * s["T_amb"]) * FILTER)
-    filling = s[SENSOR] - imbalances(s.constants, s, None)[1]
-    return s.corrected(SENSOR, s[SENSOR] + share / (1.0 + share) * np.maximum(filling, 0.0))
 
 
 def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
@@ -98,26 +63,19 @@ def pulsating(s: Signals | Mapping[str, Array], x: float) -> Array:
     return np.asarray(1.0 + x * slow * np.maximum(s["u_delta"], 0.0) / PULSATION_FUEL)
 
 
-_READING = on_the_reading()
+_LACKS = IN_ORDER._asdict()
+_SHARED = on_the_intake(_LACKS, lambda found, s: imbalances(found, s)[1])
 CATALOGUE = (
-    *(_READING[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
+    *(_SHARED[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
     Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.2, 1.0, "sensor", reading(pulsating), STEADY, True),
-    _READING["maf.contamination"],
-    Effect("leak.inlet", "area", "m^2", 0.0, 3e-5, -3e-5, 5e-4, "sensor", bypass, ALTITUDE, True),
-    fuel_gain("u_delta.gain", "u_delta"),
-    Effect("p_im.offset", "offset", "Pa", 0.0, 1e3, -2e4, 2e4, "p_im", offset("p_im"), BOOST),
-    Effect("p_im.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_im", gain("p_im"), BOOST),
+    *(_SHARED[name] for name in ("maf.contamination", "leak.inlet", "u_delta.gain", "p_im.offset", "p_im.gain")),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
-    Effect("T_im.lag", "tau", "s", 0.0, 3.0, -0.3, 20.0, "T_im", temperature_lag, EGR),
-    Effect("leak.intake", "area", "m^2", 0.0, 5e-6, -2e-6, 2e-4, "intake", lacks("leak_intake"), BOOST),
-    Effect("egr.leak", "area", "m^2", 0.0, 3e-6, -1e-6, 1e-4, "EGR", lacks("egr_leak"), EGR),
-    Effect("egr.area", "factor", "1", 1.0, 0.1, 0.2, 1.5, "EGR", lacks("egr_area"), EGR),
-    Effect("eta_vol.factor", "factor", "1", 1.0, 0.03, 0.6, 1.3, "cylinders", lacks("eta_vol"), EGR),
-    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacks("compressor"), BOOST),
-    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacks("turbine"), BOOST),
-    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacks("exhaust"), BOOST),
-)  # fmt: skip
+    *(_SHARED[name] for name in ("T_im.lag", "leak.intake", "egr.leak", "egr.area", "eta_vol.factor")),
+    Effect("compressor.flow", "factor", "1", 1.0, 0.03, 0.6, 1.3, "compressor", lacks(_LACKS, "compressor"), BOOST),
+    Effect("turbine.efficiency", "factor", "1", 1.0, 0.03, 0.5, 1.5, "turbine", lacks(_LACKS, "turbine"), BOOST),
+    Effect("exhaust.restriction", "factor", "1", 1.0, 0.5, 0.3, 10.0, "exhaust", lacks(_LACKS, "exhaust"), BOOST),
+)
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
 
 
@@ -128,13 +86,6 @@ def diesel_model(
     # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
     # calibration knows them, relative to where it found them.
     constants, point = constants_of(engine), loop_unknowns(tolerance, known)
-    names, values, modes = point.names, point.values, point.modes
-    count = len(names) - modes.shape[1]
-
-    def with_unknowns(beta: Array) -> DieselAsFound:
-        moved = {n: getattr(constants, n) * (1.0 + b) for n, b in zip(names[:count], beta.tolist(), strict=False)}
-        return DieselAsFound(constants._replace(**moved), values + modes @ beta[count:] if values.size else values)
-
     return ResidualModel(
         balances=BALANCES,
         unit="kg/s",
@@ -143,10 +94,10 @@ def diesel_model(
         fuel="u_delta",
         speed="n_e",
         lacks=tuple(IN_ORDER),
-        constants=DieselAsFound(constants, values),
-        names=names,
+        constants=AsFound(constants, point.values),
+        names=point.names,
         covariance=point.covariance,
-        with_unknowns=with_unknowns,
+        with_unknowns=found_around(constants, point),
         imbalances=imbalances,
         by_reading=by_reading,
         shown=shown,
@@ -155,12 +106,12 @@ def diesel_model(
         carriers=("maf.gain", "maf.offset", "eta_vol.factor", "egr.area", "compressor.flow"),
         curves=curves({effect.id: effect for effect in CATALOGUE}),
         levels=levels_of(day, BALANCES, "kg/s", CATALOGUE),
-        by_unknowns=None if known is None else partial(balances.by_corrections, modes),
-        adding=modes.shape[1],
+        by_unknowns=None if known is None else partial(balances.by_corrections, point.modes),
+        adding=point.modes.shape[1],
     )
 
 
-def by_reading(_: DieselAsFound, s: Signals, __: Blocks | None) -> Array:
+def by_reading(_: AsFound, s: Signals, __: Blocks | None) -> Array:
     """Return one for the balances that the sensor is part of, zero for the others, at every instant, shape (4, K)."""
     return np.repeat([[1.0], [1.0], [0.0], [0.0]], s.time.size // 2, axis=1)
 
