@@ -17,7 +17,7 @@ from lpvobs.api.doubts import Doubts, doubts_of
 from lpvobs.api.files import refuse_copies
 from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.mix_ups import Suspects
+from lpvobs.engines.channels import Suspects
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.finding import log_names

@@ -6,12 +6,10 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from lpvobs.engines.channels import Channel, Recorded
+from lpvobs.engines.channels import NONE_SUSPECTED, Channel, Pulsation, Recorded, Suspects
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.mix_ups import NONE_SUSPECTED, Suspects
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.engines.sensors import Pulsation
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart, Unknowns
 from lpvobs.records import Array, Log
 

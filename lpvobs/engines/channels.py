@@ -1,11 +1,16 @@
-"""Channels of a log: what a working sensor reads, how recordings of other programs call them, and those that all engines share."""
+"""Channels of a log: what working sensors read and how they are late, how recordings call them, and how they may be mixed up."""
 
 import math
 import tomllib
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, fields
+from functools import cache, partial
 from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
 
 
 @dataclass(frozen=True)
@@ -65,3 +70,81 @@ def recorded(*folders: str) -> Mapping[str, Recorded]:
     found = {name: how for table in tables for name, how in tomllib.loads(table).items()}
     lists = ("typical", "units")
     return {name: Recorded(**how | {key: tuple(how[key]) for key in lists}) for name, how in found.items()}
+
+
+SLOWEST = 60.0  # [s] A sensor that takes longer shows nothing of a drive cycle
+Pulsation = Callable[[Mapping[str, Array], float], Array]
+"""Returns reading over truth of a sensor in a flow that pulsates, shape (N,), from channels and a coefficient."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """How a sensor in order, and what records it, change what they show; zero leaves it as it is."""
+
+    tau: float = 0.0  # [s] of its first-order response
+    delay: float = 0.0  # [s] dead time, of the bus for example
+    filter: float = 0.0  # [s] over which the control unit takes a running mean
+    raster: float = 0.0  # [s] between two readings; each is held until the next
+    quantisation: float = 0.0  # smallest step of a reading, in the channel's unit
+    pulsation: float = 0.0  # what an air flow sensor reads too much by where the flow pulsates, as in `maf.backflow`
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            most = 1.0 if item.name == "pulsation" else float("inf") if item.name == "quantisation" else SLOWEST
+            if not 0.0 <= getattr(self, item.name) <= most:
+                raise ValueError(f"{item.name} must lie between 0 and {most:g}")
+
+    @property
+    def late(self) -> float:
+        """How late a sample is behind the sensor [s]; on average by half of what it is the mean of, or held for."""
+        return self.delay + 0.5 * (self.filter + self.raster)
+
+
+Channels = dict[str, Array]
+
+
+@dataclass(frozen=True)
+class MixUp:
+    """A mistake without which the balances agree: what to say of it, and how to put the channels right."""
+
+    says: str
+    mended: Callable[[Channels], Channels]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What no healthy engine does for more than a share of the time, whatever its constants, and where a log does it."""
+
+    says: str
+    broken: Callable[[Channels], NDArray[np.bool_]]
+    most: float
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """What the logs of a kind of engine are tried for."""
+
+    checks: tuple[Check, ...] = ()
+    mix_ups: tuple[MixUp, ...] = ()
+
+
+NONE_SUSPECTED = Suspects()
+
+
+def exchanged(one: str, other: str) -> MixUp:
+    """Return the mistake that two channels bear each other's names."""
+    return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
+
+
+def below(one: str, other: str, most: float, slack: float = 0.0, unit: str = "") -> Check:
+    """Return the check that a channel is not more than `slack` [unit] below another for more than a share of the time."""
+    far = f"more than {slack:g} {unit} " if slack else ""
+    return Check(f"{one} is {far}below {other}", partial(_below, one, other, slack), most)
+
+
+def _exchange(one: str, other: str, channels: Channels) -> Channels:
+    return {**channels, one: channels[other], other: channels[one]}
+
+
+def _below(one: str, other: str, slack: float, channels: Channels) -> NDArray[np.bool_]:
+    return np.asarray(channels[one] < channels[other] - slack)

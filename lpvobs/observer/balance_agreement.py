@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.mix_ups import Channels, Suspects
+from lpvobs.engines.channels import Channels, Suspects
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import cell_numbers

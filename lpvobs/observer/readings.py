@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from lpvobs.engines.sensors import Pulsation, Sensor
+from lpvobs.engines.channels import Pulsation, Sensor
 from lpvobs.observer.smoothing import Held, held_back
 from lpvobs.records import Array, Piece
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.engines.sensors import Sensor
+from lpvobs.engines.channels import Sensor
 from lpvobs.records import Array
 from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.parameters import Sensors, Structure

@@ -10,7 +10,7 @@ from math import floor, sqrt
 import numpy as np
 import scipy
 
-from lpvobs.engines.sensors import Sensor
+from lpvobs.engines.channels import Sensor
 from lpvobs.records import Array
 from lpvobs.simulation.courses import blended, lagged
 from lpvobs.simulation.disturbances import ChannelEffect, UnloggedEffect

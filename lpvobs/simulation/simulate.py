@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
+from lpvobs.engines.channels import Sensor
 from lpvobs.engines.constants import scaled
 from lpvobs.engines.diesel.constants import DieselEngine, own_constants
 from lpvobs.engines.diesel.lpv import Diesel
-from lpvobs.engines.sensors import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
 from lpvobs.simulation.disturbances import ChannelEffect, Injected

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.engines.sensors import Sensor
+from lpvobs.engines.channels import Sensor
 from lpvobs.observer.readings import put_right
 from lpvobs.records import Piece
 

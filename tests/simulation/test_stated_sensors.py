@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lpvobs.engines.sensors import Sensor
+from lpvobs.engines.channels import Sensor
 from lpvobs.simulation.simulate import simulate
 
 

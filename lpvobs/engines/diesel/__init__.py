@@ -3,12 +3,11 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import recorded
+from lpvobs.engines.channels import Suspects, below, exchanged, recorded
 from lpvobs.engines.diesel.constants import DieselEngine
 from lpvobs.engines.diesel.effects import pulsating, residual_model
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.engines.diesel.published import PUBLISHED, drive
-from lpvobs.engines.mix_ups import Suspects, below, exchanged
 from lpvobs.engines.residual_model import DayToDay
 
 # On 24 simulated drives (three cycles, sea level to 2000 m, -5 to 35 degrees) p_em was below p_im for 9 % of the time at most, T_im

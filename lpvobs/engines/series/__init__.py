@@ -3,8 +3,7 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import recorded
-from lpvobs.engines.mix_ups import Suspects, below, exchanged
+from lpvobs.engines.channels import Suspects, below, exchanged, recorded
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.series.constants import SeriesEngine
 from lpvobs.engines.series.effects import residual_model

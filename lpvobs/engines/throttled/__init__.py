@@ -3,8 +3,7 @@
 from functools import partial
 
 from lpvobs.engines.base import EngineKind
-from lpvobs.engines.channels import recorded
-from lpvobs.engines.mix_ups import Suspects, below, exchanged
+from lpvobs.engines.channels import Suspects, below, exchanged, recorded
 from lpvobs.engines.residual_model import DayToDay
 from lpvobs.engines.throttled.constants import ThrottledEngine, in_c
 from lpvobs.engines.throttled.effects import residual_model

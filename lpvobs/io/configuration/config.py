@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvobs.engines import base, registry
-from lpvobs.engines.sensors import Sensor
+from lpvobs.engines.channels import Sensor
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.strict import convert
 from lpvobs.io.configuration.strict import parse as _parse

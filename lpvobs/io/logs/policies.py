@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from lpvobs.engines.channels import Channel
-from lpvobs.engines.sensors import Pulsation, Sensor
+from lpvobs.engines.channels import Channel, Pulsation, Sensor
 from lpvobs.errors import DataError
 from lpvobs.observer.readings import put_right
 from lpvobs.records import Defects, Piece
