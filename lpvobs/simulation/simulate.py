@@ -131,7 +131,12 @@ def simulate(
     fine = _samples_per_reading(parameters, rate, sensors)
     truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
     shown |= behind(sensors, shown, 1.0 / (rate * fine))
-    readings = _read(engine, parameters, sensors, shown, fine, 1.0 / (rate * fine), seed)
+    logged, amplitude = {name: shown[name] for name in UNITS if name in shown}, parameters.structure.rasters
+    if amplitude > 0.0 or any(sensor.raster or sensor.quantisation for sensor in sensors.values()):
+        step, n_cyl = 1.0 / (rate * fine), engine.geometry.n_cyl
+        readings = record(amplitude, sensors, logged, n_cyl, fine, step, parameters.sensors, seed)
+    else:
+        readings = measure({name: values[::fine] for name, values in logged.items()}, parameters.sensors, seed)
     truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
@@ -148,20 +153,15 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
             f"{effect.id}: the drive does not log {effect.channel}; add it to [auxiliary] channels = [...], "
             f"or take a cycle that has it"
         )
-    if not isinstance(effect, CatalogueEffect | ChannelEffect):
-        return
-    if (effect.onset or 0.0) >= scene.duration:
+    if isinstance(effect, CatalogueEffect | ChannelEffect) and (effect.onset or 0.0) >= scene.duration:
         raise UsageError(
             f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {scene.duration:g} s"
         )
-    if isinstance(effect, CatalogueEffect) and effect.id == "maf.drift":
+    if not isinstance(effect, CatalogueEffect):
+        return
+    if effect.id == "maf.drift":
         _check_drift(effect, scene)
-    if (
-        isinstance(effect, CatalogueEffect)
-        and effect.id == "maf.temperature"
-        and effect.acts
-        and np.all(scene.course.T_amb == WARM)
-    ):
+    if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
         raise UsageError(
             f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add an [auxiliary] table"
         )
@@ -182,23 +182,6 @@ def _samples_per_reading(parameters: SimulationParameters, rate: float, sensors:
     if not (parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())):
         return 1
     return max(1, min(ceil(FINE / rate), floor(1.0 / (parameters.step * rate) + 1e-9)))
-
-
-def _read(
-    engine: DieselEngine,
-    parameters: SimulationParameters,
-    known: Mapping[str, Sensor],
-    shown: Mapping[str, Array],
-    fine: int,
-    step: float,
-    seed: int,
-) -> dict[str, Array]:
-    """Return the readings, shape (N,), of what noise-free sensors show every `step` seconds; every `fine`-th is logged."""
-    logged = {name: shown[name] for name in UNITS if name in shown}
-    amplitude = parameters.structure.rasters
-    if amplitude > 0.0 or any(sensor.raster or sensor.quantisation for sensor in known.values()):
-        return record(amplitude, known, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
-    return measure({name: values[::fine] for name, values in logged.items()}, parameters.sensors, seed)
 
 
 def _drive(
