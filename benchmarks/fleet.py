@@ -5,14 +5,20 @@ and noise are drawn anew. The noise of a log has the covariance of its sums, as 
 a day of its own as the simulated fleet has.
 """
 
+import os
+import shutil
+import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TypeVar
 from unittest.mock import patch
 
+import msgspec
 import numpy as np
 from common import CONFIG, configuration, markdown, publish
 from fleet_drives import A_MONTH, FIRST, KINDS, MONTH, MONTHS, VEHICLES, Vehicle, fleet, record, surface_of
@@ -21,21 +27,29 @@ import lpvobs
 from lpvobs.io.logs.finding import EPOCH, date_of
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, read_fleet
 from lpvobs.io.results.parts import PartsFolder
+from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.joint import NORMAL_90
-from lpvobs.observer.estimate import Point
-from lpvobs.observer.parts import LogInformation
-from lpvobs.observer.windows import Columns
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
 from lpvobs.tracking.fleet import Driven, Tracked, track
-from lpvobs.tracking.sums import TrackedLog, VehicleSums, flow_at_nodes, kept, weighed
+from lpvobs.tracking.power import Power
+from lpvobs.tracking.sums import KeptLog, TrackedLog, VehicleSums, flow_at_nodes, kept
 from lpvobs.tracking.timeline import CHANGE
 
 SEED = 1
+ALL = VEHICLES * MONTHS * A_MONTH
+STEPS = {
+    "quarter": f"stored sums of {ALL // 4} logs",
+    "sums": f"stored sums of {ALL} logs",
+    "month": f"a month of {VEHICLES * A_MONTH} logs more, in one process",
+}
+Kind = TypeVar("Kind")
 NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
 """Logs of a vehicle with few drives."""
+SHARES, POWER_FLEETS = (0.25, 0.5, 1.0), 2
+"""Of the drift that `track` says it finds, and fleets drawn to see whether it does."""
 DRIVEN = 0.02
 """Of the stay at the node where a vehicle is most, from which a node counts as driven."""
 
@@ -44,10 +58,8 @@ DRIVEN = 0.02
 class Course:
     """What a log keeps when its fleet is drawn anew."""
 
-    part: LogInformation
+    kept: KeptLog
     vehicle: int
-    date: float
-    products: Array
     flow: Array  # (p,) at the nodes
     root: Array  # of its noise
 
@@ -71,53 +83,90 @@ class Count:
 
 
 def main(folder: Path, fleets: int) -> None:
-    """Print and keep the page."""
-    if not folder.exists():
-        record(folder, SEED)
-    timed = _simulated(folder)
+    """Print and keep the page; what has been done is kept in the folder, and a run that was stopped goes on from there."""
+    record(folder, SEED)
+    timed = _done(folder / "timed.json", dict[str, tuple[float, float, float]], lambda: _simulated(folder))
     stored = read_fleet(folder / "fleet.h5")
     whole = _judged(stored.kept, stored.found, fleet(SEED), stored)
-    courses = _courses(folder, stored)
-    drawn = sum((_drawn(stored, courses, SEED + number) for number in range(1, fleets)), Count())
-    few = sum((_few(stored, courses, SEED + number) for number in range(1, min(fleets, 6))), Count())
+    courses: list[Course] = []
+
+    def drawn(name: str, made: Callable[[int], Count], numbers: Sequence[int]) -> Count:
+        def count(number: int) -> Count:
+            if not courses:
+                courses.extend(_courses(folder, stored))
+            return made(SEED + number)
+
+        return sum((_done(folder / f"{name}_{n}.json", Count, partial(count, n)) for n in numbers), Count())
+
+    anew = drawn("drawn", lambda seed: _drawn(stored, courses, seed), range(1, fleets))
+    few = drawn("few", lambda seed: _few(stored, courses, seed), range(1, min(fleets, 6)))
+    powers = [
+        (share, drawn(f"power_{share}", partial(_with_drift, stored, courses, share), range(1, 1 + POWER_FLEETS)))
+        for share in SHARES
+    ]
     publish(
         "fleet",
         "A fleet that ages",
-        _page(whole, drawn, few, fleets, timed),
+        _page(whole, anew, few, fleets, timed, stored.found.power, powers),
         "make fleet-proof",
     )
 
 
-def _simulated(folder: Path) -> dict[str, float]:
-    """Track the simulated fleet, the last month by itself; return what that took."""
-    out, gain = folder / "fleet.h5", folder / "gain.h5"
+def _done(path: Path, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
+    """Return what stands in a file, made now if it is not there."""
+    if not path.exists():
+        made = msgspec.json.encode(make())
+        with replacing(path) as temporary:
+            temporary.write_bytes(made)
+    return msgspec.json.decode(path.read_bytes(), type=kind)
+
+
+def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
+    """Track the simulated fleet, the last month by itself; return processor time, time and memory of each step."""
+    out, gain, month, quarter = folder / "fleet.h5", folder / "gain.h5", folder / "month.h5", folder / "quarter.h5"
     logs = sorted(folder.glob("V*/*.parquet"))
     last = [path for path in logs if path.stem.startswith("2025-12")]
+    given = ("--config", CONFIG, "--gain", gain, "--jobs", 1)
     if not gain.exists():
         lpvobs.synth_gain(CONFIG, logs[:2], out=gain)
     with patch.object(PartsFolder, "remove"):  # what the logs leave is needed once more
         if not out.exists():
-            lpvobs.track(CONFIG, [path for path in logs if path not in last], out=out, gain=gain)
-            lpvobs.track(CONFIG, last, out=out, gain=gain)
-        begin = time.process_time()
-        lpvobs.track(CONFIG, out=out)
-    return {"sums": time.process_time() - begin}
+            lpvobs.track(CONFIG, [path for path in logs if path not in last], out=out, gain=gain, jobs=1)
+        if not month.exists():
+            shutil.copy(out, month)
+            shutil.copytree(f"{out}.parts", f"{quarter}.parts", dirs_exist_ok=True)
+        lpvobs.track(CONFIG, last, out=out, gain=gain, jobs=1)
+    lpvobs.track(CONFIG, logs[: len(logs) // 4], out=quarter, gain=gain, jobs=1)
+    _measured("track", "--config", CONFIG, "--out", quarter)  # compiles what is not compiled yet
+    return {
+        "quarter": _measured("track", "--config", CONFIG, "--out", quarter),
+        "sums": _measured("track", "--config", CONFIG, "--out", out),
+        "month": _measured("track", *given, *last, "--out", month),
+    }
+
+
+def _measured(*arguments: object) -> tuple[float, float, float]:
+    """Return processor time [s], time [s] and the largest memory [MB] of a command line."""
+    begin = time.monotonic()
+    process = subprocess.Popen([sys.executable, "-m", "lpvobs", *map(str, arguments)], stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"lpvobs {arguments[0]} ended with {process.returncode}")
+    return used.ru_utime + used.ru_stime, time.monotonic() - begin, used.ru_maxrss / 1024
 
 
 def _courses(folder: Path, stored: StoredFleet) -> list[Course]:
-    """Return the products of every log, whole."""
-    config, basis, p = configuration(), stored.kept.basis, stored.grid.size
-    point = Point(config.engine_path(), config.estimate.of_engine(config.engine_path().usual_tolerance))
-    layout = Columns(p, point.unknowns.size, len(point.configured.balance_names))
-    parts, found = PartsFolder(folder / "fleet.h5", stored.kept.key), []
+    """Return what every log leaves, and the root of its noise's covariance."""
+    basis, p = stored.kept.basis, stored.grid.size
+    parts, found = PartsFolder(folder / "fleet.h5", stored.kept.key + basis.digest(), KeptLog), []
     for log in stored.kept.logs:
-        part = parts.read(log.sha256).part
-        products = weighed(part, layout, basis)
+        left = parts.read(log.sha256)
+        products = left.sums.whole(basis.size)
         variances, axes = np.linalg.eigh(products[:-2, :-2])
         root = (axes * np.sqrt(np.maximum(variances, 0.0) * basis.lasting))[:, variances > 1e-9 * variances[-1]]
         flow = flow_at_nodes(products[:p, :p], products[:p, -2], basis.flow)
-        part = replace(part, products=np.empty(0), slow=np.empty(0))
-        found.append(Course(part, int(log.vehicle[1:]), log.date, products, flow, root.astype(np.float32)))
+        found.append(Course(left, int(log.vehicle[1:]), flow, root.astype(np.float32)))
     return found
 
 
@@ -129,23 +178,27 @@ def _error(vehicle: Vehicle, stored: StoredFleet, flow: Array, date: float) -> A
     return gain * (flow + when_new) - flow
 
 
-def _redrawn(stored: StoredFleet, courses: Sequence[Course], seed: int) -> list[tuple[TrackedLog, VehicleSums]]:
+def _redrawn(
+    stored: StoredFleet, courses: Sequence[Course], seed: int, vehicles: Sequence[Vehicle] = ()
+) -> list[tuple[TrackedLog, VehicleSums]]:
     """Return the sums of a fleet whose maps, engines and noise are drawn anew."""
     rng = np.random.default_rng([seed, 81])
-    basis, vehicles = stored.kept.basis, fleet(seed)
+    basis, vehicles = stored.kept.basis, vehicles or fleet(seed)
     engines = rng.standard_normal((len(vehicles), basis.engine.shape[1]))
     days = np.sqrt(stored.found.sizes.daily) * CHANGE
-    cells = (stored.grid.speed.size - 1) * (stored.grid.fuel.size - 1)
+    cells = np.arange((stored.grid.speed.size - 1) * (stored.grid.fuel.size - 1))
     found = []
     for course in courses:
-        own = vehicles[course.vehicle]
-        error = _error(own, stored, course.flow, course.date)
+        own, log = vehicles[course.vehicle], course.kept.log
+        error = _error(own, stored, course.flow, log.date)
         error = error + basis.modes(course.flow) @ (days * rng.standard_normal(days.size))
         truth = np.concatenate([error, engines[course.vehicle]])
         noise = course.root @ rng.standard_normal(course.root.shape[1])
-        products = course.products.copy()
+        products = course.kept.sums.whole(basis.size)
         products[:-2, -1] = products[-1, :-2] = products[:-2, :-2] @ truth + noise
-        found.append(kept(course.part, products, basis, (course.part.run.name, own.name, "diesel", course.date), cells))
+        part = SimpleNamespace(run=log, cells=cells, gram=course.kept.sums.gram)
+        made = kept(part, products, basis, (log.name, own.name, "diesel", log.date), cells.size)
+        found.append((made.log, made.sums))
     return found
 
 
@@ -165,6 +218,18 @@ def _tracked(stored: StoredFleet, made: Sequence[tuple[TrackedLog, VehicleSums]]
 
 def _drawn(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
     return _judged(*_tracked(stored, _redrawn(stored, courses, seed)), fleet(seed), stored)
+
+
+def _with_drift(stored: StoredFleet, courses: Sequence[Course], share: float, seed: int) -> Count:
+    """Count what is found where every vehicle drifts by a share of what its logs are said to show."""
+    stated = next(each for each in stored.found.power if each.logs == MONTHS * A_MONTH)
+    signs = np.random.default_rng([seed, 90]).choice((-1.0, 1.0), VEHICLES)
+    vehicles = [
+        replace(each, kind="drift", change=0.0, slope=float(sign * share * stated.drift))
+        for each, sign in zip(fleet(seed), signs, strict=True)
+    ]
+    _, found = _tracked(stored, _redrawn(stored, courses, seed, vehicles))
+    return Count(changes=VEHICLES, found=sum(each.verdict != "steady" for each in found.vehicles))
 
 
 def _judged(kept_of: FleetSums, found: Tracked, vehicles: Sequence[Vehicle], stored: StoredFleet) -> Count:
@@ -217,7 +282,15 @@ def _few(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
     return total
 
 
-def _page(whole: Count, drawn: Count, few: Count, fleets: int, timed: dict[str, float]) -> str:
+def _page(
+    whole: Count,
+    drawn: Count,
+    few: Count,
+    fleets: int,
+    timed: dict[str, tuple[float, float, float]],
+    power: Sequence[Power],
+    powers: Sequence[tuple[float, Count]],
+) -> str:
     both = whole + drawn
     rows = []
     for name, count in (("simulated whole", whole), (f"{fleets - 1} drawn anew", drawn), ("together", both)):
@@ -242,8 +315,24 @@ def _page(whole: Count, drawn: Count, few: Count, fleets: int, timed: dict[str, 
             "drives, weighted as `track` weights it.",
             f"Maps of {len(few.alone)} vehicles with {FEW} drives, nodes that these have driven: {alone:.3f} g/s rms alone, "
             f"{member:.3f} g/s as members of their type.",
-            f"`track` of the stored sums of {VEHICLES * MONTHS * A_MONTH} logs takes {timed['sums']:.1f} s of one processor, "
-            "reading and writing the file included.",
+            "What `track` says of this fleet's power: changes of the gain that it finds at least nine times out of ten.",
+            markdown(
+                ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
+                [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
+            ),
+            f"Fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, all of which drift by a share of that:",
+            markdown(
+                ["share of the drift stated", "vehicles that stand out"],
+                [[f"{share:g}", f"{count.found} of {count.changes}"] for share, count in powers],
+            ),
+            "Time and memory of `lpvobs track`, started afresh, reading and writing the file included:",
+            markdown(
+                ["", "processor [s]", "by the clock [s]", "memory at most [MB]"],
+                [
+                    [STEPS[name], f"{cpu:.1f}", f"{clock:.1f}", f"{memory:.0f}"]
+                    for name, (cpu, clock, memory) in timed.items()
+                ],
+            ),
         )
     )
 

@@ -81,6 +81,8 @@ def record(folder: Path, seed: int, only: slice = slice(None)) -> None:
         )[0]
         surface = surface_of(config.simulation.surface, vehicle)
         (folder / vehicle.name).mkdir(parents=True, exist_ok=True)
+        if len(list((folder / vehicle.name).glob("*.parquet"))) == MONTHS * A_MONTH:  # by a run before this one
+            continue
         made = []
         for route in range(ROUTES):
             rng = np.random.default_rng([seed, number, route])

@@ -29,6 +29,7 @@ from lpvobs.observer.windows import Columns
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
+from lpvobs.tracking.power import Power
 from lpvobs.tracking.sums import Basis, KeptLog, basis_of, kept, weighed
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
@@ -47,6 +48,9 @@ class TrackOutput:
     vehicles: Sequence[Standing]
     changes: Sequence[MapChange]
     next: Sequence[NextCell]
+    power: Annotated[
+        Sequence[Power], Meta(description="Changes of the gain found nine times out of ten, by number of logs.")
+    ]
 
 
 @dataclass(frozen=True)
@@ -156,6 +160,7 @@ def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutp
         vehicles=found.worst_first(),
         changes=found.changes,
         next=found.cells,
+        power=found.power,
     )
 
 

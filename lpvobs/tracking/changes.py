@@ -31,12 +31,12 @@ def history(vehicle: Timeline, fleet: Fleetwide) -> Story:
     for factor in UNEASY:
         sizes = fleet.uneasy(factor)
         events = _events(vehicle, sizes)
-        against = sum(_against(each, vehicle.day.size) for each in events) + np.log(factor)
+        against = sum(improbable(each, vehicle.day.size) for each in events) + np.log(factor)
         tried.append((vehicle.evidence(sizes, events) - against, Story(factor, events)))
     return max(tried, key=lambda item: item[0])[1]
 
 
-def _against(event: Event, places: int) -> float:
+def improbable(event: Event, places: int) -> float:
     """Return the logarithm of how improbable an event is beforehand."""
     return float(np.log(SURPRISE) + np.log(places) * (event.kind != "trend"))
 
@@ -87,7 +87,7 @@ def _gains(
     b = np.einsum("mlt,la->mta", F, r).reshape(-1, size, 1)
     root = np.linalg.cholesky(A)
     fit = np.linalg.solve(root, b)[..., 0]
-    against = sum(_against(each, L) for each in (*before, Event(kind)))
+    against = sum(improbable(each, L) for each in (*before, Event(kind)))
     return np.asarray(0.5 * (fit**2).sum(1) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(1) - against)
 
 

@@ -11,6 +11,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 from lpvobs.tracking.changes import history
 from lpvobs.tracking.maps import OverTime, TypeMap, alone, type_map
+from lpvobs.tracking.power import Power, power_of
 from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums, flow_at_nodes
 from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
 
@@ -92,6 +93,7 @@ class Tracked:
     changes: tuple[MapChange, ...]
     maps: tuple[PeriodMap, ...]
     cells: tuple[NextCell, ...]
+    power: tuple[Power, ...] = ()  # by number of logs
 
     def worst_first(self) -> tuple[Standing, ...]:
         """Return the vehicles, those that stand out first, by how far their maps have moved."""
@@ -255,4 +257,6 @@ def track(
         changes += changed
         maps += [PeriodMap(vehicle.name, *item) for item in zip(names, values, errors, strict=True)]
         cells += fleet.visit(each, errors[-1])
-    return Tracked(fleet.sizes, tuple(types.values()), tuple(standings), tuple(changes), tuple(maps), tuple(cells))
+    power = power_of(sums, [vehicle.logs for vehicle in vehicles], basis, prior, fleet.sizes)
+    every = (types.values(), standings, changes, maps, cells)
+    return Tracked(fleet.sizes, *(tuple(each) for each in every), power)  # type: ignore[arg-type]

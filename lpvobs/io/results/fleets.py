@@ -16,6 +16,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
+from lpvobs.tracking.power import Power
 from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
 
@@ -72,6 +73,7 @@ def write_fleet(
             ("changes", "change", found.changes),
             ("maps", "map", found.maps),
             ("next", "cell", found.cells),
+            ("power", "log_count", found.power),
         ):
             hdf.write_group(file, name, rows(records, row, LABELS))
         provenance.write(file)
@@ -88,6 +90,7 @@ def read_fleet(path: Path) -> StoredFleet:
             changes=read_rows(file["changes"], MapChange, "change"),
             maps=read_rows(file["maps"], PeriodMap, "map"),
             cells=read_rows(file["next"], NextCell, "cell"),
+            power=read_rows(file.get("power"), Power, "log_count"),
         )
         axes = extrapolations.axes_of(file)
         grid, kept = read(file["map"], extrapolations.grid_layout(axes)), read(file["sums"], FleetSums)
