@@ -1,5 +1,6 @@
 """A fleet of rows that are drawn here: what is known of it is known exactly, and a dense twin says what the numerics must find."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
 from lpvobs.tracking.changes import history
 from lpvobs.tracking.fleet import track
+from lpvobs.tracking.power import LOGS, power_of
 from lpvobs.tracking.sums import MODES, Basis, kept
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, vehicle_of
 
@@ -141,3 +143,33 @@ def test_sums_add_up_in_pieces():
     whole = sums_of(made)
     parts = sums_of(made[:10]).plus(sums_of(made[10:]))
     np.testing.assert_allclose(parts.whole(BASIS.size), whole.whole(BASIS.size), rtol=1e-12)
+
+
+def power(made, sizes=SIZES):
+    found = power_of([sums_of(own) for own in made], [[log for log, *_ in own] for own in made], BASIS, PRIOR, sizes)
+    return {each.logs: each for each in found}
+
+
+def test_a_drift_of_the_size_stated_is_found_and_a_small_one_is_not():
+    stated = power([drives(seed, f"v{seed}") for seed in range(50, 53)])[MONTHS.size]
+
+    def found(share):
+        slope = share * stated.drift
+        made = [drives(60 + seed, gain=lambda month: slope * month) for seed in range(6)]
+        own = [vehicle_of(sums_of(each), [log for log, *_ in each], BASIS, PRIOR) for each in made]
+        return sum(bool(history(each, SIZES).events) for each in own)
+
+    assert found(1.0) >= 5
+    assert found(0.1) == 0
+
+
+def test_more_logs_and_quieter_days_show_less():
+    made = [drives(seed, f"v{seed}") for seed in (54, 55)]
+    quiet, restless = power(made), power(made, Fleetwide(0.03, 0.03, 0.03, 0.001))
+    for now, later in pairwise(LOGS):
+        assert quiet[later].drift < quiet[now].drift < restless[now].drift
+        assert quiet[later].step < quiet[now].step < restless[now].step
+
+
+def test_one_log_each_shows_no_change():
+    assert power([drives(seed, f"v{seed}")[:1] for seed in (56, 57)]) == {}
