@@ -16,7 +16,7 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.reading import LogFile
-from lpvobs.io.results.fleets import FleetSums, StoredFleet, expect_key, read_fleet, write_fleet, write_table
+from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, expect_key, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
@@ -30,7 +30,7 @@ from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
 from lpvobs.tracking.power import Power
-from lpvobs.tracking.sums import Basis, KeptLog, basis_of, kept, weighed
+from lpvobs.tracking.sums import Basis, DatedEffect, KeptLog, basis_of, kept, weighed
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
 """By name and by date: they show where the engine is linearised, and how rows are weighed."""
@@ -47,6 +47,7 @@ class TrackOutput:
     periods: Sequence[str]
     vehicles: Sequence[Standing]
     changes: Sequence[MapChange]
+    effects: Annotated[Sequence[DatedEffect], Meta(description="What refine found, in the time of the fleet.")]
     next: Sequence[NextCell]
     power: Annotated[
         Sequence[Power], Meta(description="Changes of the gain found nine times out of ten, by number of logs.")
@@ -75,6 +76,7 @@ def track(
     gain: File | None = None,
     engine: File | None = None,
     table: File | None = None,
+    refined: File | Iterable[File] = (),
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -103,6 +105,8 @@ def track(
         As for `estimate`.
     table : path, optional
         Parquet file to write with a row for each vehicle, period and node.
+    refined : path or several
+        Results of `refine` on logs of the fleet: the effects that it found get their place in time, and stay with the fleet.
 
     Returns
     -------
@@ -116,7 +120,8 @@ def track(
     refuse_copies(found)
     given = None if gain is None else as_path(gain)
     calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
-    with writing(out, [config, *found, given, calibrated, origins, table]) as target:
+    told = as_paths(refined)
+    with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
         before = read_fleet(target) if target.is_file() else None
@@ -134,7 +139,9 @@ def track(
         if sums is None:
             raise DataError("; ".join(refused))
         periods = {log.sha256: date_of(log.date).strftime(PERIODS[every]) for log in sums.logs}
-        sums = replace(sums, every=every)
+        told_of = (*sums.effects, *(effect for each in told for effect in dated(each, sums.logs)))
+        by_time = {(each.vehicle, each.first, each.id, each.parameter): each for each in told_of}
+        sums = replace(sums, every=every, effects=tuple(by_time[key] for key in sorted(by_time)))
         result = _solved(configuration, sums, periods)
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
@@ -159,6 +166,7 @@ def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutp
         periods=periods,
         vehicles=found.worst_first(),
         changes=found.changes,
+        effects=fleet.kept.effects,
         next=found.cells,
         power=found.power,
     )
@@ -281,7 +289,8 @@ class _Adding:
             sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
         total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
         refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        return FleetSums(key, every, task.point.deviation, basis, total, in_order) if logs else before, refused
+        effects = () if before is None else before.effects
+        return FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before, refused
 
     def begun(
         self, workers: Workers, task: PartTask, whose: Sequence[_Whose], progress: Progress

@@ -23,6 +23,9 @@ def track(
     gain: Path | None = GAIN,
     engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
     to_table: Path | None = option("FILE.parquet", "A row for each vehicle, period and node.", "--table"),
+    refined: list[Path] | None = option(
+        "REFINED.h5", "What refine found on logs of the fleet; once or several times.", "--refined"
+    ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),
@@ -42,7 +45,7 @@ def track(
     with progress("tracking") as report:
         fleet, content = follow(
             config, logs or (), out=out, by=by, every=every, path=path, origins=origins, gain=gain, engine=engine,
-            table=to_table, jobs=jobs, scheduler=scheduler, progress=report,
+            table=to_table, refined=refined or (), jobs=jobs, scheduler=scheduler, progress=report,
         )  # fmt: skip
     if as_json:
         print_json("track", content)
@@ -54,9 +57,9 @@ def track(
 
 def show_fleet(fleet: Any, verbose: bool = False) -> None:
     """Print a summary, the vehicles that stand out, or all, and changes."""
-    from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
+    from lpvobs.report.fleets import change_rows, effect_rows, fleet_summary, vehicle_rows
 
     print(fleet_summary(fleet))
-    for rows in (vehicle_rows(fleet, verbose), change_rows(fleet)):
+    for rows in (vehicle_rows(fleet, verbose), change_rows(fleet), effect_rows(fleet)):
         if rows[1]:
             print("\n" + table(*rows))

@@ -11,7 +11,7 @@ from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.report.content import SurfaceView
 from lpvobs.report.figures import error_limit, error_map
-from lpvobs.report.fleets import change_rows, fleet_summary, vehicle_rows
+from lpvobs.report.fleets import change_rows, effect_rows, fleet_summary, vehicle_rows
 from lpvobs.report.page import rendered
 from lpvobs.report.residual import Section, picture
 from lpvobs.tracking.fleet import PeriodMap
@@ -56,7 +56,7 @@ def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
         own[item.vehicle].append(item)
     for cell in fleet.found.cells:
         cells[cell.vehicle].append(f"{cell.speed:g} at {cell.fuel:g}: {cell.seconds:.0f} s")
-    axes = " at ".join(reversed(list(fleet.axes)))
+    axes, effects = " at ".join(reversed(list(fleet.axes))), effect_rows(fleet)[1]
     rows = vehicle_rows(fleet, True)[1]
     for number, (each, row) in enumerate(zip(fleet.found.worst_first(), rows, strict=True)):
         weight = 1.0 / own[each.vehicle][-1].standard_error ** 2
@@ -68,6 +68,12 @@ def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
             f"{change[1]} on {change[2]} (90 %: {change[3]} to {change[4]}): {change[5]} {change[6]} g/s, {change[7]} {change[8]} %"
             for change in changes
             if change[0] == each.vehicle
+        ]
+        told += [
+            f"refine found {effect[1]} from {effect[8]} to {effect[9]}: "
+            f"{effect[2]} {effect[3]} {effect[6]} (90 %: {effect[4]} to {effect[5]})"
+            for effect in effects
+            if effect[0] == each.vehicle
         ]
         yield {
             "id": f"v{number}",

@@ -1,5 +1,7 @@
 """A fleet in words and tables."""
 
+import numpy as np
+
 from lpvobs.io.logs.finding import date_of
 from lpvobs.io.results.fleets import StoredFleet
 from lpvobs.maps.joint import NORMAL_90
@@ -45,6 +47,20 @@ def change_rows(fleet: StoredFleet) -> Table:
             *_cells(each.size, each.size_error),
         ]
         for each in fleet.found.changes
+    ]
+
+
+def effect_rows(fleet: StoredFleet) -> Table:
+    """Return a row per effect that `refine` found: its size, the last log without it, the first and the last with it."""
+    header = ["vehicle", "found by refine", "parameter", "value", "5 %", "95 %", "unit", "not yet", "first", "last"]
+    return header, [
+        [
+            *(each.vehicle, each.id, each.parameter),
+            *(f"{size:.4g}" for size in (each.value, each.low, each.high)),
+            each.unit,
+            *("" if np.isnan(day) else date_of(day).isoformat() for day in (each.absent, each.first, each.last)),
+        ]
+        for each in fleet.kept.effects
     ]
 
 

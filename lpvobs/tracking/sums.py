@@ -116,6 +116,22 @@ class VehicleSums:
 
 
 @dataclass(frozen=True)
+class DatedEffect:
+    """An effect that `refine` found on logs of a vehicle."""
+
+    vehicle: Annotated[str, Item("1", "vehicle")]
+    id: Annotated[str, Item("1", "effect", name="effect")]
+    parameter: Annotated[str, Item("1", "parameter")]
+    unit: Annotated[str, Item("1", "unit of the parameter")]
+    value: Annotated[float, Item("1", "the parameter")]
+    low: Annotated[float, Item("1", "begin of the 90 % interval", gaps=True)]
+    high: Annotated[float, Item("1", "end of it", gaps=True)]
+    absent: Annotated[float, Item("d", "last log before that is without it, days since 1970-01-01", gaps=True)]
+    first: Annotated[float, Item("d", "first log that has it, days since 1970-01-01")]
+    last: Annotated[float, Item("d", "last log that has it, days since 1970-01-01")]
+
+
+@dataclass(frozen=True)
 class KeptLog:
     """What tracking keeps of a log, and what is added to the sums of its vehicle."""
 

@@ -7,6 +7,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lpvobs.discovery.known_effects import KnownEffect, Span
+from lpvobs.io.results import hdf
+from lpvobs.io.results.fleets import read_fleet
+from lpvobs.io.results.mapping import write
+from lpvobs.io.results.refinements import BOUNDS, StoredRefinement
+from lpvobs.io.results.results import KIND
+
 ROWS = 2400
 
 
@@ -138,3 +145,35 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     assert text.count("<polyline") == 2
     assert text.count('id="v') == 3  # two vehicles, and the section of all
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
+
+
+def refined(path, digests, spans):
+    """Write a result in which `refine` has found a lag on some logs."""
+    lag = KnownEffect(
+        "maf.lag", "sensor", "tau", "s", 0.08, (0.079, 0.081),
+        tuple(Span("log", digest, *span) for digest, span in zip(digests, spans, strict=True)), True, None,
+    )  # fmt: skip
+    with hdf.creating(path) as file:
+        file.attrs["schema"] = f"lpvobs/{KIND}/1"
+        write(file, "refinement", StoredRefinement((lag,), {}, {}, True, "{}"), BOUNDS)
+    return path
+
+
+def test_what_refine_found_has_its_place_in_time_and_stays(whole, track, lpvobs, config, tmp_path):
+    out = tmp_path / "fleet.h5"
+    out.write_bytes(whole[0].read_bytes())
+    logs = sorted((log.date, log.sha256) for log in read_fleet(out).kept.logs if log.vehicle == "b")
+    spans = [(np.inf, np.inf), (40.0, np.inf), (-np.inf, np.inf)]
+    found = refined(tmp_path / "refined.h5", [digest for _, digest in logs[:3]], spans)
+    again = ("track", "--config", config, "--out", out, "--json")
+    for more in (("--refined", found), ("--refined", found), ()):
+        done = lpvobs(*again, *more)
+        assert done.code == 0, done.err
+        (effect,) = json.loads(done.out)["effects"]
+    assert (effect["vehicle"], effect["id"], effect["value"]) == ("b", "maf.lag", 0.08)
+    assert [effect[name] for name in ("absent", "first", "last")] == [day for day, _ in logs[:3]]
+    assert "maf.lag" in lpvobs("track", "--config", config, "--out", out).out
+    strange = refined(tmp_path / "strange.h5", ["0" * 64], [(-np.inf, np.inf)])
+    done = lpvobs(*again, "--refined", strange)
+    assert done.code == 3
+    assert "maf.lag was found on logs that are not in the fleet" in done.err

@@ -8,16 +8,17 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results import extrapolations, hdf
-from lpvobs.io.results.mapping import fields, read, read_rows, rows, write
+from lpvobs.io.results import extrapolations, hdf, results
+from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
+from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
 from lpvobs.tracking.power import Power
-from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums
+from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
 
 KIND = "fleet"
@@ -35,6 +36,7 @@ class FleetSums:
     basis: Annotated[Basis, Item("1", "how rows are weighed")]
     sums: Annotated[tuple[VehicleSums, ...], Item("1", "sums of a vehicle", name="vehicle")] = ()  # by name
     logs: Annotated[tuple[TrackedLog, ...], Item("1", "logs", ("log",))] = field(default=())  # by digest
+    effects: tuple[DatedEffect, ...] = ()  # by vehicle and date
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ def write_fleet(
             ("maps", "map", found.maps),
             ("next", "cell", found.cells),
             ("power", "log_count", found.power),
+            ("effects", "effect", kept.effects),
         ):
             hdf.write_group(file, name, rows(records, row, LABELS))
         provenance.write(file)
@@ -93,7 +96,10 @@ def read_fleet(path: Path) -> StoredFleet:
             power=read_rows(file.get("power"), Power, "log_count"),
         )
         axes = extrapolations.axes_of(file)
-        grid, kept = read(file["map"], extrapolations.grid_layout(axes)), read(file["sums"], FleetSums)
+        grid, kept = (
+            read(file["map"], extrapolations.grid_layout(axes)),
+            read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect")),
+        )
         return StoredFleet(
             path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file), read_refused(file)
         )
@@ -106,6 +112,26 @@ def expect_key(path: Path, kept: FleetSums, key: str) -> None:
             f"{path}: was made with another configuration, gain, engine or version; its sums do not add up with new ones: "
             f"give what it was made with, or name another file in --out and all logs"
         )
+
+
+def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
+    """Return the effects of a refined result in the time of the fleet; raises DataError if none of its logs is in it."""
+    with hdf.reading(refined, results.KIND, "make it with `lpvobs refine`") as file:
+        stored = read_if_there(file.get("refinement"), StoredRefinement)
+    known, found = {log.sha256: log for log in logs}, []
+    for effect in () if stored is None else stored.effects:
+        present = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin < np.inf]
+        if not present:
+            raise DataError(
+                f"{refined}: {effect.id} was found on logs that are not in the fleet; track these logs as well, or leave it out"
+            )
+        for vehicle in sorted({log.vehicle for log in present}):
+            days = [log.date for log in present if log.vehicle == vehicle]
+            others = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin == np.inf]
+            before = [log.date for log in others if log.vehicle == vehicle and log.date <= min(days)]
+            size = (effect.id, effect.parameter, effect.unit, effect.value, *effect.ci90)
+            found.append(DatedEffect(vehicle, *size, max(before, default=np.nan), min(days), max(days)))
+    return found
 
 
 def write_table(path: Path, fleet: StoredFleet) -> None:
