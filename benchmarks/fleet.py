@@ -32,7 +32,7 @@ from lpvobs.maps.joint import NORMAL_90
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
 from lpvobs.tracking.fleet import Driven, Tracked, track
-from lpvobs.tracking.power import Power
+from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import KeptLog, TrackedLog, VehicleSums, flow_at_nodes, kept
 from lpvobs.tracking.timeline import CHANGE
 
@@ -288,7 +288,7 @@ def _page(
     few: Count,
     fleets: int,
     timed: dict[str, tuple[float, float, float]],
-    power: Sequence[Power],
+    power: Sequence[Detectable],
     powers: Sequence[tuple[float, Count]],
 ) -> str:
     both = whole + drawn

@@ -91,7 +91,7 @@ class PartTask:
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Left]):
+class LogOutcome(Generic[Left]):
     """What came of a log: what it leaves, unless that is there already, whether of the whole, or why it cannot be used."""
 
     sha256: str
@@ -185,13 +185,13 @@ def estimate_fleet(
 
 def linearised(
     workers: Workers, task: PartTask, paths: Sequence[Path], progress: Callable[[float], None]
-) -> tuple[PartTask, dict[Path, Outcome[StoredPart]]]:
+) -> tuple[PartTask, dict[Path, LogOutcome[StoredPart]]]:
     """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
 
     Logs that cannot be used make room for others.
     """
     opening = replace(task, seconds=OPENING_SECONDS)
-    found: dict[Path, Outcome[StoredPart]] = {}
+    found: dict[Path, LogOutcome[StoredPart]] = {}
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
@@ -227,13 +227,13 @@ Task = TypeVar("Task", bound=OfPath)
 
 def outcomes_of(
     workers: Workers,
-    function: Callable[[Task], Outcome[Left]],
+    function: Callable[[Task], LogOutcome[Left]],
     tasks: Sequence[Task],
-    keep: Callable[[Outcome[Left]], None] | None,
+    keep: Callable[[LogOutcome[Left]], None] | None,
     progress: Callable[[float], None],
-) -> dict[Path, Outcome[Left]]:
+) -> dict[Path, LogOutcome[Left]]:
     """Go through logs; what comes of each is handed to `keep`, and forgotten but for its digest."""
-    found: dict[Path, Outcome[Left]] = {}
+    found: dict[Path, LogOutcome[Left]] = {}
     for count, (number, outcome) in enumerate(workers.finished(function, tasks), 1):
         if keep is not None and outcome.refusal is None:
             keep(outcome)
@@ -254,7 +254,7 @@ def refuse_empty(estimate: MapEstimate) -> None:
         raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
 
 
-def part_of(task: PartTask) -> Outcome[StoredPart]:
+def part_of(task: PartTask) -> LogOutcome[StoredPart]:
     """Go through one log."""
 
     def stored(log: LogFile, beginning: Beginning) -> StoredPart:
@@ -265,18 +265,18 @@ def part_of(task: PartTask) -> Outcome[StoredPart]:
     return gone_through(task, stored)
 
 
-def gone_through(task: PartTask, left: Callable[[LogFile, Beginning], Left]) -> Outcome[Left]:
+def gone_through(task: PartTask, left: Callable[[LogFile, Beginning], Left]) -> LogOutcome[Left]:
     """Go through one log for what it leaves; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""
     try:
         log = LogFile(task.path, task.point.air_path.channels, task.policies, threads=task.alone)
         sha256 = log.sha256
         if sha256 in task.done:
-            return Outcome(sha256)
+            return LogOutcome(sha256)
         beginning = Beginning(log, task.seconds)
-        return Outcome(sha256, left(log, beginning), whole=not beginning.goes_on)
+        return LogOutcome(sha256, left(log, beginning), whole=not beginning.goes_on)
     except DataError as error:
-        return Outcome(sha256, refusal=str(error))
+        return LogOutcome(sha256, refusal=str(error))
 
 
 def compared(task: MetricsTask) -> Metrics:
@@ -318,7 +318,7 @@ class _Store:
     def done(self) -> frozenset[str]:
         return self.folder.found() if self.folder else frozenset()
 
-    def keep(self, outcome: Outcome[StoredPart]) -> None:
+    def keep(self, outcome: LogOutcome[StoredPart]) -> None:
         if outcome.stored is None:
             return
         if self.folder:

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from lpvobs.api.estimate import gain_for, used_engine, workplace_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
-from lpvobs.api.fleet import Outcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
+from lpvobs.api.fleet import LogOutcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
@@ -29,7 +29,7 @@ from lpvobs.observer.windows import Columns
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
-from lpvobs.tracking.power import Power
+from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import Basis, DatedEffect, KeptLog, basis_of, kept, weighed
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
@@ -50,7 +50,7 @@ class TrackOutput:
     effects: Annotated[Sequence[DatedEffect], Meta(description="What refine found, in the time of the fleet.")]
     next: Sequence[NextCell]
     power: Annotated[
-        Sequence[Power], Meta(description="Changes of the gain found nine times out of ten, by number of logs.")
+        Sequence[Detectable], Meta(description="Changes of the gain found nine times out of ten, by number of logs.")
     ]
 
 
@@ -221,7 +221,7 @@ class _SumsTask:
         return self.whose.path
 
 
-def sums_of(task: _SumsTask) -> Outcome[KeptLog]:
+def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
     """Go through one log."""
     grid, point, its = task.part.grid, task.part.point, task.whose
 
@@ -275,7 +275,7 @@ class _Adding:
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
             task = replace(task, done=folder.found())
 
-            def keep(outcome: Outcome[KeptLog]) -> None:
+            def keep(outcome: LogOutcome[KeptLog]) -> None:
                 if outcome.stored is not None:
                     folder.keep(outcome.stored)
 

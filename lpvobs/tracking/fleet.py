@@ -11,7 +11,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 from lpvobs.tracking.changes import history
 from lpvobs.tracking.maps import OverTime, TypeMap, alone, type_map
-from lpvobs.tracking.power import Power, power_of
+from lpvobs.tracking.power import Detectable, power_of
 from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums, flow_at_nodes
 from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
 
@@ -93,7 +93,7 @@ class Tracked:
     changes: tuple[MapChange, ...]
     maps: tuple[PeriodMap, ...]
     cells: tuple[NextCell, ...]
-    power: tuple[Power, ...] = ()  # by number of logs
+    power: tuple[Detectable, ...] = ()  # by number of logs
 
     def worst_first(self) -> tuple[Standing, ...]:
         """Return the vehicles, those that stand out first, by how far their maps have moved."""
@@ -258,5 +258,5 @@ def track(
         maps += [PeriodMap(vehicle.name, *item) for item in zip(names, values, errors, strict=True)]
         cells += fleet.visit(each, errors[-1])
     power = power_of(sums, [vehicle.logs for vehicle in vehicles], basis, prior, fleet.sizes)
-    every = (types.values(), standings, changes, maps, cells)
-    return Tracked(fleet.sizes, *(tuple(each) for each in every), power)  # type: ignore[arg-type]
+    found_types, told = tuple(types.values()), (tuple(standings), tuple(changes), tuple(maps), tuple(cells))
+    return Tracked(fleet.sizes, found_types, *told, power)

@@ -23,7 +23,7 @@ QUANTILE = 1.2816
 
 
 @dataclass(frozen=True)
-class Power:
+class Detectable:
     """What is found nine times out of ten in so many logs of a vehicle, as a share of the reading."""
 
     logs: Annotated[int, Item("1", "logs of a vehicle", name="log_count")]
@@ -34,7 +34,7 @@ class Power:
 
 def power_of(
     sums: Sequence[VehicleSums], logs: Sequence[Sequence[TrackedLog]], basis: Basis, prior: float, sizes: Fleetwide
-) -> tuple[Power, ...]:
+) -> tuple[Detectable, ...]:
     """Return what is found by number of logs; nothing where no vehicle has two logs on different days."""
     every = [log for its in logs for log in its]
     apart = np.concatenate([np.diff(sorted(log.date for log in its)) for its in logs])
@@ -44,7 +44,7 @@ def power_of(
     usual = replace(
         every[0], modes=np.mean([log.modes for log in every], axis=0), own=np.mean([log.own for log in every], axis=0)
     )
-    mean = sum(each.whole(basis.size) for each in sums) / len(every)
+    mean = np.sum([each.whole(basis.size) for each in sums], axis=0) / len(every)
     on = np.flatnonzero(np.diag(mean))
     found = []
     for count in LOGS:
@@ -52,7 +52,7 @@ def power_of(
         vehicle = vehicle_of(own, [replace(usual, date=pace * i) for i in range(count)], basis, prior)
         middle = float(vehicle.day[count // 2 - 1 : count // 2 + 1].mean())
         drift, step = (_least(vehicle, sizes, Event(*each)) for each in (("trend",), ("step", middle)))
-        found.append(Power(count, pace * (count - 1), drift / 12.0, step))
+        found.append(Detectable(count, pace * (count - 1), drift / 12.0, step))
     return tuple(found)
 
 

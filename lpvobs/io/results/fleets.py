@@ -17,7 +17,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
-from lpvobs.tracking.power import Power
+from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
 
@@ -93,7 +93,7 @@ def read_fleet(path: Path) -> StoredFleet:
             changes=read_rows(file["changes"], MapChange, "change"),
             maps=read_rows(file["maps"], PeriodMap, "map"),
             cells=read_rows(file["next"], NextCell, "cell"),
-            power=read_rows(file.get("power"), Power, "log_count"),
+            power=read_rows(file.get("power"), Detectable, "log_count"),
         )
         axes = extrapolations.axes_of(file)
         grid, kept = (
