@@ -1,7 +1,8 @@
 """Compiled functions, for which the compiler is loaded when the first of them is called: most verbs that read a file need none.
 
 Until then a function stands in for itself. The first call puts the compiled ones in their place in every module that has them, so
-that compiled functions that call each other see nothing else.
+that compiled functions that call each other see nothing else. They divide as NumPy does:
+what is over zero is infinite, and no loop waits to ask.
 """
 
 import sys
@@ -43,7 +44,7 @@ def _njit(**options: Any) -> Any:
 def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     import numba  # noqa: PLC0415 takes longer to load than a short verb to run
 
-    return numba.njit(**options)(function)
+    return numba.njit(error_model="numpy", **options)(function)
 
 
 def _load() -> None:

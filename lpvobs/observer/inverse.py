@@ -15,7 +15,7 @@ ROW = 256
 """Samples whose matrices are inverted side by side: few enough that they stay in the cache nearest to the processor."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
 def invert(states: tuple[float, ...], M: Array, T: Array, spare: Array, t: Array) -> tuple[Array, Array]:
     """Return the inverses of the matrices M[:, :, k], and the room that is left over.
 

@@ -93,7 +93,7 @@ def observe(
     return ObserverRun(x.T, theta, innovation)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
 def _recursion(  # type: ignore[no-untyped-def]
     before,
     start,

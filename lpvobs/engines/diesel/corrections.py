@@ -72,7 +72,7 @@ def caution(c: DieselConstants, x: Mapping[str, Array], noise: Mapping[str, Arra
     change. `noise` is the standard deviation of what is left of it in `p_im` and `omega_t`, shape (n,) as the channels x have
     it; `spread` is the relative one of the constants that scale the tip speed.
     """
-    flow = _compressor_flow(c, x)
+    flow = compressor_flow(c, x)
     turned = {"p_im": noise["p_im"], "omega_t": noise["omega_t"]}
     moved, bent = _differences(c, x, flow, turned)
     _, uncertain = _differences(c, x, flow, {"omega_t": spread * x["omega_t"]})
@@ -88,28 +88,31 @@ def _differences(
     """Return how far steps of channels move the compressor's flow, root of squares, and half its second differences, summed."""
     squares, second = np.zeros(flow.size), np.zeros(flow.size)
     for name, step in steps.items():
-        up, down = (_compressor_flow(c, {**x, name: x[name] + way * step}) for way in (1.0, -1.0))
+        up, down = (compressor_flow(c, {**x, name: x[name] + way * step}) for way in (1.0, -1.0))
         squares += (0.5 * (up - down)) ** 2
         second += 0.5 * (up + down - 2.0 * flow)
     return np.sqrt(squares), second
 
 
-def _compressor_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+def compressor_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
+    """Return W_c = rho_1 omega_t of Eq. (2) [kg/s], shape (n,)."""
     return np.asarray(_flow_at(c, x["p_im"], x["omega_t"], x["p_amb"], x["T_amb"]))
 
 
 @njit(cache=True)
 def _flow_at(c, p_im, omega_t, p_amb, T_amb):  # type: ignore[no-untyped-def]
     flow = np.empty(p_im.size)
+    for k in range(p_im.size):  # powers apart: what follows is done several samples at a time
+        flow[k] = relation.head(c, p_im[k], p_amb[k])
     for k in range(p_im.size):
-        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]  # Eq. (2)
+        flow[k] = relation.rho_1_of(c, flow[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]  # Eq. (2)
     return flow
 
 
 def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
     """Return how fast the compressor's flow changes [kg/s^2], from the rates of pressure and speed."""
     near = [
-        _compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in ("p_im", "omega_t")}})
+        compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in ("p_im", "omega_t")}})
         for way in (1.0, -1.0)
     ]
     return (near[0] - near[1]) / (2.0 * INSTANT)
@@ -117,7 +120,7 @@ def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, A
 
 def _free_flow(c: DieselConstants, x: Mapping[str, Array]) -> Array:
     """Return the compressor's flow without a pressure rise [kg/s]."""
-    return _compressor_flow(c, {**x, "p_im": x["p_amb"]})
+    return compressor_flow(c, {**x, "p_im": x["p_amb"]})
 
 
 def _tip_speed(c: DieselConstants, x: Mapping[str, Array]) -> Array:

@@ -43,6 +43,7 @@ GAS_TOLERANCE, FITTED_TOLERANCE = 0.001, 0.01
 """Of constants of which the configuration says nothing: gases are in tables, what is fitted is good to a hundredth."""
 RELATIVE_STEP = 1e-5
 """Relative step of the difference quotients. Their error is a step times the second derivative, 1e-4 at the steepest."""
+FILLING = ("n_e", "u_egr", "p_im", "p_em", "T_im", "T_em")
 INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em", "p_amb", "T_amb")
 
 
@@ -167,19 +168,18 @@ class Diesel(AsKnown):
         Compressor: W_c = rho_1 omega_t. Filling: Eq. (1) solved for W_c = W_ei - W_egr + V_im/(R_a T_im) (dp_im/dt -
         p_im/T_im dT_im/dt). Departure from the paper: its Eq. (1) has no term in dT_im/dt.
         """
-        columns = (*(log[name] for name in INPUTS), np.asarray(rates["p_im"]), np.asarray(rates["T_im"]))
-        calmer = columns if calm is None else (*(calm.get(name, log[name]) for name in INPUTS), *columns[-2:])
-        nominal = self.constants
-        flows: list[tuple[Callable[..., Array], tuple[Array, ...]]]
-        flows = [(compressor_flow, calmer), (filling_flow, columns)]
-        flow: Array = np.stack([balance(nominal, *inputs) for balance, inputs in flows])
+        columns = [*(log[name] for name in FILLING), *(np.asarray(rates[name]) for name in ("p_im", "T_im"))]
+        calmer, nominal = {**log.channels, **(calm or {})}, self.constants
+        flows: tuple[Callable[[DieselConstants], Array], ...]
+        flows = (lambda c: correction.compressor_flow(c, calmer)), (lambda c: filling_flow(c, *columns))
+        flow: Array = np.stack([balance(nominal) for balance in flows])
         slope = np.zeros((len(flows), len(uncertain), len(log)))
         for i, name in enumerate(uncertain):
             value = getattr(nominal, name)
             shifted = nominal._replace(**{name: value * (1.0 + RELATIVE_STEP)})
-            for b, (balance, inputs) in enumerate(flows):
+            for b, balance in enumerate(flows):
                 if name in OWNED_CONSTANTS[b]:
-                    slope[b, i] = (balance(shifted, *inputs) - flow[b]) / RELATIVE_STEP
+                    slope[b, i] = (balance(shifted) - flow[b]) / RELATIVE_STEP
         return Balances(BALANCES, flow, slope)
 
 
@@ -193,7 +193,9 @@ def along(c: DieselConstants, columns: tuple[Array, ...]) -> tuple[Array, Array]
     # One relation after the other: a power takes long to come, and the next sample's need not wait for this one's.
     for k in range(N):
         head[k] = relation.head(c, p_im[k], p_amb[k])
+    for k in range(N):
         parameters[0, k] = relation.rho_1_of(c, head[k], omega_t[k], p_amb[k], T_amb[k])
+    for k in range(N):
         parameters[1, k] = intake.rho_2(c, p_im[k], p_em[k], u_egr[k], T_im[k], T_em[k])
         parameters[2, k] = intake.rho_3(c, p_im[k], n_e[k], T_im[k])
         parameters[5, k] = c.R_a * T_im[k] / c.V_im  # Eq. (5)
@@ -226,20 +228,7 @@ def _fill_A(parameters: Array, A: Array) -> None:
 
 
 @njit(cache=True)
-def compressor_flow(  # type: ignore[no-untyped-def]
-    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
-):
-    """Return W_c = rho_1 omega_t, shape (N,) [kg/s], Eq. (2)."""
-    flow = np.empty(n_e.size)
-    for k in range(n_e.size):
-        flow[k] = relation.rho_1(c, p_im[k], omega_t[k], p_amb[k], T_amb[k]) * omega_t[k]  # Eq. (2)
-    return flow
-
-
-@njit(cache=True)
-def filling_flow(  # type: ignore[no-untyped-def]
-    c, n_e, u_delta, u_egr, u_vgt, p_im, p_em, omega_t, T_im, T_em, p_amb, T_amb, dp_im, dT_im
-):
+def filling_flow(c, n_e, u_egr, p_im, p_em, T_im, T_em, dp_im, dT_im):  # type: ignore[no-untyped-def]
     """Return W_c = W_ei - W_egr + V_im / (R_a T_im) (dp_im - p_im / T_im dT_im), shape (N,) [kg/s]."""
     flow = np.empty(n_e.size)
     for k in range(n_e.size):
