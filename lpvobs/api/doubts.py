@@ -34,6 +34,7 @@ class Doubts:
     says: tuple[str, ...]
     # (p,) share of the time that each node stands for, and the mean true air flow there [kg/s]
     driven: tuple[Array, float]
+    reading: Array  # (p_2, p_1) [kg/s] mean reading in the cells around each node, NaN where nobody drove
 
 
 def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Iterable[tuple[str, BalanceSums]]) -> Doubts:
@@ -53,7 +54,13 @@ def doubts_of(config: Config, engine: Judged, estimate: MapEstimate, logs: Itera
     refuse_too_large(estimate, total, config.estimate.largest_error, says)
     says.extend(_another_volume(engine.air_path.volumes, estimate.engine))  # of a map that is refused they tell nothing
     says.extend(filter(None, [config.kind.caveat]))
-    return Doubts(agreement(grid, total, covariance, axes), ratios, tuple(says), _driven(estimate, total))
+    return Doubts(
+        agreement(grid, total, covariance, axes),
+        ratios,
+        tuple(says),
+        _driven(estimate, total),
+        _readings(estimate, total),
+    )
 
 
 def _driven(estimate: MapEstimate, sums: BalanceSums) -> tuple[Array, float]:
@@ -63,6 +70,14 @@ def _driven(estimate: MapEstimate, sums: BalanceSums) -> tuple[Array, float]:
     weights = np.bincount(nodes.ravel(), share.ravel(), minlength=estimate.grid.size) / max(share.sum(), 1.0)
     reads = float(sums.reading[known.any(1)].sum()) / max(share.sum(), 1.0)
     return weights, reads - float(weights @ np.nan_to_num(estimate.theta.ravel()))
+
+
+def _readings(estimate: MapEstimate, sums: BalanceSums) -> Array:
+    total, count = (
+        np.bincount(corners(*estimate.grid.shape).ravel(), np.repeat(each, 4), minlength=estimate.grid.size)
+        for each in (sums.reading, sums.blocks)
+    )
+    return np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan).reshape(estimate.grid.shape)
 
 
 def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[str]:

@@ -192,6 +192,7 @@ def estimate_logs(
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says
         results.write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
+        results.write_readings(file, found.grid, doubts.reading)
         write_refused(file, done.refused)
         if done.agreement:
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)

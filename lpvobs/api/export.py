@@ -1,15 +1,21 @@
 """`export`: the map of a result in a file for calibration tools."""
 
-from dataclasses import dataclass
+import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lpvobs.api.files import File, as_path, writing
+from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration import dcm, surfaces
-from lpvobs.io.calibration.files import Change, as_dcm, changes, understood, write_csv, write_dcm, write_netcdf
+from lpvobs.io.calibration import dcm, exchange, files, surfaces
+from lpvobs.io.calibration.a2l import A2lMap, read_a2l_map
+from lpvobs.io.calibration.files import Change
+from lpvobs.io.logs.units import canonical
+from lpvobs.io.results.hdf import reading
+from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.io.safety.atomic import file_digest
 
-FORMATS = ("dcm", "csv", "netcdf")
+FORMATS = ("dcm", "cdfx", "csv", "netcdf", "lab")
 SOURCES = ("map", "extrapolation")
 WIDEST = 0.1
 """Of the mean air flow: sensors in service are off by up to ten per cent, and what is less sure than that corrects nothing."""
@@ -22,6 +28,7 @@ class Exported:
     surface: surfaces.Surface
     changes: list[Change] | None
     widest: float  # [kg/s], nodes with a wider 90 % interval to either side were left out
+    limited: int = 0  # values that a limit of the control unit has changed
 
 
 def export(
@@ -36,6 +43,8 @@ def export(
     kind: str = "",
     digits: int = 7,
     widest: float = WIDEST,
+    unit: str = "",
+    a2l: File | None = None,
 ) -> Exported:
     """Write the map for calibration tools: what to subtract from a reading.
 
@@ -48,7 +57,7 @@ def export(
     out : path
         The file to write.
     file_format : str
-        `dcm`, `csv` or `netcdf`.
+        `dcm`, `cdfx`, `csv`, `netcdf`; or `lab`, a label list of the map and of the channels that a log needs.
     values : str
         `map` or `extrapolation`; by default the latter if there is one.
     only_estimated : bool
@@ -63,32 +72,82 @@ def export(
         Significant digits in DCM and CSV.
     widest : float
         Share of the mean air flow of the logs. A node whose 90 % interval is wider to either side is left out: it keeps its
-        old value, is empty, or in a DCM without an old map zero, which corrects nothing.
+        old value, is empty, or in a DCM or CDFX without an old map zero, which corrects nothing.
+    unit : str
+        Of the values, by default that of the old map or the description, else kg/s: any unit of a flow, `mg/stroke`, `%` of the
+        reading, or `factor`: what to multiply the reading with.
+    a2l : path, optional
+        The control unit's description, whose axes, units, limits and rounding of the map hold. Needs `lpvobs[a2l]`.
     """
     file_format, kind, before = file_format.lower(), kind.upper(), None if old is None else as_path(old)
+    described = None if a2l is None else as_path(a2l)
     _refuse_contradictions(file_format, values, only_estimated, before, name, kind, digits)
-    with writing(out, [result, before]) as target:
+    with writing(out, [result, before, described]) as target:
         path = as_path(result)
+        if file_format == "lab":
+            with reading(path, KIND, REMEDY) as file:
+                engine = ENGINES[str(file.attrs["air_path"])]
+            exchange.write_lab(target, [name], [*engine.air_path.channels])
+            return Exported(surfaces.read_surface(path, values), None, 0.0)
         most = widest * surfaces.mean_flow(path)
         surface = surfaces.read_surface(path, values)
-        known = None if before is None else understood(before, dcm.read_dcm_map(before, name), surface)
+        its = None if described is None else read_a2l_map(described, name)
+        was = None if before is None else dcm.read_dcm_map(before, name)
+        unit = unit or _given_unit(its, was)
+        meant = replace(surface, unit={exchange.FACTOR: "1"}.get(unit, unit))
+        known = files.described(described, its, meant) if described and its else None
+        known = known if before is None or was is None else files.understood(before, was, meant)
         if known is not None:
             surface = surfaces.onto(surface, known.x, known.y)
-        surface = surfaces.keep_old(surface.without_wide(most), None if known is None else known.values, only_estimated)
+        surface = _in_unit(path, surface.without_wide(most), unit)
+        surface = surfaces.keep_old(surface, None if was is None or known is None else known.values, only_estimated)
         comments = _comments(path, surface, before)
         if left := int((surface.origin == surfaces.LEFT_OUT).sum()):
             comments.append(
-                f"{left} nodes without a correction: their 90 % interval exceeds {1e3 * most:.3g} g/s to either side"
+                f"{left} nodes without a correction: their 90 % interval exceeds {1e3 * most:.3g} g/s, or no flow is known"
             )
+        limited = 0
         if file_format == "csv":
-            write_csv(target, surface, digits)
+            files.write_csv(target, surface, digits)
         elif file_format == "netcdf":
-            write_netcdf(target, surface, comments)
+            files.write_netcdf(target, surface, comments)
         else:
             kind = kind or (known.item.kind if known else "KENNFELD")
             comments.insert(2, f"numbers rounded to {digits} significant digits")
-            write_dcm(target, as_dcm(surface, name, kind, known), digits, comments)
-    return Exported(surface, None if known is None else changes(surface, known, digits), most)
+            item = files.as_dcm(surface, name, kind, known, 1.0 if unit == exchange.FACTOR else 0.0)
+            if unit == exchange.FACTOR and was is None:
+                item = replace(item, long_name="factor of the mass air flow sensor: truth is reading times factor")
+            if its is not None:
+                held, limited = its.fitted(item.values)
+                item = replace(item, values=held)
+                comments.append(f"{limited} values changed by the limits {its.lower:g} to {its.upper:g} {its.unit}")
+            write = files.write_dcm if file_format == "dcm" else exchange.write_cdfx
+            write(target, item, digits, comments)
+    return Exported(
+        surface, None if was is None or known is None else files.changes(surface, known, digits), most, limited
+    )
+
+
+def _given_unit(its: A2lMap | None, old: dcm.DcmMap | None) -> str:
+    """Return the unit that the other files have the values in, where it is one that cannot be converted to; else kg/s."""
+    unit = (its.unit if its is not None else old.unit if old is not None else "") or "kg/s"
+    return unit if canonical(unit) in (exchange.PERCENT, exchange.PER_STROKE) else "kg/s"
+
+
+def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surface:
+    share, cylinders = unit in (exchange.FACTOR, exchange.PERCENT), 0.0
+    if canonical(unit) == exchange.PER_STROKE:
+        with reading(path, KIND, REMEDY) as file:
+            engine = tomllib.loads(str(file["provenance"].attrs["config"]))["engine"]
+        cylinders = next(
+            (float(x["n_cyl"]) for x in (engine, *engine.values()) if isinstance(x, dict) and "n_cyl" in x), 0.0
+        )
+        if not cylinders:
+            raise UsageError(
+                f"--unit {unit}: the configuration of {path} does not say n_cyl, the number of cylinders; add it"
+            )
+    mean = surfaces.read_readings(path, surface).values if share else None
+    return exchange.in_unit(surface, unit, mean, cylinders)
 
 
 def _refuse_contradictions(
@@ -107,15 +166,19 @@ def _refuse_contradictions(
         raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
     if kind and file_format != "dcm":
         raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
-    if file_format == "dcm" and only_estimated and old is None:
-        raise UsageError("--only-estimated: a DCM has a value everywhere; say with --old OLD.dcm which ones stay")
+    if file_format in ("dcm", "cdfx") and only_estimated and old is None:
+        raise UsageError(
+            f"--only-estimated: a {file_format.upper()} has a value everywhere; say with --old OLD.dcm which ones stay"
+        )
 
 
 def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list[str]:
     """Return what a file says of its origin; nothing that depends on the day or the machine."""
     lines = [
         f"lpvobs export of /{surface.source} from {result.name}, sha256 {file_digest(result)}",
-        "error of the mass air flow sensor, reading minus truth",
+        f"error of the mass air flow sensor, reading minus truth, {surface.unit}"
+        if surface.unit != "1"
+        else "factor of the mass air flow sensor: truth is reading times factor",
     ]
     if old is not None:
         lines.append(f"axes, and values where none is new, from {old.name}, sha256 {file_digest(old)}")

@@ -4,10 +4,10 @@ from functools import partial
 from pathlib import Path
 
 from lpvobs.cli.common import guarded, print_json, say, table
-from lpvobs.cli.options import ENGINE, FORMATS, JSON, MAP_GAINS, argument, flag, needed, option
+from lpvobs.cli.options import ENGINE, FORMATS, JSON, MAP_GAINS, UNITS, argument, flag, needed, option
 from lpvobs.errors import UsageError
 
-WHAT = "dcm, csv or netcdf: the map; c99 or fmu: the observer for a control unit."
+WHAT = "dcm, cdfx, csv or netcdf: the map; lab: a label list; c99 or fmu: the observer for a control unit."
 
 
 @guarded
@@ -24,6 +24,15 @@ def export(
     only_estimated: bool = flag("--only-estimated", "No extrapolated node: old values there, or nothing."),
     old: Path | None = option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed."),
     name: str = option("LABEL", "Label of the map, also in the old file.", default="delta_W_c"),
+    a2l: Path | None = option(
+        "FILE.a2l", "The control unit's description: its axes, units, limits and rounding hold. Needs lpvobs[a2l]."
+    ),
+    unit: str = option(
+        "UNIT",
+        "Of the values: a flow, mg/stroke, % of the reading, or factor: what to multiply it with.",
+        offers=UNITS,
+        default="",
+    ),
     kind: str = option(
         "KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.", default=""
     ),
@@ -44,26 +53,26 @@ def export(
     lpvobs export gain.h5 nedc.h5 --format c99 --out unit
     """
     from lpvobs.api.export import export as export_map
-    from lpvobs.api.export_unit import FORMATS as UNITS
+    from lpvobs.api.export_unit import FORMATS as OBSERVERS
     from lpvobs.api.export_unit import ExportOutput, export_unit
     from lpvobs.report.tables import change_rows, grams, origin_counts
 
     file_format = file_format.lower()
     said = partial(ExportOutput, out=str(out), format=file_format)
-    if file_format in UNITS:
-        unit = export_unit(result, out, file_format, result=start, engine=engine, map_gain=map_gain, rate=rate)
+    if file_format in OBSERVERS:
+        made = export_unit(result, out, file_format, result=start, engine=engine, map_gain=map_gain, rate=rate)
         if as_json:
-            print_json("export", said(values=unit.start, digits=17, nodes={}, changes=None, widest=None, unit=unit))
+            print_json("export", said(values=made.start, digits=17, nodes={}, changes=None, widest=None, unit=made))
             return
-        for number, size in unit.bytes_of_state.items():
+        for number, size in made.bytes_of_state.items():
             print(
-                f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {unit.smallest_pivot[number]:.3g}"
+                f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {made.smallest_pivot[number]:.3g}"
             )
-        say(f"{out}: the observer, {unit.map_gain} map gain, late by {unit.delay:g} s and up to two samples")
+        say(f"{out}: the observer, {made.map_gain} map gain, late by {made.delay:g} s and up to two samples")
         return
     if start is not None or engine is not None or map_gain:
         raise UsageError(
-            f"--format {file_format}: takes one result, no --engine and no --map-gain; these belong to {' and '.join(UNITS)}"
+            f"--format {file_format}: takes one result, no --engine and no --map-gain; these belong to {' and '.join(OBSERVERS)}"
         )
 
     done = export_map(
@@ -77,17 +86,24 @@ def export(
         kind=kind,
         digits=digits,
         widest=widest,
+        unit=unit,
+        a2l=a2l,
     )
     counts = origin_counts(done.surface)
     if as_json:
         where, changed = done.surface.source, done.changes
-        made = said(values=where, digits=digits, nodes=counts, changes=changed, widest=done.widest, unit=None)
-        print_json("export", made)
+        told = said(values=where, digits=digits, nodes=counts, changes=changed, widest=done.widest, unit=None)
+        print_json("export", told)
         return
     if done.changes:
         print(table(*change_rows(done.surface, done.changes)))
     if done.changes is not None:
         say(f"{len(done.changes)} of {done.surface.origin.size} nodes differ from {old}")
+    if file_format == "lab":
+        say(f"{out}: label {name}, and the channels that a log needs")
+        return
     say(f"{out}: {', '.join(f'{count} {origin}' for origin, count in counts.items())}")
     if left := counts.get("left_out", 0):
         say(f"{left} nodes left out: 90 % intervals over {grams(done.widest)} g/s to either side; --widest takes more")
+    if done.limited:
+        say(f"{done.limited} values changed by the limits of the control unit")

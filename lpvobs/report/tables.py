@@ -247,9 +247,11 @@ def ingest_notes(record: Mapping[str, Any]) -> list[str]:
 def change_rows(surface: Surface, changed: Sequence[Change]) -> Table:
     """Return header and rows of what an export changes against an old file."""
     header = [f"{axis.name} [{axis.unit}]" for axis in (surface.x, surface.y)]
-    header += ["old [g/s]", "new [g/s]", "change [g/s]", "origin"]
+    flow = surface.unit == "kg/s"
+    header += [f"{name} [{'g/s' if flow else surface.unit}]" for name in ("old", "new", "change")] + ["origin"]
+    told = grams if flow else "{:.5g}".format
     rows = [
-        [f"{item.x:g}", f"{item.y:g}", grams(item.old), grams(item.new), grams(item.new - item.old), item.origin]
+        [f"{item.x:g}", f"{item.y:g}", told(item.old), told(item.new), told(item.new - item.old), item.origin]
         for item in changed
     ]
     return header, rows

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.calibration.a2l import A2lMap
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
 from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
-from lpvobs.io.logs.units import convert
+from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results import extrapolations, hdf, mapping
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array, Item
@@ -42,7 +43,7 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
         try:
             x = convert(found.x, found.unit_x or "1", surface.x.unit)
             y = convert(found.y, found.unit_y or "1", surface.y.unit)
-            values = convert(found.values.T, found.unit or "1", surface.unit)
+            values = convert(found.values.T, found.unit or "1", canonical(surface.unit))
         except ValueError:
             continue
         return OldMap(item, x, y, values, bool(turned))
@@ -52,10 +53,54 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
     )
 
 
-def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap:
+def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
+    """Return a map as a control unit's description has it, without values: its axes, where they are fixed, or else our nodes.
+
+    Raises DataError if its units are not those of such a map, or it has fewer points than ours where they are not fixed.
+    """
+    ours = (surface.x, surface.y), (surface.y, surface.x)
+    for turned, axes in enumerate(ours):
+        try:
+            nodes = [
+                convert(axis.nodes, axis.unit, canonical(its.unit or "1")) if its.points is None else its.points
+                for axis, its in zip(axes, item.axes, strict=True)
+            ]
+            found = DcmMap(
+                name=item.name,
+                kind="KENNFELD",
+                x=nodes[0],
+                y=nodes[1],
+                values=np.full((nodes[1].size, nodes[0].size), np.nan),
+                unit_x=item.axes[0].unit,
+                unit_y=item.axes[1].unit,
+                unit=item.unit or "1",
+            )
+            same = found.turned() if turned else found
+            x, y = (
+                convert(same.x, same.unit_x or "1", surface.x.unit),
+                convert(same.y, same.unit_y or "1", surface.y.unit),
+            )
+            convert(np.ones(1), found.unit, canonical(surface.unit))
+        except ValueError:
+            continue
+        for its, own in zip(item.axes, nodes, strict=True):
+            if own.size > its.most:
+                raise DataError(
+                    f"{path}: an axis of '{item.name}' in {its.unit} holds {its.most} points, the map has {own.size}; give the "
+                    f"control unit's points with --old OLD.dcm"
+                )
+        return OldMap(found, x, y, np.full((x.size, y.size), np.nan), bool(turned))
+    units = ", ".join((*(axis.unit for axis in item.axes), item.unit))
+    raise DataError(
+        f"{path}: map '{item.name}' has the units {units}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or what "
+        f"converts to them; say with --unit what the values are"
+    )
+
+
+def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: float = 0.0) -> DcmMap:
     """Return the surface as a map of a DCM file: X the speed and Y the fuel, or as the old file has them, in its units.
 
-    A node that was left out corrects nothing: zero. Raises DataError if a node has no value: a DCM cannot say so.
+    A node that was left out is `nothing`: what corrects nothing. Raises DataError if a node has no value: a DCM cannot say so.
     """
     empty = int(np.count_nonzero(surface.origin == NONE))
     if empty:
@@ -63,7 +108,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap
             f"map '{name}': {empty} of {surface.origin.size} nodes have no value, and a DCM has a value everywhere; run "
             f"`lpvobs extrapolate`, or give old values with --old"
         )
-    surface = replace(surface, values=np.where(surface.origin == LEFT_OUT, 0.0, surface.values))
+    surface = replace(surface, values=np.where(surface.origin == LEFT_OUT, nothing, surface.values))
     group = kind == "GRUPPENKENNFELD"
     if old is None:
         return DcmMap(
@@ -83,7 +128,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None) -> DcmMap
     return replace(
         item,
         kind=kind,
-        values=convert(surface.values if old.turned else surface.values.T, surface.unit, item.unit or "1"),
+        values=convert(surface.values if old.turned else surface.values.T, surface.unit, canonical(item.unit or "1")),
         long_name=item.long_name or extrapolations.LONG_NAME,
         x_name=item.x_name or f"{name}_X" if group else "",
         y_name=item.y_name or f"{name}_Y" if group else "",

@@ -124,6 +124,17 @@ def read_surface(path: Path, source: str = "") -> Surface:
         return mapping.read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
 
 
+def read_readings(path: Path, surface: Surface) -> Surface:
+    """Return the mean reading around each node of a result [kg/s], on the axes of a surface; nothing where nobody drove."""
+    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
+        if "readings" not in file:
+            raise DataError(f"{path}: has no /readings, which a share of the flow is taken of; estimate it again")
+        own = read_surface(path, "map")
+        values = file["readings/reading"][()].astype(float)
+    known = np.where(np.isfinite(values), quadratic.ESTIMATED, NONE).astype(np.int8)
+    return onto(replace(own, values=np.nan_to_num(values), origin=known), surface.x.nodes, surface.y.nodes)
+
+
 def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
     with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:

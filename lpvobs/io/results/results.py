@@ -249,3 +249,10 @@ def write_agreement(file: h5py.File, scatter: float, logs: tuple[disagreement.Ag
 def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]) -> None:
     """Write how far the balances agree, and what speaks against logs and engine, a line each."""
     write(file, "balance_agreement", found).attrs["doubts"] = "\n".join(doubts)
+
+
+def write_readings(file: h5py.File, grid: Grid, reading: Array) -> None:
+    """Write the mean reading of the sensor around each node, shape (p_2, p_1) [kg/s]: what a share of the flow is taken of."""
+    axes = extrapolations.axes_of(file)
+    mean = Field(reading, "kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1])
+    write_group(file, "readings", fields(extrapolations.grid_layout(axes), grid) | {"reading": mean})

@@ -1,8 +1,10 @@
 """The map in files for calibration tools, read back by readers that are not ours."""
 
+import configparser
 import csv
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import h5py
 import numpy as np
@@ -328,3 +330,107 @@ def test_old_files_that_cannot_be_used_are_refused_in_one_line(result, tmp_path,
         export(result, tmp_path / "new.dcm", "dcm", old=old, name="MAP")
     assert "\n" not in str(failure.value)
     assert not (tmp_path / "new.dcm").exists()
+
+
+# --- CDFX, label lists, other units, a control unit's description ------------------------------------------------------------
+READING = 0.02 + 1e-6 * np.add.outer(SPEED, 100.0 * FUEL)
+A2L = """ASAP2_VERSION 1 60
+/begin PROJECT P "" /begin MODULE M ""
+/begin COMPU_METHOD FLOW "" RAT_FUNC "%8.3" "kg/h" COEFFS 0 20 0 0 0 1 /end COMPU_METHOD
+/begin COMPU_METHOD SPEED "" LINEAR "%8.1" "1/min" COEFFS_LINEAR 0.25 0 /end COMPU_METHOD
+/begin COMPU_METHOD FUEL "" IDENTICAL "%8.3" "mg/hub" /end COMPU_METHOD
+/begin RECORD_LAYOUT MAP16 FNC_VALUES 1 SWORD COLUMN_DIR DIRECT /end RECORD_LAYOUT
+/begin CHARACTERISTIC KF_MAF "error" MAP 0x2000 MAP16 0 FLOW -8 8
+/begin AXIS_DESCR FIX_AXIS n SPEED 3 0 5000 /begin FIX_AXIS_PAR_LIST 600 1250 2900 /end FIX_AXIS_PAR_LIST /end AXIS_DESCR
+/begin AXIS_DESCR COM_AXIS q FUEL 5 0 80 AXIS_PTS_REF AX_Q /end AXIS_DESCR
+/end CHARACTERISTIC
+/end MODULE /end PROJECT
+"""
+
+
+@pytest.fixture
+def driven(result):
+    """Return a result that knows the mean reading around each node, one of them not driven."""
+    with h5py.File(result, "a") as file:
+        file.attrs["air_path"] = "diesel"
+        file["readings/reading"] = np.where(np.arange(TRUTH.size).reshape(TRUTH.shape) == 7, np.nan, READING)
+        file.create_group("provenance").attrs.update({"config": "[engine.geometry]\nn_cyl = 4\n"})
+    return result
+
+
+def test_cdfx_is_read_by_an_xml_reader(result, tmp_path):
+    export(result, tmp_path / "maf.cdfx", "cdfx", name="MAF_dW", unit="kg/h", digits=12)
+    root = ElementTree.parse(tmp_path / "maf.cdfx").getroot()
+    assert root.findtext("CATEGORY") == "CDF20"
+    (own,) = root.iterfind("SW-SYSTEMS/SW-SYSTEM/SW-INSTANCE-SPEC/SW-INSTANCE-TREE/SW-INSTANCE")
+    assert [own.findtext(tag) for tag in ("SHORT-NAME", "CATEGORY")] == ["MAF_dW", "MAP"]
+    assert own.findtext("SW-VALUE-CONT/UNIT-DISPLAY-NAME") == "kg/h"
+    groups = own.findall("SW-VALUE-CONT/SW-VALUES-PHYS/VG")
+    values = np.array([[float(v.text) for v in group.findall("V")] for group in groups])
+    np.testing.assert_allclose(values.T, 3600.0 * TRUTH, rtol=1e-11)
+    axes = own.findall("SW-AXIS-CONTS/SW-AXIS-CONT")
+    nodes = [[float(v.text) for v in axis.iterfind("SW-VALUES-PHYS/V")] for axis in axes]
+    assert nodes == [SPEED.tolist(), FUEL.tolist()]
+    assert [axis.findtext("UNIT-DISPLAY-NAME") for axis in axes] == ["rpm", "mg/cycle"]
+    assert [float(group.findtext("LABEL")) for group in groups] == FUEL.tolist()
+
+
+def test_a_label_list_has_the_map_and_what_a_log_needs(driven, tmp_path):
+    export(driven, tmp_path / "maf.lab", "lab", name="MAF_dW")
+    found = configparser.ConfigParser(allow_no_value=True, delimiters=("=",))
+    found.optionxform = str
+    found.read(tmp_path / "maf.lab", encoding="latin-1")
+    assert list(found["LABEL"]) == ["MAF_dW"]
+    assert {"n_e", "u_delta", "W_maf", "p_im"} <= set(found["RAMCELL"])
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected", "nothing"),
+    [
+        ("kg/h", 3600.0 * TRUTH, None),
+        ("%", 100.0 * TRUTH / READING, 0.0),
+        ("factor", 1.0 - TRUTH / READING, 1.0),
+        ("mg/stroke", 1e6 * TRUTH / (4.0 * SPEED[:, None] / 120.0), None),
+    ],
+)
+def test_other_units_are_those_of_the_independent_reader(driven, tmp_path, unit, expected, nothing):
+    """A share needs the flow: a node without one corrects nothing."""
+    done = export(driven, tmp_path / "maf.dcm", "dcm", unit=unit, digits=12, widest=1.0)
+    (found,) = independent(tmp_path / "maf.dcm").get_characteristic_maps()
+    assert found.unit_values == ("1" if unit == "factor" else unit)
+    _, _, values = values_of(found)
+    left = done.surface.origin == LEFT_OUT
+    assert left.sum() == (0 if nothing is None else 1)
+    np.testing.assert_allclose(values.T[~left], expected[~left], rtol=1e-10)
+    if nothing is not None:
+        assert values.T[left] == nothing
+        assert done.surface.standard_error[0, 1] == pytest.approx(
+            1e-4 * (100.0 if unit == "%" else 1.0) / READING[0, 1]
+        )
+
+
+def test_a_unit_that_is_no_flow_is_refused(driven, tmp_path):
+    with pytest.raises(UsageError, match="--unit furlong: is no flow"):
+        export(driven, tmp_path / "maf.dcm", "dcm", unit="furlong")
+
+
+def test_axes_limits_and_rounding_are_those_of_the_description(result, tmp_path):
+    pytest.importorskip("pya2l", reason="a library of the extra lpvobs[a2l]")
+    (tmp_path / "unit.a2l").write_text(A2L, encoding="utf-8")
+    done = export(result, tmp_path / "maf.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l", digits=12)
+    found = read_dcm_map(tmp_path / "maf.dcm", "KF_MAF")
+    assert (found.unit_x, found.unit_y, found.unit) == ("1/min", "mg/hub", "kg/h")
+    assert found.x.tolist() == [600.0, 1250.0, 2900.0]
+    assert found.y.tolist() == FUEL.tolist()
+    wanted = 3600.0 * (-0.004 + 1e-6 * np.add.outer(30.0 * FUEL, found.x))  # TRUTH is a plane
+    np.testing.assert_allclose(found.values, np.clip(wanted, -8.0, 8.0), atol=0.025 + 1e-9)
+    np.testing.assert_allclose(found.values * 20.0, np.round(found.values * 20.0), atol=1e-9)
+    assert done.limited == np.count_nonzero(np.abs(wanted) > 8.0) > 0
+    with pytest.raises(DataError, match=r"no map 'OTHER'; has KF_MAF"):
+        export(result, tmp_path / "other.dcm", "dcm", name="OTHER", a2l=tmp_path / "unit.a2l")
+    (tmp_path / "unit.a2l").write_text(A2L.replace("COM_AXIS q FUEL 5", "COM_AXIS q FUEL 4"), encoding="utf-8")
+    with pytest.raises(DataError, match=r"holds 4 points, the map has 5; give .* --old"):
+        export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
+    (tmp_path / "unit.a2l").write_text("KONSERVIERUNG_FORMAT 2.0", encoding="utf-8")
+    with pytest.raises(DataError, match="is no A2L file"):
+        export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
