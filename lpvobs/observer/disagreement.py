@@ -54,6 +54,11 @@ class _Difference:
     def chi_square(self, scatter: float) -> float:
         return float(np.sum(self.squares / (self.variances + scatter))) if self.squares.size else float("nan")
 
+    def height(self, scatter: float) -> float:
+        """Return the logarithm of chi-square per degree of freedom; NaN where nothing can be compared."""
+        free = max(self.squares.size, 1)
+        return float(np.log(np.maximum(self.chi_square(scatter) / free, np.finfo(float).tiny)))
+
 
 def agreements(
     common: Solution, parts: Iterable[LogInformation], prior_map: float
@@ -65,7 +70,7 @@ def agreements(
     """
     found = [_difference(common, part, prior_map) for part in parts]
     scatter = _scatter([item for item in found if item.squares.size])
-    chi = _beyond(np.array([_height(item, scatter) for item in found]), np.full(len(found), LEAST_SPREAD))
+    chi = _beyond(np.array([item.height(scatter) for item in found]), np.full(len(found), LEAST_SPREAD))
     errors = np.array([np.sqrt(item.mean_variance + scatter / max(item.nodes, 1)) for item in found])
     mean = np.abs(_beyond(np.array([item.mean for item in found]), errors))
     verdicts = []
@@ -82,13 +87,6 @@ def _beyond(values: Array, least: Array) -> Array:
         return np.full(values.shape, np.nan)
     away = values - np.median(known)
     return np.asarray(away / np.maximum(1.4826 * np.median(np.abs(away[np.isfinite(away)])), least))
-
-
-def _height(item: _Difference, scatter: float) -> float:
-    """Return the logarithm of chi-square per degree of freedom; NaN where nothing can be compared."""
-    if not item.squares.size:
-        return float("nan")
-    return float(np.log(max(item.chi_square(scatter) / item.squares.size, np.finfo(float).tiny)))
 
 
 def _difference(common: Solution, part: LogInformation, prior: float) -> _Difference:

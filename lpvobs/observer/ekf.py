@@ -76,24 +76,12 @@ def adapt(
         part = slice(begin, end)
         P[:, :n] = 0.0
         P[:n, :n] = np.diag(process_variance)
+        system = (trajectory.A, trajectory.E, trajectory.C, trajectory.y)
+        A, E, C, y = (np.ascontiguousarray(each[part]) for each in system)
         _filter(
-            time[part],
-            np.ascontiguousarray(trajectory.A[part]),
-            np.ascontiguousarray(trajectory.E[part]),
-            np.ascontiguousarray(trajectory.C[part]),
-            np.ascontiguousarray(trajectory.y[part]),
-            fuel[part],
-            speed[part],
-            grid.fuel,
-            grid.speed,
-            measurement_variance,
-            process_variance,
-            map_drift**2,
-            tuple(first.tolist()),
-            (0.0,) * r,
-            theta,
-            P,
-        )
+            time[part], A, E, C, y, fuel[part], speed[part], grid.fuel, grid.speed, measurement_variance,
+            process_variance, map_drift**2, tuple(first.tolist()), (0.0,) * r, theta, P,
+        )  # fmt: skip
     return KalmanState(theta, np.tril(P) + np.tril(P, -1).T)
 
 

@@ -78,7 +78,9 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
     """
     columns = _columns(path)
     if set(columns) >= set(ENGINE_COLUMNS):
-        columns["torque_norm_pct"] = _without_motoring(columns["torque_norm_pct"], columns["motoring"])
+        # no torque where the table says motoring and, as regulations do, leaves the torque open
+        torques = zip(columns["torque_norm_pct"], columns["motoring"], strict=True)
+        columns["torque_norm_pct"] = [w if w.strip() or driven.strip() != "1" else "0" for w, driven in torques]
         time, speed, torque, motoring = (_numbers(path, columns, name) for name in ENGINE_COLUMNS)
         keep = _kept(path, time, end)
         _check_range(path, "speed_norm_pct", speed[keep], -20.0, 150.0)
@@ -98,14 +100,6 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
         gear = _numbers(path, columns, "gear")[keep].astype(np.int64)
         engaged = np.array([text.strip() in ("engaged", "gear_change") for text in columns["clutch"]])[keep]
     return SpeedCycle(time[keep] - time[0], speed[keep] / 3.6, gear, engaged)
-
-
-def _without_motoring(torque: list[str], motoring: list[str]) -> list[str]:
-    """Return the torque column with zero where the table says motoring and, as regulations do, leaves the torque open."""
-    return [
-        "0" if not wanted.strip() and driven.strip() == "1" else wanted
-        for wanted, driven in zip(torque, motoring, strict=True)
-    ]
 
 
 def _columns(path: Path) -> dict[str, list[str]]:

@@ -128,7 +128,10 @@ def simulate(
         _check_that_it_shows(effect, scene)
     pulsing = [CatalogueEffect("maf.backflow", sensor.pulsation) for sensor in sensors.values() if sensor.pulsation]
     effects = (*effects, *pulsing)
-    fine = _samples_per_reading(parameters, rate, sensors)
+    # samples that are taken for each that is logged: sensors with a memory need `FINE` of them a second
+    remembers = parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())
+    most = floor(1.0 / (parameters.step * rate) + 1e-9) if remembers else 1
+    fine = max(1, min(ceil(FINE / rate), most))
     truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
     shown |= behind(sensors, shown, 1.0 / (rate * fine))
     logged, amplitude = {name: shown[name] for name in UNITS if name in shown}, parameters.structure.rasters
@@ -175,13 +178,6 @@ def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
             f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
             f"expected {gain.low:g} to {gain.high:g}; take a smaller rate"
         )
-
-
-def _samples_per_reading(parameters: SimulationParameters, rate: float, sensors: Mapping[str, Sensor]) -> int:
-    """Return how many samples to take for each that is logged: sensors with a memory need `FINE` of them a second."""
-    if not (parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())):
-        return 1
-    return max(1, min(ceil(FINE / rate), floor(1.0 / (parameters.step * rate) + 1e-9)))
 
 
 def _drive(

@@ -65,7 +65,12 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
     vertices = problem.region.vertices()
     n, r = (len(matrix) for matrix in problem.at(vertices[0]))
     for name, value, shape in (("L", L, (n, r)), ("P", P, (n, n)), ("Q", Q, (n, n))):
-        _refuse_unusable(name, np.asarray(value), shape)
+        if np.shape(value) != shape:
+            raise DataError(
+                f"gain: {name} has the shape {np.shape(value)}, expected {shape}: use the gain of this system"
+            )
+        if not np.all(np.isfinite(value)):
+            raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
     if not (isfinite(eps_1) and isfinite(eps_2)):
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers: synthesise the gain again")
     e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
@@ -101,13 +106,6 @@ def _minus_M(
     states = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)] for i in range(n)]
     rows = [[*row, -b, -c] for row, b, c in zip(states, PLG, C_2, strict=True)]
     return [*rows, [*(-b for b in PLG), eps_1, zero], [*(-c for c in C_2), zero, eps_2]]  # Eq. (27)
-
-
-def _refuse_unusable(name: str, value: Array, shape: tuple[int, int]) -> None:
-    if value.shape != shape:
-        raise DataError(f"gain: {name} has the shape {value.shape}, expected {shape}: use the gain of this system")
-    if not np.all(np.isfinite(value)):
-        raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
 
 
 def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: Fraction) -> str:

@@ -28,11 +28,7 @@ class Shrunk:
 
 
 def synthesise(
-    problem: GainProblem,
-    *,
-    cascade: bool,
-    decay: float = 0.0,
-    epsilon: tuple[float, float] | None = None,
+    problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsilon: tuple[float, float] | None = None
 ) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
@@ -125,11 +121,7 @@ def largest_feasible(
 
 
 def _proven(
-    problem: GainProblem,
-    units: BalancedUnits,
-    found: lmi.LmiSolution,
-    L: Array,
-    epsilon: tuple[float, float],
+    problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, L: Array, epsilon: tuple[float, float]
 ) -> Gain:
     """Return the gain in the problem's units, with the certificate of exactly these floats."""
     eps_1, eps_2 = epsilon
