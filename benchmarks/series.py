@@ -24,6 +24,7 @@ from engine_as_it_is import FIRST_SEED, POINTS, Judged, Setting, _mean, from_poi
 from lpvobs.calibration.bench import bench_table
 from lpvobs.calibration.fit import calibrated, taught
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.series.flows import SHUT
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.observer.estimate import Point
@@ -39,7 +40,7 @@ DONE = Path(__file__).parent.parent / "build" / "series"
 ROWS = {
     "full diesel": (),
     "bench table": (),
-    "EGR as configured": ("p_em", "T_em", "lambda_e"),
+    "EGR shut only": ("p_em", "T_em", "lambda_e"),
     "EGR from bench and healthy drive": ("p_em", "T_em", "lambda_e"),
     "lambda beside it": ("p_em", "T_em"),
 }
@@ -113,10 +114,10 @@ def one_draw(other: bool, seed: int) -> list[tuple[str, tuple[Judged, float]]]:
     known = taught(calibrated_from(ours, table), ours.grid, ours.gain, [healthy], lambda _: None).unknowns
     learned = known_from(ours, known)
     for row, lacks in list(ROWS.items())[2:]:
-        if other and row == "EGR as configured":
-            continue
-        point = start_of(ours) if row == "EGR as configured" else learned
-        map_ = from_point(ours, point, replace(d, log=without(d.log, lacks)))
+        log, point = without(d.log, lacks), learned
+        if row == "EGR shut only":
+            log, point = shut_only(log), learned if other else start_of(ours)
+        map_ = from_point(ours, point, replace(d, log=log))
         share = float(map_.supported.sum() / full.supported.sum())
         told.append((row, judged(ours.grid, map_.theta, map_.covariance, map_.supported, d), share))
     return [(row, (one, share)) for row, one, share in told]
@@ -145,6 +146,12 @@ def known_from(setting: Setting, known: Unknowns) -> Point:
 def without(log: Log, lacks: tuple[str, ...]) -> Log:
     """Return a log that lacks channels."""
     return replace(log, channels={**log.channels, **dict.fromkeys(lacks, np.full(len(log), np.nan))})
+
+
+def shut_only(log: Log) -> Log:
+    """Return a log whose valve's position counts where it is shut alone."""
+    shut = np.where(log["u_egr"] < SHUT, log["u_egr"], np.nan)
+    return replace(log, channels={**log.channels, "u_egr": shut})
 
 
 def drive_of(made: SimulatedLog, fuel: float, random: np.random.Generator) -> Drive:
