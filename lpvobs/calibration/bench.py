@@ -71,7 +71,7 @@ def rows_of(air_path: AirPath, unknowns: Unknowns, tables: Sequence[Table]) -> R
             if kind.without:
                 away = {name: np.full(flow.size, value) for name, value in kind.without.items()}
                 apart = replace(table, columns={**table.columns, **away})
-                other, J_other = _flow(air_path, unknowns, apart, kind.balance)
+                other, J_other = _flow(air_path, unknowns, apart, kind.balance if kind.away is None else kind.away)
                 flow, J = other - flow, J_other - J
             reference = table.columns[kind.column]
             error = np.hypot(np.hypot(kind.relative, table.tolerance) * reference, kind.absolute)
@@ -105,7 +105,7 @@ def _flow(air_path: AirPath, unknowns: Unknowns, table: Table, balance: int) -> 
     found = air_path.balances(log, still, unknowns.constants)
     J[:, : len(unknowns.constants)] = found.slope[balance].T
     for place, correction in zip(unknowns.places().values(), air_path.corrections(log, still), strict=True):
-        if correction.balance == balance:
+        if correction.balance is not None and balance in correction.on(len(found.flow)):
             J[:, place] = correction.columns(place.stop - place.start)
     return found.flow[balance], J
 

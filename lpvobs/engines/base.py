@@ -123,10 +123,11 @@ class AirPath(Protocol):
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances along a log."""
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on.
 
-        `noise` is the standard deviation that is left of each calmed channel's noise, `spread` that of the relative constants.
+        `noise` is the standard deviation that is left of each calmed channel's noise, `spread` that of the relative constants;
+        `learned` says whether a calibration knows the engine.
         """
 
 
@@ -158,7 +159,7 @@ class AsKnown:
         """Return none."""
         return ()
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return full trust in every balance."""
         shape = (len(self.balance_names), len(log))
         return Caution(np.ones(shape), np.zeros(shape))

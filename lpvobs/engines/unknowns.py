@@ -57,9 +57,15 @@ class Component:
 class Correction:
     """How a component's correction moves a balance at n places."""
 
-    balance: int | None  # None for every balance: what the sensor itself does
+    balance: int | tuple[int, ...] | None  # or several; None for every balance: what the sensor itself does
     scale: Array  # (n,) [kg/s per unit of the component], what a correction of one adds to the flow
     weights: Weights | None = None  # nodes and their shares at each place; None for a single number
+
+    def on(self, count: int) -> list[int]:
+        """Return which of so many balances it moves."""
+        if self.balance is None:
+            return list(range(count))
+        return [self.balance] if isinstance(self.balance, int) else list(self.balance)
 
     def columns(self, size: int) -> Array:
         """Return the derivative of the flow by each value, shape (n, size) [kg/s]."""
@@ -86,6 +92,7 @@ class MeasuredPart:
     without: Mapping[str, float]  # values of channels at which the part is away; empty for the whole balance
     relative: float  # standard deviation of its measurement, over the flow
     absolute: float  # [kg/s], added to it
+    away: int | None = None  # the balance whose flow it is without the part; None: the same
 
 
 TABLE_FLOW = "flow"  # the column of a component's points that has the flow
@@ -110,7 +117,7 @@ class ComponentMap:
 class Caution:
     """How much balances can be relied on at n places."""
 
-    # (B, n) weight of the balance, above 0 and up to 1: less where noise or an unknown constant moves a flow by more
+    # (B, n) weight of the balance, up to 1; 0: it is not used; less where noise or an unknown constant moves a flow by more
     # than its slope
     trust: Array
     bias: Array  # (B, n) [kg/s], mean error that the noise of the signals makes in the flow, by its curvature

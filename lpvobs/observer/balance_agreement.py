@@ -197,7 +197,7 @@ def _balances(engine: Judged, means: Channels, slopes: bool = True) -> tuple[Arr
     flow, n = found.flow.copy(), len(unknowns.constants)
     modes = np.zeros((len(flow), unknowns.reduction.shape[1] - n if slopes else 0, time.size))
     for place, correction in zip(unknowns.places().values(), air_path.corrections(log, rates), strict=True):
-        on = slice(None) if correction.balance is None else correction.balance
+        on = correction.on(len(flow))
         columns = correction.columns(place.stop - place.start)
         flow[on] += columns @ unknowns.mean[place]
         if slopes:

@@ -37,6 +37,7 @@ SWEEPS = 2  # over the groups of corrections
 LEAST_FREE = 0.5  # share of the rows that counts as left over, even if the unknowns have used up more
 LEAST_DEGREES = 0.5  # of freedom, below which nothing contradicts the map: with one balance there are none
 LEAST_SEEN = 4.0  # [s] Of stay, below which a direction of the map tells nothing of whether errors come back
+LEAST_WINDOWS = 40.0  # of a quarter of a second, under which what is not known of the engine absorbs a balance's errors
 NO_LEVEL = 1e-9  # [kg/s], standard deviation of a level of the day where none is configured
 AMPLITUDE_SPREAD = 1.5  # standard deviation of the logarithm of an amplitude before any data
 
@@ -100,9 +101,17 @@ class Prior:
         return found
 
 
+def _without_brief(moments: Moments) -> Moments:
+    """Return the sums without balances that spoke too briefly beside the others to show what their errors are."""
+    heard = moments.windows >= min(LEAST_WINDOWS, 0.1 * float(moments.windows.max(initial=0.0)))
+    both = np.outer(heard, heard)[:, :, None, None]
+    kept = {name: np.where(both, getattr(moments, name), 0.0) for name in ("products", "slow")}
+    return moments if heard.all() else replace(moments, **kept, windows=np.where(heard, moments.windows, 0.0))
+
+
 def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
     """Return map and engine as the sums of logs determine them."""
-    groups = prior.unknowns.groups()
+    groups, moments = prior.unknowns.groups(), _without_brief(moments)
     amplitudes: tuple[float, ...] = (AMPLITUDES[0],) * len(groups)
     S = FIRST_ERROR**2 * np.eye(layout.balances)
     state = _Solved(layout, moments, prior)

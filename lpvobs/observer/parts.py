@@ -134,7 +134,7 @@ class Sums:
         degrees = np.maximum(np.median(stay) / step / ROUGH, 1.0)
         noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}
         calm = {name: np.full(n, noise[name] * np.linalg.norm(by_value)) for name in self.air_path.calmed}
-        caution = self.air_path.caution(_log(np.arange(float(n)), channels), calm, self.spread)
+        caution = self.air_path.caution(_log(np.arange(float(n)), channels), calm, self.spread, self.unknowns.learned)
         box = np.full(max(round(LENGTH / step), 1), step / LENGTH)
         in_rate = float(np.linalg.norm(np.convolve(box, by_rate)))
         signs = iter(np.resize(SIGNS, (n, len(SIGNS))).T[1:])
@@ -162,7 +162,7 @@ class Sums:
         J = np.zeros((n, B, touched.size))
         J[:, :, :q] = found.slope.transpose(2, 0, 1)
         for place, correction in zip(places, corrections, strict=True):
-            for b in range(B) if correction.balance is None else (correction.balance,):
+            for b in correction.on(B):
                 correction.fill(J[:, b], at[place])
         return touched, J, found.flow.T
 

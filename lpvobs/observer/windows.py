@@ -159,6 +159,7 @@ class Windows:
         z = seen.z + found.correction
         known = [z, found.reading[:, None], found.J.sum(axis=2), seen.terms.sum(axis=1)[:, None]]
         says = np.logical_and.reduce([np.isfinite(each) for each in np.broadcast_arrays(*known)])
+        says &= found.weight > 0.0
         self.windows += says.sum(axis=0)
         weight = np.sqrt(seen.stay[:, None] * found.weight) * says
         nodes, own = np.flatnonzero(seen.Psi.any(axis=0)), layout.nodes + found.touched

@@ -153,7 +153,7 @@ class Diesel(AsKnown):
         """Return how each of the components moves the balances, given the rates of pressures and temperatures."""
         return correction.corrections(self.constants, log.channels, rates)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on, given the noise of calmed channels and the constants' spread."""
         return correction.caution(self.constants, log.channels, noise, spread)
 

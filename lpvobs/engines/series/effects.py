@@ -19,10 +19,12 @@ from lpvobs.records import Array
 
 LACKS = {"leak_intake": 0.0, "egr_leak": 0.0, "egr_area": 1.0, "eta_vol": 1.0}
 """Sizes of what the engine's model lacks (leaks in m^2, factors), on an engine in order."""
+FILLINGS = slice(flows.FILLING, flows.MIXTURE)
+"""Of the balances, those of the filling: at most one of them tells."""
 
 
 def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
-    """Return what is left of both balances, shape (2, C) [kg/s]; zero where nothing tells of one."""
+    """Return what is left of the balances, shape (3, C) [kg/s]; zero where nothing tells of one."""
     return np.nan_to_num(_left(found, s))
 
 
@@ -34,14 +36,14 @@ def _left(found: AsFound, s: Signals) -> Array:
     leak, egr_leak, egr_area, eta_vol = s.lacks
     W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
     if np.any(eta_vol != 1.0):
-        left[0] -= (eta_vol - 1.0) * W_ei
+        left[FILLINGS] -= (eta_vol - 1.0) * W_ei
     if leak.any():
-        left[0] -= leak * intake.escaping(c, x["p_im"], x["T_im"], x["p_amb"], x["T_amb"])
+        left[FILLINGS] -= leak * intake.escaping(c, x["p_im"], x["T_im"], x["p_amb"], x["T_amb"])
     if np.any(egr_area != 1.0) or egr_leak.any():
         W_egr, per_area = flows.egr(c, x, W_ei)
         p_em, _ = flows.exhaust(c, x, W_ei)
         open_ = np.vectorize(partial(intake.egr_flow_function, c), otypes=[float])(x["p_im"] / p_em)
-        left[0] += (egr_area - 1.0) * W_egr + egr_leak * per_area * open_
+        left[FILLINGS] += (egr_area - 1.0) * W_egr + egr_leak * per_area * open_
     return left
 
 
@@ -51,37 +53,37 @@ def _rates(s: Signals) -> Mapping[str, Array]:
 
 
 def _columns(found: AsFound, s: Signals) -> Array:
-    """Return the derivatives of both flows by all values of the corrections, shape (2, C, v)."""
+    """Return the derivatives of the flows by all values of the corrections, shape (3, C, v)."""
     parts = zip(flows.COMPONENTS, flows.corrections(found.constants, s.value, _rates(s)), strict=True)
-    out = np.zeros((2, s.time.size, sum(component.size for component in flows.COMPONENTS)))
+    out = np.zeros((len(flows.BALANCES), s.time.size, sum(component.size for component in flows.COMPONENTS)))
     begin = 0
     for component, correction in parts:
-        on = slice(None) if correction.balance is None else correction.balance
+        on = correction.on(len(out))
         out[on, :, begin : begin + component.size] = correction.columns(component.size)
         begin += component.size
     return out
 
 
 def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -> Array:
-    """Return the derivatives of the balances by modes of the corrections, given as (v, m), shape (m, 2, C)."""
+    """Return the derivatives of the balances by modes of the corrections, given as (v, m), shape (m, 3, C)."""
     return -np.moveaxis(np.nan_to_num(_columns(found, s)) @ modes, -1, 0)
 
 
 def further(found: AsFound, s: Signals) -> tuple[Array, Array]:
-    """Return what the engine lacks adds to both flows, (2, N) [kg/s], and to the state equation, (2, N)."""
+    """Return what the engine lacks adds to the flows, (3, N) [kg/s], and to the state equation, (2, N)."""
     in_order = Signals(**{**vars(s), "lacks": np.tile(np.array(list(LACKS.values()))[:, None], (1, s.lacks.shape[1]))})
     change = imbalances(found, s) - imbalances(found, in_order)
     c = found.constants
-    return -change, np.stack([c.R_a * s["T_im"] / c.V_im * change[0], np.zeros(change.shape[1])])
+    return -change, np.stack([c.R_a * s["T_im"] / c.V_im * change[FILLINGS].sum(axis=0), np.zeros(change.shape[1])])
 
 
 def shown(found: AsFound, s: Signals, _: Blocks | None) -> NDArray[np.bool_]:
-    """Return which balances something tells of, shape (2, K)."""
+    """Return which balances something tells of, shape (3, K)."""
     told = np.isfinite(_left(found, s))
     return np.asarray(told[:, : told.shape[1] // 2] & told[:, told.shape[1] // 2 :])
 
 
-CATALOGUE = tuple(on_the_intake(LACKS, lambda found, s: imbalances(found, s)[0]).values())
+CATALOGUE = tuple(on_the_intake(LACKS, lambda found, s: imbalances(found, s)[FILLINGS].sum(axis=0)).values())
 """The effects in the order in which they are undone: the last one on the way into the log comes first."""
 
 
@@ -104,7 +106,7 @@ def residual_model(
         covariance=point.covariance,
         with_unknowns=found_around(constants, point),
         imbalances=imbalances,
-        by_reading=lambda _, s, __: np.ones((2, s.time.size // 2)),
+        by_reading=lambda _, s, __: np.ones((len(flows.BALANCES), s.time.size // 2)),
         shown=partial(shown, found),
         further=further,
         catalogue=CATALOGUE,

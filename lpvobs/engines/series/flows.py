@@ -16,8 +16,9 @@ from lpvobs.engines.curves import in_space, nodes, on_surface
 from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
 from lpvobs.records import Array
 
-FILLING, MIXTURE = 0, 1
-BALANCES = ("filling", "mixture")
+FILLING, RECIRCULATED, MIXTURE = 0, 1, 2
+BALANCES = ("filling", "filling_with_egr", "mixture")
+"""The filling speaks with two voices: where the valve is open, what is not known of the EGR is in its errors, and there alone."""
 CHANNELS = ("n_e", "u_delta", "u_egr", "p_im", "p_em", "T_im", "T_em", "p_amb", "T_amb", "lambda_e", "W_maf")
 STEADY = 0.1
 """[1/s] Relative rate of speed, pressure, fuel and lambda up to which a probe that is half a second late is off by 5 % at most, up
@@ -31,22 +32,24 @@ BELOW = 10.0
 OPENING = nodes("%", "EGR valve opening", 3, 10, 22, 45, 85)
 SPEED = nodes("rpm", "engine speed", 800, 1600, 2600)
 LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
+DRIVE_SPEED = nodes("rpm", "engine speed", 800, 1200, 1600, 2000, 2600, 3200)
+DRIVE_LOAD = nodes("mg/cycle", "injected fuel", 0, 7, 14, 22, 30, 42)
 COMPONENTS = (
     *intake.SHAPE,
     intake.CHARGE,
     Component(
-        "egr", "1", "flow added, of that of the open nozzle", 0.3, "egr",
-        {"u_egr": OPENING, "n_e": SPEED, "u_delta": LOAD}, (25.0, 1000.0, 25.0),
+        "egr", "1", "flow added, of that of the open nozzle", 0.3,
+        axes={"u_egr": OPENING, "n_e": SPEED, "u_delta": LOAD}, lengths=(25.0, 1000.0, 25.0),
     ),
     Component(
         "egr_drive", "1", "relative change of the EGR flow where the pressure before it is not logged", 0.3,
-        axes={"n_e": SPEED, "u_delta": LOAD}, lengths=(1000.0, 25.0),
+        axes={"n_e": DRIVE_SPEED, "u_delta": DRIVE_LOAD}, lengths=(600.0, 14.0),
     ),
     Component("egr_leak", "1", "leakage of the shut EGR valve, of its largest area", 0.005),
     Component("lambda_lag", "s", "lag of the lambda probe", 0.5),
     Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
 )  # fmt: skip
-MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)
+MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", RECIRCULATED, {"u_egr": 0.0}, 0.02, 2e-5, FILLING),)
 """EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
 
 
@@ -72,11 +75,11 @@ def egr(c: Any, x: Mapping[str, Array], W_ei: Array) -> tuple[Array, Array]:
 
 
 def filling(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array], W_ei: Array) -> Array:
-    """Return W_ei - W_egr + V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), shape (n,) [kg/s]."""
+    """Return W_ei - W_egr + V_im / (R_a T_im) (dp_im/dt - p_im / T_im dT_im/dt), valve shut and open, shape (2, n) [kg/s]."""
     shut = x["u_egr"] < SHUT if "u_egr" in x else np.zeros(W_ei.size, dtype=bool)
     stored = c.V_im / (c.R_a * x["T_im"]) * (rates["p_im"] - x["p_im"] / x["T_im"] * rates["T_im"])
     flow = W_ei - egr(c, x, W_ei)[0] + stored  # Eq. (1)
-    return np.where(shut | steady(x, rates), flow, np.nan)
+    return np.where([shut, ~shut & steady(x, rates)], flow, np.nan)
 
 
 def steady(x: Mapping[str, Array], rates: Mapping[str, Array]) -> NDArray[np.bool_]:
@@ -96,9 +99,9 @@ def mixture(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array
 
 
 def flows(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
-    """Return the flow past the sensor by both balances, shape (2, n) [kg/s]."""
+    """Return the flow past the sensor by all balances, shape (3, n) [kg/s]."""
     W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
-    return np.stack([filling(c, x, rates, W_ei), mixture(c, x, rates)])
+    return np.stack([*filling(c, x, rates, W_ei), mixture(c, x, rates)])
 
 
 def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> tuple[Correction, ...]:
@@ -110,13 +113,14 @@ def corrections(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> t
     nozzle = in_space(OPENING.values, SPEED.values, LOAD.values, u_egr, x["n_e"], x["u_delta"])
     burnt = mixture(c, x, rates)
     late = rates.get("lambda_e", 0.0) / x.get("lambda_e", np.nan)
+    both = (FILLING, RECIRCULATED)
     rises = W_ei * (rates["p_im"] / x["p_im"] + rates["n_e"] / np.maximum(x["n_e"], 300.0))
     return (
-        *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
-        Correction(FILLING, intake.per_charge(W_ei, x)),
-        Correction(FILLING, -intake.egr_area(c, u_egr) * per_area, nozzle),
-        Correction(FILLING, -driven, on_surface(SPEED.values, LOAD.values, x["n_e"], x["u_delta"])),
-        Correction(FILLING, -c.A_egr_max * per_area),
+        *(Correction(both, W_ei, weights) for weights in intake.shape_weights(x)),
+        Correction(both, intake.per_charge(W_ei, x)),
+        Correction(RECIRCULATED, -intake.egr_area(c, u_egr) * per_area, nozzle),
+        Correction(RECIRCULATED, -driven, on_surface(DRIVE_SPEED.values, DRIVE_LOAD.values, x["n_e"], x["u_delta"])),
+        Correction(both, -c.A_egr_max * per_area),
         Correction(MIXTURE, burnt * late),
         Correction(None, -rises),
     )

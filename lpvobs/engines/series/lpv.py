@@ -19,7 +19,7 @@ from lpvobs.engines.components import intake
 from lpvobs.engines.constants import scaled
 from lpvobs.engines.series import flows
 from lpvobs.engines.series.constants import SeriesEngine, constants_of
-from lpvobs.engines.unknowns import Component, Correction, MeasuredPart
+from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "W_c")
@@ -125,12 +125,18 @@ class Series(AsKnown):
         """Return how each of the components moves the balances."""
         return flows.corrections(self.constants, log.channels, rates)
 
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
+        """Return full trust, but none in the filling with EGR as long as no calibration knows its flow."""
+        told = [learned or name != flows.BALANCES[flows.RECIRCULATED] for name in self.balance_names]
+        trust = np.outer(told, np.ones(len(log)))
+        return Caution(trust, np.zeros_like(trust))
+
     def balances(
         self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
     ) -> Balances:
-        """Return the flow from filling and from lambda, and what they owe to each constant; NaN where nothing tells it."""
+        """Return the flows of `flows.BALANCES`, and what they owe to each constant; NaN where nothing tells it."""
         c = self.constants
         flow = flows.flows(c, log.channels, rates)
         moved = (c._replace(**{name: getattr(c, name) * (1.0 + RELATIVE_STEP)}) for name in uncertain)
         slope = [(flows.flows(other, log.channels, rates) - flow) / RELATIVE_STEP for other in moved]
-        return Balances(flows.BALANCES, flow, np.stack(slope, axis=1) if slope else np.zeros((2, 0, len(log))))
+        return Balances(flows.BALANCES, flow, np.stack(slope, axis=1) if slope else np.zeros((len(flow), 0, len(log))))

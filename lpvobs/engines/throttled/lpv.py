@@ -133,7 +133,7 @@ class Throttled(AsKnown):
         """Return how well level of curves and volumes are known of which the configuration says nothing."""
         return dict.fromkeys(CONSTANTS, LEVEL_TOLERANCE)
 
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float) -> Caution:
+    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return full trust in throttle and filling, and next to none in the fuel, which is no measure of air where it is rich."""
         trust = np.ones((len(BALANCES), len(log)))
         trust[BALANCES.index("fuel")] = UNSURE
