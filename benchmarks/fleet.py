@@ -43,6 +43,17 @@ STEPS = {
     "sums": f"stored sums of {ALL} logs",
     "month": f"a month of {VEHICLES * A_MONTH} logs more, in one process",
 }
+MEASURED = """
+import pathlib, re
+from lpvobs.cli.start import run
+try:
+    run()
+except SystemExit as end:
+    if end.code:
+        raise
+print(re.search(r"VmHWM:\\s+(\\d+)", pathlib.Path("/proc/self/status").read_text())[1])
+"""
+"""What a process does that says at its end how much memory it has used at most [kB]."""
 Kind = TypeVar("Kind")
 NEAR = 31.0
 """[d] from a step within which it counts as found."""
@@ -123,7 +134,9 @@ def _done(path: Path, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
 
 def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
     """Track the simulated fleet, the last month by itself; return processor time, time and memory of each step."""
-    out, gain, month, quarter = folder / "fleet.h5", folder / "gain.h5", folder / "month.h5", folder / "quarter.h5"
+    out, gain, whole, month, quarter = (
+        folder / f"{name}.h5" for name in ("fleet", "gain", "whole", "month", "quarter")
+    )
     logs = sorted(folder.glob("V*/*.parquet"))
     last = [path for path in logs if path.stem.startswith("2025-12")]
     given = ("--config", CONFIG, "--gain", gain, "--jobs", 1)
@@ -137,23 +150,23 @@ def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
             shutil.copytree(f"{out}.parts", f"{quarter}.parts", dirs_exist_ok=True)
         lpvobs.track(CONFIG, last, out=out, gain=gain, jobs=1)
     lpvobs.track(CONFIG, logs[: len(logs) // 4], out=quarter, gain=gain, jobs=1)
+    shutil.copy(out, whole)  # which keeps no parts
     _measured("track", "--config", CONFIG, "--out", quarter)  # compiles what is not compiled yet
     return {
         "quarter": _measured("track", "--config", CONFIG, "--out", quarter),
-        "sums": _measured("track", "--config", CONFIG, "--out", out),
+        "sums": _measured("track", "--config", CONFIG, "--out", whole),
         "month": _measured("track", *given, *last, "--out", month),
     }
 
 
 def _measured(*arguments: object) -> tuple[float, float, float]:
     """Return processor time [s], time [s] and the largest memory [MB] of a command line."""
-    begin = time.monotonic()
-    process = subprocess.Popen([sys.executable, "-m", "lpvobs", *map(str, arguments)], stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"lpvobs {arguments[0]} ended with {process.returncode}")
-    return used.ru_utime + used.ru_stime, time.monotonic() - begin, used.ru_maxrss / 1024
+    begin, before = time.monotonic(), os.times()
+    call = [sys.executable, "-c", MEASURED, *map(str, arguments)]
+    done = subprocess.run(call, capture_output=True, text=True, check=True)
+    clock, after = time.monotonic() - begin, os.times()
+    processor = after.children_user + after.children_system - before.children_user - before.children_system
+    return processor, clock, float(done.stdout.split()[-1]) / 1024
 
 
 def _courses(folder: Path, stored: StoredFleet) -> list[Course]:

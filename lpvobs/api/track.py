@@ -12,6 +12,7 @@ from lpvobs.api.estimate import gain_for, used_engine, workplace_for
 from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
+from lpvobs.api.known_engine import engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
@@ -173,13 +174,18 @@ def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutp
 
 
 def _point(config: Config, engine: Path | None) -> Point:
-    """Return where the engine is linearised at first; raises UsageError for an engine that learns its curves."""
-    air_path = config.engine_path()
-    if air_path.learns:
-        raise UsageError(f"air_path = '{air_path.name}': learns from the logs themselves; track needs known constants")
-    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
+    """Return where the engine is linearised at first; raises UsageError for curves that every log would learn anew."""
     start = used_engine(config, engine, "observer")
-    return point if start is None else replace(point, deviation=start.stored.deviation, known=start.stored.unknowns)
+    air_path = engine_before(config, (), None if start is None else start.stored).air_path
+    if air_path.learns and air_path.knowledge() is None:
+        raise UsageError(
+            f"air_path = '{air_path.name}': learns its curves from logs, and curves learned from the logs of a fleet would follow "
+            f"the age of its sensors; learn them once, by `lpvobs calibrate --healthy LOG`, and give --engine"
+        )
+    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
+    if start is None or air_path.learns:
+        return point
+    return replace(point, deviation=start.stored.deviation, known=start.stored.unknowns)
 
 
 def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
@@ -251,7 +257,9 @@ class _Adding:
     def key(self, point: Point) -> str:
         """Return a digest of all that the sums of a log depend on beside it."""
         known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-        return run_key(self.text + repr((sorted(point.deviation.items()), known)), self.gain)
+        learned = point.air_path.knowledge()
+        taught = "" if learned is None else learned.digest()
+        return run_key(self.text + taught + repr((sorted(point.deviation.items()), known)), self.gain)
 
     def to(
         self, before: FleetSums | None, whose: Sequence[_Whose], point: Point, every: str, progress: Progress
