@@ -59,8 +59,8 @@ NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
 """Logs of a vehicle with few drives."""
-SHARES, POWER_FLEETS = (0.25, 0.5, 1.0), 2
-"""Of the drift that `track` says it finds, and fleets drawn to see whether it does."""
+SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0, 2.0), 5, 4
+"""Of the drift that `track` says it finds, fleets drawn to see whether it does, and vehicles of each that drift so."""
 DRIVEN = 0.02
 """Of the stay at the node where a vehicle is most, from which a node counts as driven."""
 
@@ -234,15 +234,19 @@ def _drawn(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
 
 
 def _with_drift(stored: StoredFleet, courses: Sequence[Course], share: float, seed: int) -> Count:
-    """Count what is found where every vehicle drifts by a share of what its logs are said to show."""
+    """Count what is found where some vehicles drift by a share of what the logs of one are said to show, the others not at all."""
     stated = next(each for each in stored.found.power if each.logs == MONTHS * A_MONTH)
     signs = np.random.default_rng([seed, 90]).choice((-1.0, 1.0), VEHICLES)
     vehicles = [
-        replace(each, kind="drift", change=0.0, slope=float(sign * share * stated.drift))
-        for each, sign in zip(fleet(seed), signs, strict=True)
+        replace(
+            each, kind="healthy", change=0.0, slope=float(sign * share * stated.drift) if number < DRIFTING else 0.0
+        )
+        for number, (each, sign) in enumerate(zip(fleet(seed), signs, strict=True))
     ]
     _, found = _tracked(stored, _redrawn(stored, courses, seed, vehicles))
-    return Count(changes=VEHICLES, found=sum(each.verdict != "steady" for each in found.vehicles))
+    out = {each.vehicle for each in found.vehicles if each.verdict != "steady"}
+    wrong = sum(each.name in out for each in vehicles[DRIFTING:])
+    return Count(DRIFTING, sum(each.name in out for each in vehicles[:DRIFTING]), (), VEHICLES - DRIFTING, wrong)
 
 
 def _judged(kept_of: FleetSums, found: Tracked, vehicles: Sequence[Vehicle], stored: StoredFleet) -> Count:
@@ -333,10 +337,11 @@ def _page(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
                 [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
             ),
-            f"Fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, all of which drift by a share of that:",
+            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which {DRIFTING} vehicles "
+            "drift by a multiple of that:",
             markdown(
-                ["share of the drift stated", "vehicles that stand out"],
-                [[f"{share:g}", f"{count.found} of {count.changes}"] for share, count in powers],
+                ["of the drift stated", "found", "others accused"],
+                [[f"{share:g}", f"{c.found} of {c.changes}", f"{c.accused} of {c.healthy}"] for share, c in powers],
             ),
             "Time and memory of `lpvobs track`, started afresh, reading and writing the file included:",
             markdown(

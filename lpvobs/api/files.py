@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 from lpvobs.errors import UsageError
 from lpvobs.io.logs.finding import find_logs
-from lpvobs.io.safety.atomic import claimed, file_digest, is_same
+from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.safety.atomic import claimed, is_same
 
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
@@ -68,7 +69,7 @@ def refuse_copies(paths: Sequence[Path]) -> None:
             if not path.is_file():
                 continue
             try:
-                digest = file_digest(path)
+                digest = log_digest(path)
             except OSError:  # whoever reads it tells why it cannot be
                 continue
             if digest in seen:

@@ -8,12 +8,13 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from lpvobs.errors import DataError, UsageError
 
@@ -24,6 +25,8 @@ AHEAD = 2
 """Tasks handed out per worker, so that none waits for the next."""
 RETRIES = 10
 """How often a task is given to another worker when the one that had it dies."""
+PATIENCE = 300.0
+"""[s] that a scheduler which goes away has to come back: a node of a cluster starts in two or three minutes."""
 
 
 class Workers:
@@ -76,7 +79,7 @@ def _in_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], pool: ProcessPoolExecutor, ahead: int
 ) -> Iterator[tuple[int, Result]]:
     try:
-        yield from _side_by_side(partial(_submitted, pool, function), tasks, ahead)
+        yield from _side_by_side(partial(_submitted, pool, function), enumerate(tasks), lambda: ahead)
     except BrokenProcessPool:
         raise DataError(
             "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
@@ -84,13 +87,14 @@ def _in_processes(
 
 
 def _side_by_side(
-    submitted: Callable[[Task], Future[Result]], tasks: Sequence[Task], ahead: int
+    submitted: Callable[[Task], Future[Result]], tasks: Iterable[tuple[int, Task]], ahead: Callable[[], int]
 ) -> Iterator[tuple[int, Result]]:
-    """Yield the number and the result of each task as it finishes, `ahead` of them under way at a time."""
-    waiting = iter(enumerate(tasks))
+    """Yield the number and the result of each task as it finishes, so many of them under way at a time."""
+    waiting = iter(tasks)
     under_way: dict[Future[Result], int] = {}
     while True:
-        while len(under_way) < ahead and (following := next(waiting, None)) is not None:
+        room = ahead()
+        while len(under_way) < room and (following := next(waiting, None)) is not None:
             under_way[submitted(following[1])] = following[0]
         if not under_way:
             break
@@ -133,23 +137,53 @@ def _end_with_the_parent() -> None:
 def _on_cluster(
     function: Callable[[Task], Result], tasks: Sequence[Task], address: str
 ) -> Iterator[tuple[int, Result]]:
+    """Yield the number and the result of each task; what a scheduler had when it went away is given to the next one."""
+    left, patience = dict(enumerate(tasks)), 0.0
+    while left:
+        client = _client(address, patience)
+        with client:
+            try:
+                for number, result in _through(client, function, left):
+                    del left[number]
+                    yield number, result
+            except CancelledError:  # what becomes of tasks when their scheduler has gone
+                pass
+            except OSError:
+                if client.status == "running":  # the scheduler is there: the task has failed
+                    raise
+        patience = PATIENCE
+
+
+def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Task]) -> Iterator[tuple[int, Result]]:
+    from distributed.scheduler import KilledWorker
+
+    pool = client.get_executor(pure=False, retries=RETRIES)
+
+    def ahead() -> int:
+        return AHEAD * max(sum(client.nthreads().values()), 1)
+
+    try:
+        yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)
+    except KilledWorker:
+        raise DataError(
+            "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
+        ) from None
+
+
+def _client(address: str, patience: float) -> Any:
+    """Return a client of a scheduler, waited for as long as that [s]."""
     try:
         from distributed import Client
-        from distributed.scheduler import KilledWorker
     except ImportError:
         raise UsageError("--scheduler: Dask is not installed; install lpvobs[cluster]") from None
-    try:
-        client = Client(address, timeout="5s", set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(
-            f"--scheduler {address}: cannot be reached ({error}); start `dask scheduler`, or check the address"
-        ) from None
-    with client:
-        ahead = AHEAD * max(sum(client.nthreads().values()), 1)
-        pool = client.get_executor(pure=False, retries=RETRIES)
+    until = time.monotonic() + patience
+    while True:
         try:
-            yield from _side_by_side(partial(pool.submit, function), tasks, ahead)
-        except KilledWorker:
-            raise DataError(
-                "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
-            ) from None
+            return Client(address, timeout="5s", set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            if time.monotonic() > until:
+                raise UsageError(
+                    f"--scheduler {address}: cannot be reached ({error}); start `dask scheduler`, or check the address; "
+                    f"finished logs are kept"
+                ) from None
+            time.sleep(1.0)

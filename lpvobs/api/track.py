@@ -17,10 +17,10 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.reading import LogFile
+from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, expect_key, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import Point, merged
@@ -127,7 +127,7 @@ def track(
             raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
         before = read_fleet(target) if target.is_file() else None
         known = frozenset() if before is None else frozenset(log.sha256 for log in before.kept.logs)
-        fresh = [each for each in found if not (known and each.is_file() and file_digest(each) in known)]
+        fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
         whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
         sums = None if before is None else before.kept
         if whose:

@@ -12,9 +12,9 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import References, read_log, read_references
+from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.hdf import is_hdf5
 from lpvobs.io.results.results import REMEDY, StoredResult, read_result
-from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 from lpvobs.report.discovered import Discovered, read_discovered
 
@@ -45,7 +45,7 @@ def load(paths: Sequence[Path]) -> Loaded:
     results = tuple(read_result(path) for path in (first, *inner))
     for result in results:
         air_path_of(result)
-    logs = {digest: path for path in further if path not in inner for digest in [file_digest(path)]}
+    logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
     return Loaded(
         results=results,
         discovered=tuple(read_discovered(result.path) for result in results),

@@ -153,3 +153,37 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
     assert len(seen) >= LOGS
     assert found.refused == ()
     same(found, alone)
+
+
+def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, logs, alone, tmp_path):
+    pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
+    running, seen = [], []
+
+    def begun(turn, port):
+        folder = tmp_path / f"turn{turn}"
+        folder.mkdir()
+        said = folder / "scheduler.json"
+        own = ("--no-dashboard", "--scheduler-file", said)
+        running.append(start(folder, "scheduler", "--host", "127.0.0.1", "--port", port, *own))
+        running.append(start(folder, "worker-0", "--nthreads", 1, "--no-nanny", *own))
+        return address_in(said, running[-2])
+
+    def ended():
+        while running:
+            process = running.pop()
+            process.kill()
+            process.wait(timeout=30)
+
+    def progress(fraction):
+        seen.append(fraction)
+        if len(seen) == 2:
+            ended()
+            begun(1, address.rpartition(":")[2])
+
+    address = begun(0, 0)
+    try:
+        found = estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress)
+    finally:
+        ended()
+    assert len(seen) >= LOGS
+    same(found, alone)

@@ -70,3 +70,20 @@ def test_only_healthy_logs_teach_it(lpvobs, folder, option):
     done = lpvobs("calibrate", "--config", LIU_ICE, option, folder / "healthy.parquet", "--out", folder / "no.h5")
     assert done.code == 2
     assert "learns from healthy logs alone" in done.err
+
+
+def test_a_fleet_of_such_engines_is_tracked_with_what_was_taught_once(lpvobs, engine, folder):
+    (folder / "fleet").mkdir()
+    logs = [
+        written(folder / "fleet" / f"V1-2025-0{month}-15.parquet", 100.0, 10 + month, 1.0 if month < 3 else 1.06)
+        for month in range(1, 6)
+    ]
+    track = ("track", "--config", LIU_ICE, "--path", "{vehicle}-{date}.parquet", "--out", folder / "fleet.h5", "--json")
+    untaught = lpvobs(*track, *logs)
+    assert untaught.code == 2
+    assert "learn them once, by `lpvobs calibrate --healthy LOG`, and give --engine" in untaught.err
+    done = lpvobs(*track, "--engine", engine, "--jobs", 1, *logs)
+    assert done.code == 0, done.err
+    (change,) = done.json["changes"]
+    assert change["kind"] == "step"
+    assert change["size"][1] == pytest.approx(0.06, abs=0.02)

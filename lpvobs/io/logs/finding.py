@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.parquet import metadata_of, schema_of
+from lpvobs.io.logs.remote import RemotePath, log_path
 
 WILD = re.compile(r"[*?]|\[.+\]")
 ENDING = ".parquet"
@@ -18,7 +19,7 @@ ENDING = ".parquet"
 def find_logs(named: Sequence[Path]) -> list[Path]:
     """Return what a pattern matches and every Parquet file below a folder, in alphabetical order; raises UsageError for none."""
     found: list[Path] = []
-    for path in named:
+    for path in map(log_path, named):
         if path.is_dir():
             matches = sorted(file for file in path.rglob(f"*{ENDING}") if file.is_file())
         elif WILD.search(str(path)) and not path.exists():
@@ -33,6 +34,8 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
 
 
 def _matches(pattern: Path) -> list[Path]:
+    if isinstance(pattern, RemotePath):
+        return list(pattern.matching())
     start = Path(pattern.anchor) if pattern.is_absolute() else Path()
     try:
         found = sorted(start.glob(str(pattern.relative_to(pattern.anchor)) if pattern.is_absolute() else str(pattern)))
@@ -115,7 +118,8 @@ def _rows(table: Path) -> dict[Path, dict[str, str]]:
         else:
             with table.open(encoding="utf-8", newline="") as stream:
                 rows = [dict(row) for row in csv.DictReader(stream)]
-        return {(table.parent / row.pop("log")).resolve(): row for row in rows}
+        named = [(log_path(Path(row.pop("log"))), row) for row in rows]
+        return {(path if isinstance(path, RemotePath) else table.parent / path).resolve(): row for path, row in named}
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise DataError(f"{table}: no table of logs ({error!r}); expected columns log, vehicle, date") from None
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.logs.remote import end_of, footer_of, parquet_file
 from lpvobs.io.logs.units import convert
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
@@ -37,14 +38,14 @@ def metadata_of(path: Path) -> "pq.FileMetaData":
         raise DataError(f"{path}: no such log; name a Parquet file")
     try:
         _refuse_long_footer(path)
-        return pq.read_metadata(path)
+        return pq.read_metadata(footer_of(path))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 
 def _refuse_long_footer(path: Path) -> None:
     """Raise for a description of more columns and row groups than a log has, before it is parsed."""
-    with path.open("rb") as stream:
+    with end_of(path) as stream:
         stream.seek(-min(8, path.stat().st_size), os.SEEK_END)
         length = int.from_bytes(stream.read(4), "little")
     if MOST_FOOTER < length < path.stat().st_size:
@@ -92,10 +93,9 @@ def unreadable(path: Path, error: Exception) -> DataError:
 def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":
     """Yield the columns of a Parquet file as tables of at most so many rows, of equal length up to rounding."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
-        with pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
+        with parquet_file(path) as file:
             rows = file.metadata.num_rows
             if rows <= most:
                 yield file.read(columns=columns, use_threads=threads)

@@ -19,7 +19,8 @@ from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.logs import parquet, plausibility
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts
-from lpvobs.io.safety.atomic import file_digest, refuse_changed, state_of
+from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.safety.atomic import refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class LogFile:
     @cached_property
     def sha256(self) -> str:
         """Digest of the file's bytes."""
-        return file_digest(self.path)
+        return log_digest(self.path)
 
     @property
     def kept(self) -> tuple[NDArray[np.uint8], ...]:

@@ -1,0 +1,141 @@
+"""Logs in object stores and other places that fsspec knows: `s3://bucket/V1/jan.parquet`, `abfs://`, `gs://`, `memory://`.
+
+Such a log is known by its size and its Parquet footer, which holds the names, units, statistics and compressed sizes of all
+columns: whoever works on it reads nothing else but the columns that the engine needs. Where the footer has no statistics, all
+bytes count, as they do for files on a disk.
+"""
+
+import hashlib
+import io
+import re
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import IO, TYPE_CHECKING, Any, TypeVar
+
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.safety.atomic import file_digest
+
+if TYPE_CHECKING:
+    import fsspec
+    import pyarrow.parquet as pq
+
+Answer = TypeVar("Answer")
+PROTOCOL = re.compile(r"[a-z][a-z0-9+.-]+:")
+TAIL = 1 << 16
+"""[bytes] read from the end at once; the footer of a log of ten channels and an hour has a fifth of it."""
+
+
+class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` makes here
+    """A path whose first part is a protocol; whoever reads logs uses it as one on a disk."""
+
+    def __str__(self) -> str:
+        return f"{self.parts[0]}//" + "/".join(self.parts[1:])
+
+    def _ask(self, question: Callable[["fsspec.AbstractFileSystem", str], Answer]) -> Answer:
+        """Return what the store says; raises UsageError where a library is missing, DataError where the store says nothing."""
+        try:
+            import fsspec
+
+            return question(*fsspec.core.url_to_fs(str(self)))
+        except ImportError as error:
+            raise UsageError(
+                f"{self}: {error}; install lpvobs[cluster] and the library for {self.parts[0]}// there"
+            ) from None
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # every store has errors of its own
+            raise DataError(f"{self}: cannot be reached ({error or error!r}); check address and credentials") from None
+
+    def is_file(self, **_: Any) -> bool:
+        """Return whether there is such an object."""
+        return self._ask(lambda store, name: bool(store.isfile(name)))
+
+    def is_dir(self, **_: Any) -> bool:
+        """Return whether names of objects begin so."""
+        return self._ask(lambda store, name: bool(store.isdir(name)))
+
+    def exists(self, **_: Any) -> bool:
+        """Return whether there is anything."""
+        return self._ask(lambda store, name: bool(store.exists(name)))
+
+    def stat(self, **_: Any) -> Any:
+        """Return the size, and what changes when somebody writes."""
+        size, key = self._ask(lambda store, name: (int(store.size(name)), str(store.ukey(name))))
+        version = int(hashlib.sha256(key.encode()).hexdigest()[:12], 16)
+        return SimpleNamespace(st_size=size, st_ino=version, st_mtime_ns=0, st_dev=-1)
+
+    def resolve(self, strict: bool = False) -> "RemotePath":
+        """Return the path itself: a store has no links."""
+        return self
+
+    def open(self, mode: str = "rb", *_: Any, **__: Any) -> IO[Any]:  # type: ignore[override]
+        """Return the object as a file from which only what is asked for is read."""
+        return self._ask(lambda store, name: store.open(name, mode, cache_type="none"))
+
+    def end(self, least: int = TAIL) -> bytes:
+        """Return the last bytes, at least so many if there are."""
+        size, key = self._ask(lambda store, name: (int(store.size(name)), str(store.ukey(name))))
+        return _end(self, max(size - least, 0), size, key)
+
+    def footer(self) -> bytes:
+        """Return a Parquet footer with its length and magic number, and what stands before it."""
+        end = self.end()
+        length = int.from_bytes(end[-8:-4], "little") + 8
+        return end if length <= len(end) else self.end(length)
+
+    def matching(self) -> list["RemotePath"]:
+        """Return the objects whose names fit the path, a pattern, in alphabetical order."""
+        found = self._ask(lambda store, name: [store.unstrip_protocol(each) for each in sorted(store.glob(name))])
+        return [RemotePath(each) for each in found]
+
+    def rglob(self, pattern: str, **_: Any) -> Iterator["RemotePath"]:  # type: ignore[override]
+        """Yield what matches at any depth."""
+        yield from (self / "**" / pattern).matching()
+
+    def digest(self) -> str:
+        """Return what a log is known by."""
+        import pyarrow.parquet as pq
+
+        footer = self.footer()
+        metadata, size = pq.read_metadata(io.BytesIO(footer)), self.stat().st_size
+        groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+        if not all(group.column(i).is_stats_set for group in groups for i in range(metadata.num_columns)):
+            return file_digest(self)
+        length = int.from_bytes(footer[-8:-4], "little") + 8
+        return hashlib.sha256(b"%d %b" % (size, footer[-length:])).hexdigest()
+
+
+@lru_cache(maxsize=16)  # several look at the footer of a log, one after the other
+def _end(path: RemotePath, begin: int, size: int, key: str) -> bytes:
+    return path._ask(lambda store, name: bytes(store.cat_file(name, start=begin, end=size)))
+
+
+def log_path(path: Path) -> Path:
+    """Return a path that can be read: a remote one where its first part is a protocol."""
+    return RemotePath(*path.parts) if len(path.parts) > 1 and PROTOCOL.fullmatch(path.parts[0]) else path
+
+
+def log_digest(path: Path) -> str:
+    """Return what a log is known by: the SHA-256 of its bytes on a disk, of size and footer in a store."""
+    return path.digest() if isinstance(path, RemotePath) else file_digest(path)
+
+
+def end_of(path: Path) -> IO[bytes]:
+    """Return the end of a file, or all of it, to seek in from there."""
+    return io.BytesIO(path.end()) if isinstance(path, RemotePath) else path.open("rb")
+
+
+def footer_of(path: Path) -> Any:
+    """Return what pyarrow reads a log's own description from."""
+    return io.BytesIO(path.footer()) if isinstance(path, RemotePath) else path
+
+
+def parquet_file(path: Path) -> "pq.ParquetFile":
+    """Return an open log, of which whole columns are read at a time from a store, and a piece of them from a disk."""
+    import pyarrow.parquet as pq
+
+    if isinstance(path, RemotePath):
+        return pq.ParquetFile(path.open(), metadata=pq.read_metadata(footer_of(path)), pre_buffer=False)
+    return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)
