@@ -160,7 +160,7 @@ def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Ta
     pool = client.get_executor(pure=False, retries=RETRIES)
 
     def ahead() -> int:
-        return AHEAD * max(sum(client.nthreads().values()), 1)
+        return AHEAD * max(sum(map(int, client.nthreads().values())), 1)
 
     try:
         yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)

@@ -70,7 +70,7 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
         """Return the path itself: a store has no links."""
         return self
 
-    def open(self, mode: str = "rb", *_: Any, **__: Any) -> IO[Any]:  # type: ignore[override]
+    def open(self, mode: str = "rb", *_: Any, **__: Any) -> IO[Any]:
         """Return the object as a file from which only what is asked for is read."""
         return self._ask(lambda store, name: store.open(name, mode, cache_type="none"))
 
@@ -90,7 +90,7 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
         found = self._ask(lambda store, name: [store.unstrip_protocol(each) for each in sorted(store.glob(name))])
         return [RemotePath(each) for each in found]
 
-    def rglob(self, pattern: str, **_: Any) -> Iterator["RemotePath"]:  # type: ignore[override]
+    def rglob(self, pattern: str, **_: Any) -> Iterator["RemotePath"]:
         """Yield what matches at any depth."""
         yield from (self / "**" / pattern).matching()
 
