@@ -148,7 +148,7 @@ def refine(
 ) -> None:
     """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
 
-    Without a finding the model of before is written, byte for byte. A refined result can be refined again. A log that cannot be
+    Without a finding the earlier model is written, byte for byte. A refined result can be refined again. A log that cannot be
     used is named and left out: exit code 3.
 
     Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5
@@ -179,4 +179,4 @@ def _tell(traced: "Traced", out: Path) -> None:
         f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "
         f"ratio {error.ratio:.3f} ({low:.3f} to {high:.3f})"
     )
-    say(f"{out}: " + ("written with the effects" if found.findings else "the model of before, nothing was proven"))
+    say(f"{out}: " + ("written with the effects" if found.findings else "the earlier model, nothing was proven"))

@@ -11,7 +11,7 @@ from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, SCHEDULER, argument,
 @guarded
 def track(
     logs: list[Path] | None = argument(
-        "[LOG]...", "Parquet logs, patterns, or folders; none: the fleet as it is, anew.", None
+        "[LOG]...", "Parquet logs, patterns, or folders; without any, the stored sums are evaluated again.", None
     ),
     out: Path = needed("FLEET.h5", "The fleet to write, or to go on with: logs that it knows are not read again."),
     by: str = option("KEY", "The field that says whose a log is.", default="vehicle"),

@@ -169,7 +169,9 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
     found = model.effect(name)
     if found is None:
         known = ", ".join(effect.id for effect in model.catalogue)
-        raise DataError(f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine anew")
+        raise DataError(
+            f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine again"
+        )
     return found
 
 

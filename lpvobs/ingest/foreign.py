@@ -128,8 +128,8 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     files = ", ".join(part.done.file for part in parts)
     if wrong and (profile.time.backward == "refuse" or wrong > MOST_BACKWARD * time.size):
         raise DataError(
-            f"{files}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other on one "
-            f'clock; order them, or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
+            f"{files}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other; order "
+            f'them, or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
         )
     repairs: dict[str, Any] = {"overlap": wrong} if wrong else {}
     for part in parts:

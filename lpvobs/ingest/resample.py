@@ -150,7 +150,7 @@ def _common(samples: Mapping[str, repairs.RecordedSamples]) -> Array:
         if not np.array_equal(samples[name].time, samples[first].time):
             raise DataError(
                 f"{samples[name].done.file}: channel '{name}' is recorded at other times than '{first}', expected one "
-                f"time base; state rate in the profile's [raster]"
+                f"time base; set rate in the profile's [raster]"
             )
     return samples[first].time
 

@@ -222,7 +222,9 @@ def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
 
 def _telegraph(table: Any) -> Telegraph:
     if not isinstance(table, Mapping) or type(table.get("seed")) is not int:  # a bool is an int to isinstance
-        raise UsageError("unlogged: telegraph is no table with a whole seed; write { seed = 1, on = 40.0, off = 60.0 }")
+        raise UsageError(
+            "unlogged: telegraph needs a seed that is a whole number; write { seed = 1, on = 40.0, off = 60.0 }"
+        )
     entry = catalogue.Entry("unlogged: telegraph", table)
     entry.refuse_others("seed", "on", "off")
     return Telegraph(table["seed"], entry.number("on"), entry.number("off"))

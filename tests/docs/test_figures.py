@@ -60,8 +60,8 @@ def test_the_blind_bank():
     assert [right, of] == row("blind", "diesel", single)[:2]
     assert row("blind", "diesel", "clean: `none`")[:2] == [clean, clean]
     assert told("only # of # pairs were found whole") == row("blind", "diesel", "pair: both found")[:2]
-    assert told("# of # single effects were; there") == row("blind", "throttled", single)[:2]
-    assert told("there # % of the 90 % intervals") == [
+    assert told("# of # single effects were named, and") == row("blind", "throttled", single)[:2]
+    assert told("and # % of the 90 % intervals") == [
         round(row("blind", "throttled", "truth inside its 90 % interval")[2])
     ]
     text = (ROOT / "benchmarks" / "results" / "blind.md").read_text(encoding="utf-8")

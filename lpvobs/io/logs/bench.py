@@ -137,8 +137,8 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
     middle = float(np.median(values))
     if not low <= middle <= high or values.min() < channel.low or values.max() > channel.high:
         raise DataError(
-            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, half of it above {middle:g}; "
-            f"expected {low:g} to {high:g} {channel.unit} in the middle; see to its unit"
+            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, {middle:g} in the middle; "
+            f"expected a middle of {low:g} to {high:g} {channel.unit}; check its unit"
         )
 
 
@@ -169,8 +169,8 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath
         off = float(np.median(table[REFERENCE] / burnt)) - 1.0
         if not abs(off) <= LAMBDA_ERROR + 2.0 * float(np.median(table[DEVIATION] / table[REFERENCE])):
             raise DataError(
-                f"{path}: {REFERENCE} is {100 * off:+.1f} % off the air that {FUEL} and {LAMBDA} tell of (ratio {AIR_FOR_FUEL:g}), "
-                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; see to meter, fuel and probe"
+                f"{path}: {REFERENCE} is {100 * off:+.1f} % off the air flow from {FUEL} and {LAMBDA} (ratio {AIR_FOR_FUEL:g}), "
+                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; check meter, fuel and probe"
             )
     if FUEL in table:
         burns = table[REFERENCE] >= RICHEST * table[FUEL]
@@ -178,7 +178,7 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath
             worst = float(np.min(table[REFERENCE][~burns] / table[FUEL][~burns]))
             raise DataError(
                 f"{path}: {REFERENCE} is {worst:.3g} times {FUEL} where it is least, expected at least {RICHEST:g}: the fuel "
-                f"would not burn; see to the units of both"
+                f"would not burn; check the units of both"
             )
 
 
@@ -191,7 +191,7 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
     if np.mean(~near) > most:
         raise DataError(
             f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws, at {np.sum(~near)} of "
-            f"{near.size} points outside {AGREES[0]:g} to {AGREES[1]:.2g} times; see to its unit, and to the constants in [engine]"
+            f"{near.size} points outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check its unit, and the constants in [engine]"
         )
 
 

@@ -127,7 +127,7 @@ def refuse_replaced(stored: StoredResult) -> None:
     """Raise DataError if another program has written to a result since it was read: what was found does not belong to it now."""
     if state_of(stored.path) != stored.state:
         raise DataError(
-            f"{stored.path}: was replaced while this verb worked on the result of before; it stays as it is now; run the verb again"
+            f"{stored.path}: was replaced while this verb worked on it; it stays as it is now; run the verb again"
         )
 
 
