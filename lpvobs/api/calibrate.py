@@ -72,8 +72,6 @@ def calibrate(
         For logs; without it one is made and proven first.
     prior : bool
         Write the engine as configured where there is nothing to calibrate from.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
     """
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()
@@ -235,8 +233,8 @@ FEASIBLE, BEST = 120, 8
 def plan_bench(config: File, engine: File, *, progress: Progress | None = None) -> Sequence[PlannedPoint]:
     """Return the bench points that would make the air flow of a calibrated engine known best, the best first.
 
-    Points are chosen one after the other (greedily) so that the mean variance of the flow over all feasible points becomes least
-    (A-optimal). Feasible are stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
+    They are chosen greedily so that the mean variance of the flow over all feasible points becomes least (A-optimal). Feasible are
+    stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
 
     Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
 
@@ -246,8 +244,6 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
         With `[simulation]`.
     engine : path
         Made by `calibrate` from the same configuration.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
     """
     from lpvobs.api.simulate import plant_of  # the simulator is loaded where it runs: a calibration needs none
 

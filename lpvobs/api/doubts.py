@@ -115,8 +115,7 @@ def _reads(sums: BalanceSums) -> float:
 def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterable[str]:
     """Yield the volumes that the logs want far from what they are known to be.
 
-    Of variances p before the logs and q after them, the logs were expected to move a constant by sqrt(p - q), and alone they would
-    put it p/(p - q) times as far as they did.
+    Of variances p and q after them, logs were to move a constant by sqrt(p - q), and alone would put it p/(p - q) times as far.
     """
     known = () if found is None else found.unknowns.constants
     for name in volumes:

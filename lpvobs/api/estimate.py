@@ -20,6 +20,7 @@ from lpvobs.io.logs import finding, reading
 from lpvobs.io.results import engines, gains, results
 from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
@@ -108,8 +109,6 @@ def estimate(
         Logs done at the same time, one per process.
     scheduler : str, optional
         Address of a Dask scheduler, on whose workers the logs are done.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
 
     Notes
     -----
@@ -139,7 +138,8 @@ def used_engine(config: Config, engine: Path | None, method: str) -> engines.Cal
         return None
     if method != "observer" and not config.kind.air_path.learns:
         raise UsageError(f"--method {method}: takes the engine as configured; drop --engine")
-    return engines.calibrated_engine(engine, config.engine_path())
+    stored = engines.read_engine(engine, config.engine_path())
+    return engines.CalibratedEngine(engine.name, file_digest(engine), stored)
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -254,10 +254,7 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
 def gain_for(
     config: Config, paths: Sequence[Path], gain: Path | None, method: str, air_path: AirPath | None = None
 ) -> gains.StoredGain:
-    """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine.
-
-    Raises DataError if the gain is for another engine, NotProven if its certificate does not hold.
-    """
+    """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine."""
     if gain is None:
         from lpvobs.api.synth_gain import make_gain, make_published_gain  # with a gain, no solver is loaded
 

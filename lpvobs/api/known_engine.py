@@ -80,14 +80,11 @@ def learned_engine(config: Config, logs: Sequence[Log]) -> KnownEngine:
 
 
 def engine_before(config: Config, paths: Sequence[Path], calibrated: engines.StoredEngine | None = None) -> KnownEngine:
-    """Return what is known of the engine before an estimate.
-
-    Without a calibration an engine that learns takes its own logs for healthy; whoever uses them next says which cannot be read.
-    """
+    """Return what is known of the engine before an estimate; without a calibration one that learns takes its logs for healthy."""
     if calibrated is not None and calibrated.learned is not None:
         return _knowing(config, calibrated.learned)
     logs = []
     for path in paths if config.kind.air_path.learns else ():
-        with suppress(DataError):
+        with suppress(DataError):  # whoever uses the logs next says which cannot be read
             logs.append(reading.read_log(path, config.engine_path().channels, config.reading))
     return learned_engine(config, logs)

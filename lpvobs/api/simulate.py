@@ -60,8 +60,6 @@ def simulate(
         Of noise and road.
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
 
     Notes
     -----
@@ -126,8 +124,6 @@ def simulate_bench(
         Of noise and of where the points lie.
     engine : path, optional
         As for `simulate`.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
 
     Returns
     -------

@@ -75,10 +75,7 @@ def make_report(
     junit: File | None = None,
     region: Mapping[str, tuple[float, float]] | None = None,
 ) -> Reported:
-    """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for.
-
-    Raises DataError and UsageError as `write_report` does; a gate that fails is a verdict.
-    """
+    """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for."""
     conditions = list(dict.fromkeys(parse_gate(expression) for expression in gates))
     if junit is not None and not conditions:
         raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")

@@ -45,10 +45,7 @@ class Clues:
 
 
 def draft_profile(path: Path, names: Path | None = None) -> str:
-    """Return the text of a profile for a recording; every line that is not a comment is meant to be right.
-
-    `names` is a user's own table of names, which comes first. Raises DataError if the recording cannot be read.
-    """
+    """Return the text of a profile for a recording, `names` being a user's own table; what is no comment is meant to be right."""
     own = {} if names is None else own_names(names)
     with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
         seen = _look(path, own)

@@ -202,10 +202,9 @@ def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
 
 
 def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
-    """Return which share of all changes falls into the turn of its column.
+    """Return which share of all changes falls into the turn of its column, NaN for under three columns or a hundred changes.
 
-    NaN where there are fewer than three columns or a hundred changes. By chance it would be one in the number of columns.
-    Columns have the shape (N,); `turns` are all columns besides time, in the order of the file.
+    By chance it would be one in the number of columns. `turns` are all columns besides time, in the order of the file.
     """
     counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
     late, every = (sum(count[end] for count in counts) for end in (0, 1))

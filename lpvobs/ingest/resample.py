@@ -87,10 +87,9 @@ def _integrals(t: Array, v: Array, cover: Array, area: Array, at: Array, limit: 
 
 
 def raster(times: list[Array], rate: float, gap: float) -> Array:
-    """Return evenly spaced times, shape (M,), from the first to the last sample of all channels, none inside a gap of all.
+    """Return evenly spaced times, shape (M,), at a rate [Hz] from the first to the last of all channels' stamps [s].
 
-    The times are the stamps [s] of each channel, the rate is in Hz; no time of the raster lies where no channel has a sample
-    for longer than `gap` [s].
+    None lies where no channel has a sample for longer than `gap` [s].
     """
     stamps = np.unique(np.concatenate(times))
     count = int(np.floor((stamps[-1] - stamps[0]) * rate + 1e-6)) + 1

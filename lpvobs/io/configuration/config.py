@@ -119,10 +119,7 @@ def _default(record: Any) -> Any:
 
 
 def load_config(path: Path) -> tuple[Config, str]:
-    """Return the configuration in a TOML file, and the file's text.
-
-    Raises UsageError if the file cannot be read, has a key that nothing knows, lacks one, or holds an impossible value.
-    """
+    """Return the configuration in a TOML file, and the file's text; raises UsageError for what cannot be read or cannot be."""
     text = _read(path)
     return config_of(text, path), text
 

@@ -29,17 +29,9 @@ _FIELD_SPELLINGS = (
     | {f"{unit}{mark}": unit for unit in ("bar", "mbar") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
     | {f"{unit.lower()}{mark}": unit for unit in ("kPa", "hPa") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
     | dict.fromkeys(("percent", "pct", "prozent"), "%")
-    | {
-        "kg/h": "kg/h",
-        "kg/hr": "kg/h",
-        "g/s": "g/s",
-        "g/sec": "g/s",
-        "gm/sec": "g/s",
-        "kg/s": "kg/s",
-        "kg/sec": "kg/s",
-        "sec": "s",
-        "msec": "ms",
-    }
+    | dict.fromkeys(("kg/h", "kg/hr"), "kg/h")
+    | dict.fromkeys(("g/s", "g/sec", "gm/sec"), "g/s")
+    | {"kg/s": "kg/s", "kg/sec": "kg/s", "sec": "s", "msec": "ms"}
     | {"mbar": "mbar", "bar": "bar", "kpa": "kPa", "hpa": "hPa", "℃": "degC", "celsius": "degC", "kelvin": "K"}
 )
 
@@ -88,10 +80,8 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
     >>> convert(np.array([36.0]), "kg/h", "kg/s")
     array([0.01])
     """
-    if unit == wanted:
-        return values
     known = re.sub(r"sqrt\((\w+)\)", r"\1^0.5", canonical(unit))
-    if known == wanted:
+    if wanted in (unit, known):
         return values
     if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:
         raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'")
@@ -122,11 +112,7 @@ def _is_angular(unit: "Unit") -> bool:
 
 @cache
 def _registry() -> "UnitRegistry[float]":
-    """Return a registry that reads the field's own units.
-
-    A cycle (of a cylinder) and a stroke are counted, not turned: left alone, pint reads `cycle` as 2 pi radian and `mg/cycle`
-    as an amount per angle.
-    """
+    """Return a registry that counts cycles and strokes: left alone, pint reads `cycle` as 2 pi radian, an angle."""
     import pint
 
     registry: UnitRegistry[float] = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)

@@ -15,7 +15,6 @@ from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_
 from lpvobs.io.results.learned import Learning, read_learned, write_learned
 from lpvobs.io.results.mapping import Contents, fields, read, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, expect_constants, read_provenance
-from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
 
@@ -165,12 +164,6 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
             points=read_rows(file["points"], ComponentPoint, "row"),
             learned=read_learned(file) if air_path.learns else None,
         )
-
-
-def calibrated_engine(path: Path, air_path: AirPath) -> CalibratedEngine:
-    """Return a stored engine with the digest of its file; raises as `read_engine` does."""
-    stored = read_engine(path, air_path)
-    return CalibratedEngine(path.name, file_digest(path), stored)
 
 
 ENGINE_FOUND, BEFORE = "engine_found", "engine_before"

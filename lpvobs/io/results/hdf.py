@@ -78,10 +78,7 @@ def text(values: Sequence[str]) -> Any:
 
 @contextmanager
 def creating(target: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error.
-
-    It grows in memory and is written by Python: where the disk is full, HDF5 itself would end the process.
-    """
+    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error."""
     with changing(None, target) as file:
         yield file
 
