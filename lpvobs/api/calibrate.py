@@ -30,10 +30,8 @@ from lpvobs.report.engines import PlannedPoint
 
 USUAL_TOLERANCE = 0.01
 """Of a constant that only a component's table tells of, and of which the configuration says nothing: as of the others."""
-LEAST_SHARE = 0.3
-"""Of a row's flow that passes a component, for the row to be a point on its correction."""
-FROM_BENCH = 0.3
-"""Share of the progress for the bench where there are logs as well."""
+LEAST_SHARE = 0.3  # of a row's flow that passes a component, for the row to be a point on its correction
+FROM_BENCH = 0.3  # share of the progress for the bench where there are logs as well
 
 
 def calibrate(
@@ -199,10 +197,8 @@ def _with_tables(stored: StoredEngine, air_path: AirPath, tables: Sequence[Table
 
 
 def _points(found: Calibration) -> Iterator[ComponentPoint]:
-    """Yield what each row says of the corrections that move it.
-
-    The weights of the nodes in a row add up to one and give its inputs, too: hat functions make a straight line straight.
-    """
+    """Yield what each row says of the corrections that move it."""
+    # The weights of the nodes in a row add up to one and give its inputs, too: hat functions make a straight line straight.
     rows, unknowns = found.rows, found.unknowns
     for component, own in zip(unknowns.components, unknowns.places().values(), strict=True):
         if not component.axes:
@@ -226,8 +222,7 @@ def _rows(found: Calibration) -> tuple[EngineRow, ...]:
     return tuple(EngineRow(*row) for row in zip(names, *(column.tolist() for column in columns), strict=True))
 
 
-FEASIBLE, BEST = 120, 8
-"""Stationary points that are looked at, and those that are named: a morning on the bench."""
+FEASIBLE, BEST = 120, 8  # stationary points that are looked at, and those that are named: a morning on the bench
 
 
 def plan_bench(config: File, engine: File, *, progress: Progress | None = None) -> Sequence[PlannedPoint]:

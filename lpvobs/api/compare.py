@@ -12,8 +12,8 @@ from lpvobs.api.export import SOURCES
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.engines.base import MapAxis
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.io.calibration.surfaces import Surface, read_surface
 from lpvobs.io.logs.units import convert
+from lpvobs.io.results.surfaces import Surface, read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, KgPerS
 from lpvobs.maps.grid import Grid

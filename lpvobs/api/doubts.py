@@ -14,8 +14,7 @@ from lpvobs.observer.balance_agreement import DISAGREE, BalanceAgreement, Balanc
 from lpvobs.observer.estimate import EngineFound, MapEstimate
 from lpvobs.records import Array
 
-NEXT_TO_NOTHING = 0.2
-"""Share of the air flow that a connected sensor reads at least."""
+NEXT_TO_NOTHING = 0.2  # share of the air flow that a connected sensor reads at least
 READS = 0.4
 """Share of the balances' flow that a sensor in the right unit reads at least, and the inverse is what it reads at most. On 30 right
 drives it was 0.52 to 1.06; g/s called kg/h make 0.28 of that."""
@@ -113,10 +112,9 @@ def _reads(sums: BalanceSums) -> float:
 
 
 def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterable[str]:
-    """Yield the volumes that the logs want far from what they are known to be.
-
-    Of variances p and q after them, logs were to move a constant by sqrt(p - q), and alone would put it p/(p - q) times as far.
-    """
+    """Yield the volumes that the logs want far from what they are known to be."""
+    # Of variances p and q after them, logs were to move a constant by sqrt(p - q), and alone would put it p/(p - q) times
+    # as far.
     known = () if found is None else found.unknowns.constants
     for name in volumes:
         if found is None or name not in known:

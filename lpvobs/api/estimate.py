@@ -33,8 +33,7 @@ from lpvobs.records import Log
 from lpvobs.report.outputs import LogOutput
 from lpvobs.report.spoken import headline
 
-MANY = 8
-"""Number of logs from which on other processes are started, each of which takes about a second to start."""
+MANY = 8  # number of logs from which on other processes are started, each of which takes about a second to start
 METHODS = ("observer", "published", "ekf", "batch")
 
 
@@ -163,10 +162,9 @@ def estimate_logs(
     engine: engines.CalibratedEngine | None = None,
     before: known_engine.KnownEngine | None = None,
 ) -> fleet.Estimated:
-    """Estimate the map from logs and write the result; raises as `estimate` does.
-
-    `before` is what is known of the engine, by default what `engine` and the logs say. References are read after the map is final.
-    """
+    """Estimate the map from logs and write the result; raises as `estimate` does."""
+    # `before` is what is known of the engine, by default what `engine` and the logs say. References are read after the map
+    # is final.
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     names = finding.log_names(paths)

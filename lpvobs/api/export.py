@@ -7,10 +7,11 @@ from pathlib import Path
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration import dcm, exchange, files, surfaces
+from lpvobs.io.calibration import dcm, exchange, files
 from lpvobs.io.calibration.a2l import A2lMap, read_a2l_map
 from lpvobs.io.calibration.files import Change
 from lpvobs.io.logs.units import canonical
+from lpvobs.io.results import surfaces
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.results import KIND, REMEDY
 from lpvobs.io.safety.atomic import file_digest

@@ -16,7 +16,6 @@ from lpvobs.api.verify import check_again, expect_proven
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.files import Change
-from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
@@ -25,6 +24,7 @@ from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import KIND, REMEDY, read_result
+from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.kinds import Count
 from lpvobs.maps.quadratic import ESTIMATED

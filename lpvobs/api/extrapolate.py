@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lpvobs.api.files import File, updating
 from lpvobs.errors import UsageError
-from lpvobs.io.results.extrapolations import axes_of, write_extrapolation
 from lpvobs.io.results.results import StoredResult, read_result, update
+from lpvobs.io.results.surfaces import axes_of, write_extrapolation
 from lpvobs.kinds import Fraction, KgPerS
 from lpvobs.maps.kriging import krige
 from lpvobs.maps.quadratic import EXTRAPOLATED, Filled, fit, interval_factor, outer_coverage

@@ -14,8 +14,7 @@ from lpvobs.io.safety.atomic import claimed, is_same
 File: TypeAlias = str | os.PathLike[str]
 Progress: TypeAlias = Callable[[float], None]
 CONFIG_NAME = "lpvobs.toml"
-LONGEST_NAME = 255
-"""[bytes] Longest name of a file in its folder."""
+LONGEST_NAME = 255  # [bytes] Longest name of a file in its folder
 
 
 def as_path(file: File) -> Path:

@@ -20,10 +20,8 @@ from lpvobs.report.fit import ResidualFit, fit_along
 
 
 def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit]:
-    """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine.
-
-    The prediction is the flow past the sensor by the balance, with the constants that were found, plus the map: y - e.
-    """
+    """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine."""
+    # The prediction is the flow past the sensor by the balance, with the constants that were found, plus the map: y - e.
     engine = known_engine(stored)
     model = engine.residual_model()
     log = engine.read(path)

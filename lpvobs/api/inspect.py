@@ -128,10 +128,8 @@ def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPo
 
 
 def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> InspectedLog:
-    """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it.
-
-    `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
-    """
+    """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it."""
+    # `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
     units, record = parquet.channel_units(path), stored_record(path)
     lacking: dict[str, list[str]] = {}
     if needed is None:

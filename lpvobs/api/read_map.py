@@ -7,8 +7,8 @@ import numpy as np
 
 from lpvobs.api.files import File, as_path
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration.surfaces import ORIGINS, Surface, read_surface
 from lpvobs.io.results.results import read_result
+from lpvobs.io.results.surfaces import ORIGINS, Surface, read_surface
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,13 +10,13 @@ import h5py
 from lpvobs.api.files import File, as_path, as_paths, writing
 from lpvobs.api.fitted import fits_of
 from lpvobs.errors import UsageError
-from lpvobs.io.calibration.surfaces import read_surface
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.results.engines import KIND, REMEDY, read_engine
 from lpvobs.io.results.fleets import StoredFleet, read_fleet
 from lpvobs.io.results.hdf import is_hdf5, reading
 from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.discovered import contents, sentences
 from lpvobs.report.engines import CalibrateOutput, told

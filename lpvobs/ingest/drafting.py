@@ -16,8 +16,7 @@ from lpvobs.records import Array
 TIMES = re.compile(
     r"t|time|zeit|temps|timestamp|time stamp|t s|zeitstempel|elapsed( time)?|t (fast|slow)|time (fast|slow)"
 )
-IN_TURN = 0.95
-"""Share of the changes in their column's turn from which a recording counts as polled."""
+IN_TURN = 0.95  # share of the changes in their column's turn from which a recording counts as polled
 MOST_COLUMNS = 400
 
 

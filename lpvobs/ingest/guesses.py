@@ -20,8 +20,7 @@ from lpvobs.io.logs.units import canonical, convert, unit_of
 from lpvobs.records import Array
 
 LONGEST_NAME = 200
-QUANTITY = {"K": frozenset({"temp"}), "Pa": frozenset({"pressure"})}
-"""What a unit says where a name does not."""
+QUANTITY = {"K": frozenset({"temp"}), "Pa": frozenset({"pressure"})}  # what a unit says where a name does not
 
 
 def known_channels() -> Mapping[str, channels.Recorded]:
@@ -202,10 +201,8 @@ def refreshed(values: Array, turn: int, turns: int) -> tuple[int, int]:
 
 
 def polled(columns: Mapping[str, Array], turns: list[str]) -> float:
-    """Return which share of all changes falls into the turn of its column, NaN for under three columns or a hundred changes.
-
-    By chance it would be one in the number of columns. `turns` are all columns besides time, in the order of the file.
-    """
+    """Return which share of all changes falls into the turn of its column, NaN for under three columns or a hundred changes."""
+    # By chance it would be one in the number of columns. `turns` are all columns besides time, in the order of the file.
     counts = [refreshed(values, turns.index(name), len(turns)) for name, values in columns.items()]
     late, every = (sum(count[end] for count in counts) for end in (0, 1))
     return 1.0 - late / every if len(turns) >= 3 and every >= 100 else float("nan")

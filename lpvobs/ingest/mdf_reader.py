@@ -16,8 +16,7 @@ from lpvobs.ingest.reader import Found, as_text, native, serve
 from lpvobs.ingest.recordings import Head, one_line
 
 MOST_MESSAGES = 10_000
-DEEPEST = 8
-"""Conversions inside conversions."""
+DEEPEST = 8  # conversions inside conversions
 _FORMULA = re.compile(
     r"(?:[\s+\-*/(),]|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|X1?(?!\w)"
     r"|(?:a?(?:sin|cos|tan)h?|arc(?:sin|cos|tan)|sqrt|exp|log|log10|abs)(?=\s*\())*"

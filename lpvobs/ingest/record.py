@@ -10,8 +10,7 @@ import msgspec
 
 SCHEMA = "lpvobs/ingest/1"
 KEY = "lpvobs.ingest"
-Repairs = Mapping[str, int | str]
-"""What was repaired: how many samples, or how."""
+Repairs = Mapping[str, int | str]  # what was repaired: how many samples, or how
 
 
 @dataclass(frozen=True)

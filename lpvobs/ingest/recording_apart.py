@@ -22,8 +22,7 @@ from lpvobs.io.safety.sandbox import call, environment
 
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
 """What a library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""
-PER_SECOND = 4 << 20
-"""[bytes] of a file for which it may compute a second longer."""
+PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
 FAILED = "its library fails on it, or takes too long"
 MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
 ARCHIVES = (".zip", ".mf4z", ".gzip", ".gz", ".bz2")

@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
-MOST_LISTED = 1_000_000
-"""Lines with a wrong number of fields, after which no more are looked at."""
-MOST_BROKEN = 0.01
-"""Share of the lines that may have a wrong number of fields; more is another layout."""
+MOST_LISTED = 1_000_000  # lines with a wrong number of fields, after which no more are looked at
+MOST_BROKEN = 0.01  # share of the lines that may have a wrong number of fields; more is another layout
 
 
 @dataclass(frozen=True)

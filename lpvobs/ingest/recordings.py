@@ -17,8 +17,7 @@ from lpvobs.records import Array
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MOST_BYTES = 2 << 30
-"""What one source may take in memory; checked before it is read."""
+MOST_BYTES = 2 << 30  # what one source may take in memory; checked before it is read
 PER_SAMPLE, PER_ROW = 32.0, 64.0
 """[bytes] of a sample on its way to the log (as recorded, as a float, repaired, with its stamp), and of a row meanwhile."""
 MOST_COLUMNS = 50_000

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 DAY = 86400.0
 SLAB = 1 << 16
-MOST_BACKWARD = 0.1
-"""Share of the stamps that may be dropped for running backward; more is not a repair."""
+MOST_BACKWARD = 0.1  # share of the stamps that may be dropped for running backward; more is not a repair
 TURNS_MISSED = 0.1
 """Share of a polled column's changes that may stand in rows of other columns; with more, it was not polled in turn."""
 
@@ -37,10 +36,8 @@ class Stamps:
 
 
 def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
-    """Return a time column as seconds; raises ValueError for another unit, or if the column holds something else.
-
-    The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
-    """
+    """Return a time column as seconds; raises ValueError for another unit, or if the column holds something else."""
+    # The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
     import pyarrow as pa
 
     if unit in ("clock", "datetime"):

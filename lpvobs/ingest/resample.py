@@ -13,8 +13,7 @@ from lpvobs.errors import DataError
 from lpvobs.ingest import profiles, record, recordings, repairs
 from lpvobs.records import Array
 
-SLACK = 1e-9
-"""[s] Rounding of stamps; a sample this much too old is not too old."""
+SLACK = 1e-9  # [s] Rounding of stamps; a sample this much too old is not too old
 
 
 def _neighbours(t: Array, at: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -113,8 +112,7 @@ def bridged(t: Array, at: Array) -> NDArray[np.bool_]:
 USUAL_STEPS = 2.5
 """A channel may be held or bridged for so many of its own usual steps, if that is longer than the raster's gap."""
 
-FASTER = 1.5
-"""A channel this many times as fast as the raster is averaged unless its profile says otherwise."""
+FASTER = 1.5  # a channel this many times as fast as the raster is averaged unless its profile says otherwise
 
 
 def on_raster(

@@ -6,10 +6,8 @@ import unicodedata
 from functools import cache
 from importlib.resources import files
 
-OPTIONAL = frozenset({"engine", "actual", "absolute", "air", "gas"})
-"""Words without which a name means the same."""
-LETTERS = "ptnq"
-"""Letters of a quantity that stand before a word without a gap, as in `pAmb`."""
+OPTIONAL = frozenset({"engine", "actual", "absolute", "air", "gas"})  # words without which a name means the same
+LETTERS = "ptnq"  # letters of a quantity that stand before a word without a gap, as in `pAmb`
 _SECOND = re.compile(r"(?<!\d)(?<!can)(?<!o)[2-9](?!\d)", re.IGNORECASE)
 """The number of what there are several of, and what is not the first of them."""
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"})

@@ -7,9 +7,9 @@ import numpy as np
 
 from lpvobs.engines.registry import ENGINES
 from lpvobs.io.calibration.files import Change
-from lpvobs.io.calibration.surfaces import ORIGINS, Surface
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.results import LogSummary, StoredResult
+from lpvobs.io.results.surfaces import ORIGINS, Surface
 from lpvobs.maps.quadratic import COEFFICIENTS
 from lpvobs.observer.disagreement import Agreement
 from lpvobs.report.fit import ResidualFit

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import lpvobs as package
-from lpvobs.io.calibration.surfaces import ORIGINS
+from lpvobs.io.results.surfaces import ORIGINS
 
 
 @pytest.fixture(scope="module")

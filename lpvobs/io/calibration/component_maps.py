@@ -17,8 +17,7 @@ from lpvobs.io.logs.units import convert
 from lpvobs.records import Array
 
 TOLERANCE = "tolerance"
-LEAST_POINTS, MOST_POINTS = 4, 2000
-"""Fewer say nothing of a shape; more than any control unit has in one table."""
+LEAST_POINTS, MOST_POINTS = 4, 2000  # fewer say nothing of a shape; more than any control unit has in one table
 MOST_FAR = 0.5
 """Share of the points that may be far from the configured engine: maps reach to stall and choke, where formulas end."""
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.dcm import DcmMap
-from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, Surface
 from lpvobs.io.logs.units import canonical, convert
+from lpvobs.io.results.surfaces import LEFT_OUT, NONE, Surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
 

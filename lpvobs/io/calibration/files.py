@@ -8,9 +8,9 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.io.calibration.a2l import A2lMap
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
-from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.logs.units import canonical, convert
-from lpvobs.io.results import extrapolations, hdf, mapping
+from lpvobs.io.results import hdf, mapping
+from lpvobs.io.results.surfaces import LEFT_OUT, LONG_NAME, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array, Item
 
@@ -120,7 +120,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
             unit_x=surface.x.unit,
             unit_y=surface.y.unit,
             unit=surface.unit,
-            long_name=extrapolations.LONG_NAME,
+            long_name=LONG_NAME,
             x_name=f"{name}_{surface.x.name}" if group else "",
             y_name=f"{name}_{surface.y.name}" if group else "",
         )
@@ -129,7 +129,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
         item,
         kind=kind,
         values=convert(surface.values if old.turned else surface.values.T, surface.unit, canonical(item.unit or "1")),
-        long_name=item.long_name or extrapolations.LONG_NAME,
+        long_name=item.long_name or LONG_NAME,
         x_name=item.x_name or f"{name}_X" if group else "",
         y_name=item.y_name or f"{name}_Y" if group else "",
     )
@@ -161,7 +161,7 @@ def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
     with hdf.creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["title"] = extrapolations.LONG_NAME
+        file.attrs["title"] = LONG_NAME
         file.attrs["history"] = "; ".join(comments)
         hdf.write_fields(file, contents)
 

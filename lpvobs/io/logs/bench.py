@@ -30,10 +30,8 @@ AGREES = (0.4 / 0.8, 1.3 / 0.8)
 AIR_FOR_FUEL, LAMBDA_ERROR = 14.57, 0.05
 """Air over diesel at lambda 1, as the simulated engines have it, and how far fuel, lambda and it may be off together: assumed, for
 a wide-band probe and the composition of the fuel are each good to some hundredths."""
-RICHEST = 9.0
-"""Air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)."""
-MOST_WRONG = 0.1
-"""Share of the points that may be off: a bench has its slips, a wrong unit is everywhere."""
+RICHEST = 9.0  # air over fuel, both in kg/s; an engine that gets less air than this does not burn (lambda 0.6)
+MOST_WRONG = 0.1  # share of the points that may be off: a bench has its slips, a wrong unit is everywhere
 
 
 @dataclass(frozen=True, eq=False)

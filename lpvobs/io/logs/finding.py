@@ -64,8 +64,7 @@ def log_names(paths: Sequence[Path]) -> dict[Path, str]:
 
 EPOCH = datetime.date(1970, 1, 1)
 FIELD = re.compile(r"\{(\w+)\}")
-DATES = ("date", "day", "month")
-"""Fields that say when, the finest first."""
+DATES = ("date", "day", "month")  # fields that say when, the finest first
 PERIODS: Mapping[str, str] = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", "year": "%Y"}
 
 

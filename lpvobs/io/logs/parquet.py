@@ -23,10 +23,8 @@ MOST_FOOTER = 64 * 2**20
 MOST_COLUMNS = 10_000
 MOST_READINGS = 50_000_000
 """Rows times channels that are held in memory at once; a small file can claim any number of rows."""
-REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}
-"""What only a simulated log knows."""
-BATCH = 1 << 16
-"""Rows that are decoded at a time."""
+REFERENCES = {"ref_W_c": "kg/s", "ref_delta_W_c": "kg/s"}  # what only a simulated log knows
+BATCH = 1 << 16  # rows that are decoded at a time
 
 
 def metadata_of(path: Path) -> "pq.FileMetaData":

@@ -18,12 +18,10 @@ from lpvobs.records import Array, DefectFound, Defects
 
 Mask = NDArray[np.bool_]
 
-MOST_BACKWARD = 0.1
-"""Share of the samples that may be dropped for their time; more is not a repair."""
+MOST_BACKWARD = 0.1  # share of the samples that may be dropped for their time; more is not a repair
 MOST_IMPOSSIBLE = 0.1
 """Share of a channel's readings outside its possible range that a fault of the sensor explains; more is a wrong unit."""
-MOST_BELOW = 0.02
-"""Share of a channel's readings that may lie below what bounds it physically; more is a wrong unit."""
+MOST_BELOW = 0.02  # share of a channel's readings that may lie below what bounds it physically; more is a wrong unit
 MOVES, RESTS, DEAD = 0.05, 0.01, 0.2
 """Standard deviation over the typical range from which on a channel moves, and to which it stands but for noise; and the
 correlation with channels that move under which it follows none."""

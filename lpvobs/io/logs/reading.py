@@ -26,8 +26,7 @@ from lpvobs.records import Array, Defects, Log, Piece
 if TYPE_CHECKING:
     import pyarrow as pa
 
-SLAB = 1 << 19
-"""Rows that are held in memory at a time."""
+SLAB = 1 << 19  # rows that are held in memory at a time
 
 
 @dataclass(frozen=True)
@@ -141,10 +140,8 @@ def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
 
 
 def read_log(path: Path, channels: Mapping[str, Channel], policies: LogPolicies, auxiliary: bool = False) -> Log:
-    """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log.
-
-    The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never.
-    """
+    """Return the log in a Parquet file, in SI units, with defects treated as the policies say; raises DataError for no such log."""
+    # The channels are what the engine's air path needs; `auxiliary` reads the other numeric ones, too, references never.
     file = LogFile(path, channels, policies)
     extra = parquet.further_channels(file.schema, file.units) if auxiliary else []
     parquet.refuse_huge(path, parquet.metadata_of(path).num_rows, len(file.units) + len(extra))

@@ -85,8 +85,7 @@ class CalibratedEngine:
     stored: StoredEngine
 
 
-DETERMINED = 0.5
-"""Share of the prior standard deviation below which the data have determined a constant."""
+DETERMINED = 0.5  # share of the prior standard deviation below which the data have determined a constant
 
 
 @dataclass(frozen=True, eq=False)

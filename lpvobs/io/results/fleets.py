@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results import extrapolations, hdf, results
+from lpvobs.io.results import hdf, results, surfaces
 from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
 from lpvobs.io.results.refinements import StoredRefinement
@@ -45,7 +45,7 @@ class StoredFleet:
 
     path: Path
     air_path: str
-    axes: extrapolations.Axes
+    axes: surfaces.Axes
     grid: Grid
     kept: FleetSums
     found: Tracked
@@ -56,7 +56,7 @@ class StoredFleet:
 def write_fleet(
     path: Path,
     air_path: str,
-    axes: extrapolations.Axes,
+    axes: surfaces.Axes,
     grid: Grid,
     kept: FleetSums,
     found: Tracked,
@@ -66,7 +66,7 @@ def write_fleet(
     """Write a fleet; at any instant the target is absent, the old file, or the complete new one."""
     with hdf.creating(path) as file:
         file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", air_path
-        hdf.write_group(file, "map", fields(extrapolations.grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
+        hdf.write_group(file, "map", fields(surfaces.grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
         write(file, "sums", kept)
         write(file, "sizes", found.sizes)
         for name, row, records in (
@@ -95,9 +95,9 @@ def read_fleet(path: Path) -> StoredFleet:
             cells=read_rows(file["next"], NextCell, "cell"),
             power=read_rows(file.get("power"), Detectable, "log_count"),
         )
-        axes = extrapolations.axes_of(file)
+        axes = surfaces.axes_of(file)
         grid, kept = (
-            read(file["map"], extrapolations.grid_layout(axes)),
+            read(file["map"], surfaces.grid_layout(axes)),
             read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect")),
         )
         return StoredFleet(

@@ -1,7 +1,6 @@
 """`/engine`: what healthy logs have taught of an engine and of its errors, so that `trace` needs none of them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import h5py
 import numpy as np
@@ -10,10 +9,12 @@ from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, write_group
-from lpvobs.io.results.mapping import read, write
-from lpvobs.records import Array
+from lpvobs.io.results.mapping import Contents, Layout, fields, read, values, write
+from lpvobs.records import Item
 
 GROUP = "engine"
+ALL = ("deviation", "other_deviation")
+COVARIANCE = Layout(Knowledge, {"covariance": Item("1", "covariance of all relative deviations", ALL)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,22 +26,25 @@ class Learning:
     balances: tuple[str, ...]
 
 
+def _layout(name: str, unit: str, meaning: str, axes: tuple[str, ...]) -> Layout[LearnedCurve]:
+    """Return how a curve stands in its group, its values under their own name."""
+    items = {"values": Item(unit, meaning, axes, name)}
+    return Layout(LearnedCurve, items | {"relative_error": Item("1", "standard error over the value", axes)})
+
+
 def write_learned(file: h5py.File, learning: Learning) -> None:
     """Write `/engine` into a file that has none."""
     known = learning.known
     group = file.create_group(GROUP)
     group.attrs["logs"] = list(known.sources)
     for name, curve in known.curves.items():
-        axes = {axis: Field(nodes.values, nodes.unit, nodes.meaning) for axis, nodes in curve.axes.items()}
-        values = Field(curve.values, curve.unit, curve.meaning, tuple(axes))
-        error = Field(curve.relative_error, "1", "standard error over the value", tuple(axes))
-        write_group(group, name, axes | {curve.name: values, "relative_error": error})
+        axes: Contents = {axis: Field(nodes.values, nodes.unit, nodes.meaning) for axis, nodes in curve.axes.items()}
+        write_group(group, name, axes | fields(_layout(curve.name, curve.unit, curve.meaning, tuple(axes)), curve))
     every = np.arange(known.covariance.shape[0], dtype=np.int32)
-    plain = {name: Field(number.value, number.unit, number.meaning) for name, number in known.numbers.items()}
     meaning = "relative deviation of every node of the curves, then of the numbers that have one"
-    covariance = Field(known.covariance, "1", "covariance of all relative deviations", ("deviation", "other_deviation"))
-    both = {axis: Field(every, "1", meaning) for axis in ("deviation", "other_deviation")}
-    write_group(group, "numbers", plain | both | {"covariance": covariance})
+    plain: Contents = {name: Field(item.value, item.unit, item.meaning) for name, item in known.numbers.items()}
+    plain |= {axis: Field(every, "1", meaning) for axis in ALL}
+    write_group(group, "numbers", plain | fields(COVARIANCE, known))
     write(group, "healthy_errors", learning.healthy, {"balance": learning.balances})
 
 
@@ -49,46 +53,24 @@ def read_learned(file: h5py.File) -> Learning:
     if GROUP not in file:
         raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs calibrate --healthy`")
     group = file[GROUP]
-    own = group["numbers"]
-    size = own["deviation"].size
+    own, errors = group["numbers"], group["healthy_errors"]
     known = Knowledge(
         curves={name: _curve(group[name]) for name in group if name not in ("numbers", "healthy_errors")},
-        numbers={
-            name: LearnedNumber(float(item[()]), str(item.attrs["units"]), str(item.attrs["long_name"]))
-            for name, item in own.items()
-            if item.ndim == 0
-        },
-        covariance=_numbers(own, "covariance", size, size),
+        numbers={name: LearnedNumber(float(item[()]), *_said(item)) for name, item in own.items() if item.ndim == 0},
         sources=tuple(map(str, group.attrs["logs"])),
+        **values(own, COVARIANCE),
     )
-    errors = group["healthy_errors"]
-    balances = tuple(map(str, errors["balance"].asstr()[()]))
-    return Learning(known, read(errors, HealthyErrors), balances)
+    return Learning(known, read(errors, HealthyErrors), tuple(map(str, errors["balance"].asstr()[()])))
+
+
+def _said(item: h5py.Dataset) -> tuple[str, str]:
+    """Return unit and meaning of a dataset."""
+    return str(item.attrs["units"]), str(item.attrs["long_name"])
 
 
 def _curve(group: h5py.Group) -> LearnedCurve:
     (name,) = (key for key, item in group.items() if item.ndim and not item.is_scale and key != "relative_error")
-    axes = {dimension[0].name.rsplit("/", 1)[1]: dimension[0] for dimension in group[name].dims}
-    shape = tuple(axis.size for axis in axes.values())
-
-    def words(item: Any) -> tuple[str, str]:
-        return str(item.attrs["units"]), str(item.attrs["long_name"])
-
-    return LearnedCurve(
-        axes={key: Nodes(axis[()], *words(axis)) for key, axis in axes.items()},
-        name=name,
-        unit=words(group[name])[0],
-        meaning=words(group[name])[1],
-        values=_numbers(group, name, *shape),
-        relative_error=_numbers(group, "relative_error", *shape),
-    )
-
-
-def _numbers(group: h5py.Group, name: str, *shape: int) -> Array:
-    """Return a dataset of finite numbers; raises ValueError for another shape or content, of which `hdf.reading` tells."""
-    found = np.asarray(group[name][()])
-    if found.dtype.kind not in "fiu" or found.shape != shape or not np.isfinite(found).all():
-        raise ValueError(
-            f"'{name}' holds {found.dtype} of shape {found.shape}, expected finite numbers of shape {shape}"
-        )
-    return found.astype(float, copy=False)
+    found = {dimension[0].name.rsplit("/", 1)[1]: dimension[0] for dimension in group[name].dims}
+    axes = {key: Nodes(axis[()], *_said(axis)) for key, axis in found.items()}
+    unit, meaning = _said(group[name])
+    return read(group, _layout(name, unit, meaning, tuple(axes)), axes=axes, name=name, unit=unit, meaning=meaning)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
-from lpvobs.io.results import engines, extrapolations, gains
+from lpvobs.io.results import engines, gains, surfaces
 from lpvobs.io.results.hdf import Field, changing, creating, reading, write_group
 from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused
@@ -135,18 +135,18 @@ def read_result(path: Path) -> StoredResult:
     """Return a stored result; raises DataError if the file is not a complete result."""
     state = state_of(path)
     with reading(path, KIND, REMEDY) as file:
-        axes = extrapolations.axes_of(file)
+        axes = surfaces.axes_of(file)
         found: dict[str, Any] = {}
         for name, layout in _layouts(*axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
         found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
-        extrapolation, outer_coverage = extrapolations.read_extrapolation(file, axes)
+        extrapolation, outer_coverage = surfaces.read_extrapolation(file, axes)
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
             method=str(file.attrs["method"]),
-            grid=read(file["map"], extrapolations.grid_layout(axes)),
+            grid=read(file["map"], surfaces.grid_layout(axes)),
             **found,
             **next((values(logs[name], PARAMETERS) for name in logs), {"parameter_names": ()}),
             logs=tuple(
@@ -175,9 +175,9 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     per_constant = "change of the map per relative error of the constant"
     groups = {
         "map": {
-            "theta": Item("kg/s", extrapolations.LONG_NAME, both, "delta_W_c", gaps=True),
+            "theta": Item("kg/s", surfaces.LONG_NAME, both, "delta_W_c", gaps=True),
             "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
-            "supported": Item("1", extrapolations.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
+            "supported": Item("1", surfaces.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
         },
         "excitation": {
             "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1")
@@ -195,13 +195,13 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
     return {name: Layout(StoredResult, items) for name, items in groups.items()}
 
 
-def _write_map(file: h5py.File, estimate: MapEstimate, axes: extrapolations.Axes) -> None:
-    grid, on_nodes = estimate.grid, extrapolations.grid_layout(axes)
+def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> None:
+    grid, on_nodes = estimate.grid, surfaces.grid_layout(axes)
     middle = Grid(*(0.5 * (nodes[1:] + nodes[:-1]) for nodes in (grid.fuel, grid.speed)))
     of_cells = {name: replace(axis, meaning=f"{axis.meaning}, middle of the cell") for name, axis in axes.items()}
     scales = {
         "map": fields(on_nodes, grid),
-        "excitation": fields(extrapolations.grid_layout(of_cells), middle),
+        "excitation": fields(surfaces.grid_layout(of_cells), middle),
         "nodes": {},
         "sensitivity": fields(on_nodes, grid),
     }
@@ -253,6 +253,6 @@ def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Se
 
 def write_readings(file: h5py.File, grid: Grid, reading: Array) -> None:
     """Write the mean reading of the sensor around each node, shape (p_2, p_1) [kg/s]: what a share of the flow is taken of."""
-    axes = extrapolations.axes_of(file)
+    axes = surfaces.axes_of(file)
     mean = Field(reading, "kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1])
-    write_group(file, "readings", fields(extrapolations.grid_layout(axes), grid) | {"reading": mean})
+    write_group(file, "readings", fields(surfaces.grid_layout(axes), grid) | {"reading": mean})

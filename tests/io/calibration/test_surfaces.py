@@ -14,7 +14,7 @@ import xarray as xr
 from lpvobs.api.export import export
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import DcmMap, dcm_text, read_dcm_map
-from lpvobs.io.calibration.surfaces import LEFT_OUT, NONE, OLD, keep_old, onto, read_surface
+from lpvobs.io.results.surfaces import LEFT_OUT, NONE, OLD, keep_old, onto, read_surface
 from lpvobs.maps.quadratic import ESTIMATED, EXTRAPOLATED
 
 SPEED, FUEL = np.arange(500.0, 3001.0, 500.0), np.arange(0.0, 41.0, 10.0)

@@ -1,19 +1,71 @@
-"""The error map as people and calibration tools want it: values on two axes with their covariance, read from a result."""
+"""The error map in a result: its axes, what fills it, and as people and calibration tools want it, values with their covariance."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
-from lpvobs.io.results import extrapolations, hdf, mapping
-from lpvobs.maps import joint, quadratic
+from lpvobs.io.results.hdf import Field, reading, text, write_group
+from lpvobs.io.results.mapping import Layout, fields, layout_of, read
+from lpvobs.maps import joint
+from lpvobs.maps.grid import Grid
+from lpvobs.maps.quadratic import COEFFICIENTS, ESTIMATED, EXTRAPOLATED, SMOOTHED, SUPPORT, Filled
 from lpvobs.records import Array, Item
 
+Axes = Mapping[str, Item]
+"""By name: first the fuel axis, then the speed axis."""
+LONG_NAME = "error of the mass air flow sensor, reading minus truth"
+ORIGIN = "where the value comes from"
+
+
+def axes_of(file: h5py.File) -> Axes:
+    """Return the axes of a result's map."""
+    group = file["map"]
+    fuel, speed = str(group.attrs["axes"]).split()
+    return {name: Item(str(group[name].attrs["units"]), str(group[name].attrs["long_name"])) for name in (fuel, speed)}
+
+
+def grid_layout(axes: Axes) -> Layout[Grid]:
+    """Return how the nodes of a map stand in a group."""
+    (fuel, first), (speed, second) = axes.items()
+    return Layout(Grid, {"fuel": replace(first, name=fuel), "speed": replace(second, name=speed)})
+
+
+GROUP = "extrapolation"
+OUTER = "share of outer estimated nodes inside their 90 % interval when fitted without them"
+
+
+def quadratic_layout(axes: Axes) -> Layout[Filled]:
+    """Return how a filled map stands in a group, and Eq. (37) with it."""
+    return layout_of(Filled, dict(zip(("fuel", "speed"), axes, strict=True)))
+
+
+def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled, outer_coverage: float) -> None:
+    """Write `/extrapolation` in place of the one that is there."""
+    if GROUP in file:
+        del file[GROUP]
+    fuel, speed = (axis.unit for axis in axes.values())
+    powers = [f"/({fuel})^2", f"/({fuel})", f"/({speed})^2", f"/({speed})", f"/({fuel})/({speed})", ""]
+    contents = fields(grid_layout(axes), grid) | fields(quadratic_layout(axes), fitted, {"coefficient": COEFFICIENTS})
+    group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, "1", OUTER)})
+    for name in ("coefficients", "coefficients_standard_error"):
+        group[name].attrs["coefficient_units"] = text([f"kg/s{power}" for power in powers])
+
+
+def read_extrapolation(file: h5py.File, axes: Axes) -> tuple[Filled | None, float]:
+    """Return what `/extrapolation` holds, and how often it is right at outer nodes; None and NaN where it is not there."""
+    if GROUP not in file:
+        return None, math.nan
+    return read(file[GROUP], quadratic_layout(axes)), float(file[GROUP]["outer_coverage"][()])
+
+
 NONE, OLD, LEFT_OUT = 0, 3, 5
-ORIGINS = {NONE: "none", **quadratic.SUPPORT, OLD: "old", LEFT_OUT: "left_out"}
+ORIGINS = {NONE: "none", **SUPPORT, OLD: "old", LEFT_OUT: "left_out"}
 
 
 @dataclass(frozen=True)
@@ -110,52 +162,52 @@ class Surface:
 
 def read_surface(path: Path, source: str = "") -> Surface:
     """Return `map` or `extrapolation` of a result, by default the latter if there; raises DataError where it is not."""
-    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in file:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
-        group, (fuel, speed) = file[source], extrapolations.axes_of(file).items()
+        group, (fuel, speed) = file[source], axes_of(file).items()
         x, y = (
-            mapping.read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
+            read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
             for name, item in (speed, fuel)
         )
         unit, held = str(group["delta_W_c"].attrs["units"]), group if source == "extrapolation" else file["nodes"]
         covariance, layout = held["covariance"][()].astype(float), surface_layout(x.name, y.name, unit, "support")
-        return mapping.read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
+        return read(group, layout, x=x, y=y, covariance=covariance, unit=unit, source=source)
 
 
 def read_readings(path: Path, surface: Surface) -> Surface:
     """Return the mean reading around each node of a result [kg/s], on the axes of a surface; nothing where nobody drove."""
-    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make it with `lpvobs estimate`") as file:
         if "readings" not in file:
             raise DataError(f"{path}: has no /readings, which a share of the flow is taken of; estimate it again")
         own = read_surface(path, "map")
         values = file["readings/reading"][()].astype(float)
-    known = np.where(np.isfinite(values), quadratic.ESTIMATED, NONE).astype(np.int8)
+    known = np.where(np.isfinite(values), ESTIMATED, NONE).astype(np.int8)
     return onto(replace(own, values=np.nan_to_num(values), origin=known), surface.x.nodes, surface.y.nodes)
 
 
 def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
-    with hdf.reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make it with `lpvobs estimate`") as file:
         logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
         return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 
 
-def axis_layout(name: str, item: Item) -> mapping.Layout[SurfaceAxis]:
+def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
     """Return how an axis stands in a group."""
-    return mapping.Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
+    return Layout(SurfaceAxis, {"nodes": replace(item, name=name)})
 
 
-def surface_layout(x: str, y: str, unit: str, origin: str) -> mapping.Layout[Surface]:
+def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
     """Return how a surface stands in a group on axes of these names, where each value comes from under the name `origin`."""
     both = (x, y)
-    return mapping.Layout(
+    return Layout(
         Surface,
         {
-            "values": Item(unit, extrapolations.LONG_NAME, both, "delta_W_c", gaps=True),
+            "values": Item(unit, LONG_NAME, both, "delta_W_c", gaps=True),
             "standard_error": Item(unit, "standard error of delta_W_c", both, gaps=True),
-            "origin": Item("1", extrapolations.ORIGIN, both, origin, meanings=ORIGINS),
+            "origin": Item("1", ORIGIN, both, origin, meanings=ORIGINS),
         },
     )
 
@@ -173,8 +225,8 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
         return np.asarray((weight_x > 0).astype(float) @ mask.astype(float) @ (weight_y > 0).T > 0)
 
     unknown = touched(surface.origin == NONE) | ~inside
-    origin = np.full(inside.shape, quadratic.ESTIMATED)
-    for code in (quadratic.SMOOTHED, quadratic.EXTRAPOLATED):
+    origin = np.full(inside.shape, ESTIMATED)
+    for code in (SMOOTHED, EXTRAPOLATED):
         origin[touched(surface.origin == code)] = code
     origin[unknown] = NONE
     known = surface.origin != NONE
@@ -194,7 +246,7 @@ def onto(surface: Surface, x: Array, y: Array) -> Surface:
 
 def keep_old(surface: Surface, old: Array | None, only_estimated: bool) -> Surface:
     """Return the surface with old values, (p2, p1) or none, where it has none; if asked, also where it is not estimated."""
-    kept = surface.origin != quadratic.ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
+    kept = surface.origin != ESTIMATED if only_estimated else np.isin(surface.origin, (NONE, LEFT_OUT))
     empty = np.where(surface.origin == LEFT_OUT, LEFT_OUT, NONE)
     return replace(
         surface,
