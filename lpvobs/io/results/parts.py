@@ -27,8 +27,7 @@ FORMAT = 7
 ENDING = ".part"
 OWN = re.compile(r"[0-9a-f]{64}\.part")
 UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
-MOST_BYTES = 2**29
-"""Largest size of a part; the part of 10^9 samples has a quarter of it."""
+MOST_BYTES = 2**29  # largest size of a part; the part of 10^9 samples has a quarter of it
 
 
 class OfLog(Protocol):

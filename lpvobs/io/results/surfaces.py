@@ -17,8 +17,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, ESTIMATED, EXTRAPOLATED, SMOOTHED, SUPPORT, Filled
 from lpvobs.records import Array, Item
 
-Axes = Mapping[str, Item]
-"""By name: first the fuel axis, then the speed axis."""
+Axes = Mapping[str, Item]  # by name: first the fuel axis, then the speed axis
 LONG_NAME = "error of the mass air flow sensor, reading minus truth"
 ORIGIN = "where the value comes from"
 
@@ -213,10 +212,8 @@ def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
 
 
 def onto(surface: Surface, x: Array, y: Array) -> Surface:
-    """Return a surface at other nodes x and y, shapes (p2',) and (p1',) in the units of its axes, bilinear as the map itself.
-
-    A node counts as estimated only if every node that it leans on is; outside the surface nothing is known.
-    """
+    """Return a surface at other nodes x and y, shapes (p2',) and (p1',) in the units of its axes, bilinear as the map itself."""
+    # A node counts as estimated only if every node that it leans on is; outside the surface nothing is known.
     weight_x, weight_y = joint.at_weights(surface.x.nodes, x), joint.at_weights(surface.y.nodes, y)
     inside = np.outer(weight_x.sum(axis=1) > 0, weight_y.sum(axis=1) > 0)
 

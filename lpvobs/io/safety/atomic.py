@@ -17,8 +17,7 @@ from stat import S_ISREG
 
 from lpvobs.errors import DataError
 
-_claims: dict[Path, int] = {}
-"""Targets that this process has claimed, with the open lock file of each."""
+_claims: dict[Path, int] = {}  # targets that this process has claimed, with the open lock file of each
 
 
 @contextmanager

@@ -84,15 +84,12 @@ def _probe(path: str) -> str:
 
 
 MOST_OBJECTS = 1_000_000
-MOST_BYTES = 2**30
-"""Largest size of all numbers in a file together, unpacked; the largest map needs a fifth of it."""
+MOST_BYTES = 2**30  # largest size of all numbers in a file together, unpacked; the largest map needs a fifth of it
 
 
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
-    """Raise DataError unless a file holds everything itself, and unpacks to a reasonable size.
-
-    Links are looked at, never followed: otherwise this program would read whatever the file's writer names.
-    """
+    """Raise DataError unless a file holds everything itself, and unpacks to a reasonable size."""
+    # Links are looked at, never followed: otherwise this program would read whatever the file's writer names.
     links = 0
     total = 0
 
