@@ -13,14 +13,10 @@ from numpy.typing import NDArray
 from lpvobs.records import Array, Item
 
 FOLDS = 6
-CHUNK = 60.0
-"""[s] Driving that is held out together: errors that last for seconds must not be in both parts."""
-TAIL = 4.0
-"""Degrees of freedom of the distribution of errors: transients leave long tails."""
-LEAST_SCALE = 0.003
-"""Smallest scale of a balance that holds only part of the time, and that few blocks show."""
-QUANTILES = (0.3, 0.6, 0.85)
-"""Quantiles that divide blocks into classes of transience: fast changes blur every balance."""
+CHUNK = 60.0  # [s] Driving that is held out together: errors that last for seconds must not be in both parts
+TAIL = 4.0  # degrees of freedom of the distribution of errors: transients leave long tails
+LEAST_SCALE = 0.003  # smallest scale of a balance that holds only part of the time, and that few blocks show
+QUANTILES = (0.3, 0.6, 0.85)  # quantiles that divide blocks into classes of transience: fast changes blur every balance
 
 
 @dataclass(frozen=True)

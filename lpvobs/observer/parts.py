@@ -24,8 +24,7 @@ from lpvobs.observer.windows import LENGTH, Columns, Moments, Slopes, Windows, n
 from lpvobs.records import Array, Defects, Log, Piece, Recording
 from lpvobs.synthesis.region import Region
 
-SETTLED = 0.25
-"""Of the constants' prior spread that is left where they have been found once."""
+SETTLED = 0.25  # of the constants' prior spread that is left where they have been found once
 ROUGH = 1.94
 """Second differences of white noise that say as much as one that is alone: one and twice the sum of 4/9 and 1/36."""
 SIGNS = reduce(np.kron, [np.array([[1.0, 1.0], [1.0, -1.0]])] * 4)

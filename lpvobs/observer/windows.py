@@ -23,14 +23,11 @@ from lpvobs.maps.grid import Grid, seek, share
 from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
 from lpvobs.records import Array
 
-LENGTH = 0.25
-"""[s] Of a window: long against sampling, short against what a transient does to the unknowns' slopes."""
-ROWS = 480
-"""Windows that are worked on together, two minutes: with fewer, the calls for each take longer than the work."""
+LENGTH = 0.25  # [s] Of a window: long against sampling, short against what a transient does to the unknowns' slopes
+ROWS = 480  # windows that are worked on together, two minutes: with fewer, the calls for each take longer than the work
 GROUP = 12
 """Windows, 3 s, over which rows are summed up to see how slow errors are: those of a model last, noise does not."""
-LEAST_STAY = 0.02
-"""[s] A window that holds less of the drive says nothing."""
+LEAST_STAY = 0.02  # [s] A window that holds less of the drive says nothing
 
 
 @dataclass(frozen=True)
