@@ -88,10 +88,8 @@ def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
 def following(
     name: str, carrier: Effect, shape: Callable[[Any, Mapping[str, Array]], Array], size: float, most: float
 ) -> Effect:
-    """Return the effect whose size follows a shape, a function of constants and channels; its parameter is the multiple.
-
-    `size` is a noticeable multiple, `most` the largest.
-    """
+    """Return the effect whose size follows a shape, a function of constants and channels; its parameter is the multiple."""
+    # `size` is a noticeable multiple, `most` the largest.
 
     def apply(signals: Signals, amplitude: float) -> Signals:
         return carrier.apply(signals, carrier.null + amplitude * shape(signals.constants, signals.value))

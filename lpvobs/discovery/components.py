@@ -46,8 +46,7 @@ class FactorSurface:
         return float(values_at(on_surface(self.first, self.second, *there), self.errors)[0])
 
 
-Shape = Curve | FactorSurface
-"""What an effect follows that is no single number."""
+Shape = Curve | FactorSurface  # what an effect follows that is no single number
 
 
 def component_candidates(linear: Linear) -> list[tuple[Candidate, FactorSurface]]:

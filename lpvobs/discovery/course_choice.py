@@ -36,17 +36,15 @@ from lpvobs.discovery.thresholds import (
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
-Bank = tuple[list[TracedCourse], Array]
-"""Courses, and their shares."""
+Bank = tuple[list[TracedCourse], Array]  # courses, and their shares
 
 
 def best_course(
     linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[Effect]
 ) -> tuple[Candidate, Curve | None]:
-    """Return the newest effect of a model, or it or a rival on the course that explains the residual better.
-
-    `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the channel.
-    """
+    """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
+    # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
+    # channel.
     bank, relays = _bank(bare.problem), _relays(bare.problem)
     found: list[Candidate] = []
     # A reading that comes and goes may be any disturbance: without a cause in the log it has no name.

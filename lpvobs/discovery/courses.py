@@ -15,8 +15,7 @@ from lpvobs.compiled import njit
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
-GRADED = ("ramp", "saturating", "lagged")
-"""Courses that are not all or nothing."""
+GRADED = ("ramp", "saturating", "lagged")  # courses that are not all or nothing
 
 
 @dataclass(frozen=True)

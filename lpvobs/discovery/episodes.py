@@ -14,11 +14,9 @@ from lpvobs.records import Array
 
 
 def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
-    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where a place is not used.
-
-    Map, constants and sizes stay as they are, and terms in `aside` do not act. Products are taken across the views, so that the
-    noise of a regressor is no evidence against the term.
-    """
+    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where it is not used."""
+    # Map, constants and sizes stay as they are, and terms in `aside` do not act. Products are taken across the views, so
+    # that the noise of a regressor is no evidence against the term.
     term = linear.terms[index]
     others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
     off = residual_with(linear, others)
@@ -51,10 +49,8 @@ def sharpened(linear: Linear, index: int) -> Term:
 
 
 def comes_and_goes(linear: Linear, index: int) -> bool:
-    """Return whether a term explains clearly more when it acts in several episodes than in the best one interval.
-
-    An effect that ends and cancels this one is put aside: together they are a pause.
-    """
+    """Return whether a term explains clearly more when it acts in several episodes than in the best one interval."""
+    # An effect that ends and cancels this one is put aside: together they are a pause.
     cancelling = [
         i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _cancels(linear, i, index)
     ]

@@ -18,8 +18,7 @@ from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
 
 COARSE_STEPS = (0.7, 0.84, 1.19, 1.41)
-FINE_STEPS = (0.92, 0.96, 1.04, 1.08)
-"""Factors on the lag of a form that are tried around the best one."""
+FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are tried around the best one
 
 
 @dataclass(frozen=True)
@@ -116,10 +115,9 @@ class _Products:
 
 
 def best_with_forms(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
-    """Return all candidates, best first, forms among them.
-
-    Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as noise.
-    """
+    """Return all candidates, best first, forms among them."""
+    # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
+    # noise.
     found, shapes = best_of(linear)
     forms = best_forms(linear)
     if score(forms[0]) > score(found[0]):

@@ -23,8 +23,7 @@ from lpvobs.records import Array, Log
 
 PREFIX = "form:"
 TIME = "time"
-NAME = re.compile(r"[A-Za-z_][\w.]*")
-"""Channels with other names take no part: a formula must be readable."""
+NAME = re.compile(r"[A-Za-z_][\w.]*")  # channels with other names take no part: a formula must be readable
 FACTOR = re.compile(
     r"(?P<open>\()?(?:d\((?P<rate>[\w./]+)\)/dt|lag\((?P<lag>[\w./]+), (?P<tau>\S+) s\)|(?P<value>[\w./]+))"
     r"(?(open) (?P<sign>[+-]) (?P<reference>[^\s)]+)(?: [^)]+)?\))"

@@ -15,8 +15,7 @@ from lpvobs.discovery.ranking import rank
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import CLOSE, CURVE_PASSES, SHORTLIST
 
-Named = tuple[Candidate, Shape | None]
-"""An effect and, for a channel or a component, its curve."""
+Named = tuple[Candidate, Shape | None]  # an effect and, for a channel or a component, its curve
 
 
 def without(linear: Linear, index: int) -> Linear:
@@ -96,11 +95,9 @@ def choose_all_again(linear: Linear, accepted: list[Named]) -> tuple[Linear, lis
 
 
 def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) -> Candidate:
-    """Return the newest effect or a close rival: the one that gains most when all unknowns are fitted with it.
-
-    The residual is not linear in a large effect, so the newest is tried whatever its own score. Each effect is tried on its best
-    interval and on the whole logs.
-    """
+    """Return the newest effect or a close rival: the one that gains most when all unknowns are fitted with it."""
+    # The residual is not linear in a large effect, so the newest is tried whatever its own score. Each effect is tried on
+    # its best interval and on the whole logs.
     others = linear.terms[:-1]
     newest = replace(newest, term=linear.terms[-1])
     close: dict[tuple[str, bool, bool], Candidate] = {}

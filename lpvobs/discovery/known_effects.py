@@ -153,11 +153,9 @@ def stored_curve(curve: Curve, problem: Problem) -> Curve:
 
 
 def from_off(known_effect: KnownEffect) -> KnownEffect:
-    """Return an effect that follows a switch as nothing where the switch is off; others as they are.
-
-    The average of a curve over its logs belongs to the map that is estimated beside it. The curve's zero is therefore a choice, and
-    the map has to be estimated with the same choice. Nobody expects an effect from a switch that is off.
-    """
+    """Return an effect that follows a switch as nothing where the switch is off; others as they are."""
+    # The average of a curve over its logs belongs to the map that is estimated beside it. The curve's zero is therefore a
+    # choice, and the map has to be estimated with the same choice. Nobody expects an effect from a switch that is off.
     curve = known_effect.curve
     if curve is None or curve.of != "value" or curve.knots.size > MOST_LEVELS:
         return known_effect

@@ -145,8 +145,7 @@ class Remembered:
         return back
 
 
-Noise = Scatter | Remembered
-"""What the residual of a problem is weighted by."""
+Noise = Scatter | Remembered  # what the residual of a problem is weighted by
 
 
 def _sums(values: Array, begin: NDArray[np.int64], axis: int) -> Array:

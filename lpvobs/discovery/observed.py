@@ -30,10 +30,8 @@ from lpvobs.observer.recursion import observe
 from lpvobs.observer.smoothing import CALM, CALM_LEAST, roughness, smooth
 from lpvobs.records import Array, Log
 
-LAGS = ("maf.lag",)
-"""Effects that add a state."""
-BLUR = 0.378
-"""Standard deviation of the window of `smooth` over its half width: the sensor's state may blur as much."""
+LAGS = ("maf.lag",)  # effects that add a state
+BLUR = 0.378  # standard deviation of the window of `smooth` over its half width: the sensor's state may blur as much
 
 
 @dataclass(frozen=True)
@@ -100,10 +98,8 @@ def corrected(refined: Refined, log: Log) -> Log:
 
 
 def added(refined: Refined, log: Log, rates: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (b, N) [kg/s].
-
-    `log` holds smoothed channels, `rates` their time derivatives.
-    """
+    """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (b, N) [kg/s]."""
+    # `log` holds smoothed channels, `rates` their time derivatives.
     signals = _put(_signals(refined.model, log, rates), refined, refined.effects, log)
     # Channels are corrected already: only what the engine lacks is added here, computed from the channels as they are given.
     flows, inputs = refined.model.further(
@@ -161,10 +157,8 @@ def _behind_sensor(refined: Refined, log: Log, seen: Observed) -> Observed:
 
 @njit(cache=True)
 def _innovations(time: Array, reading: Array, flow: Array, tau: Array, correction: float) -> Array:
-    """Return (1 + l tau)(y - W_m) with dW_m/dt = (flow - W_m) / tau + l (y - W_m), exact for inputs straight between samples.
-
-    Where tau is zero the sensor is quick, and this is the reading less the flow.
-    """
+    """Return (1 + l tau)(y - W_m) with dW_m/dt = (flow - W_m) / tau + l (y - W_m), exact for inputs straight between samples."""
+    # Where tau is zero the sensor is quick, and this is the reading less the flow.
     out = np.empty(time.size)
     state = reading[0]
     for k in range(time.size):

@@ -20,8 +20,7 @@ from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
-LEAST_DRIVEN = 3.0 * thresholds.STRETCH
-"""[s] Driving without a gap that a log must hold."""
+LEAST_DRIVEN = 3.0 * thresholds.STRETCH  # [s] Driving without a gap that a log must hold
 
 
 @dataclass(frozen=True)
@@ -197,11 +196,9 @@ def kept_back(places: Places) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 
 def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
-    """Return the class of each instant: fast changes blur the balances, whatever the cause.
-
-    The change is taken between instants `apart` before and after, whose windows do not overlap. A weight that depends on the noise
-    of its own rate would trust rises that noise makes smaller, and bias every lag and volume.
-    """
+    """Return the class of each instant: fast changes blur the balances, whatever the cause."""
+    # The change is taken between instants `apart` before and after, whose windows do not overlap. A weight that depends on
+    # the noise of its own rate would trust rises that noise makes smaller, and bias every lag and volume.
     K = signals.time.size // 2
     number = np.arange(K)
     after, before = np.minimum(number + apart, K - 1), np.maximum(number - apart, 0)

@@ -17,20 +17,13 @@ from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import correlation, times_noise
 from lpvobs.records import Array, Item, Log
 
-MOST_COLUMNS = 500
-"""Columns of the figure for all logs together; each holds the smallest and the largest value."""
-MOST_POINTS = 1500
-"""Points drawn of one partial residual."""
-BINS = 25
-"""Bins of a partial residual."""
-SEGMENT = 256
-"""Instants in each of the segments that a spectrum is averaged over."""
-STILL = 1e-6
-"""Relative range below which a channel counts as constant: nothing can follow it."""
-LEAST_PART = 0.05
-"""Share of an effect's power below which a balance is left out of the effect's partial residual."""
-DRAWN = "f4"
-"""Single precision: a figure shows no more."""
+MOST_COLUMNS = 500  # columns of the figure for all logs together; each holds the smallest and the largest value
+MOST_POINTS = 1500  # points drawn of one partial residual
+BINS = 25  # bins of a partial residual
+SEGMENT = 256  # instants in each of the segments that a spectrum is averaged over
+STILL = 1e-6  # relative range below which a channel counts as constant: nothing can follow it
+LEAST_PART = 0.05  # share of an effect's power below which a balance is left out of the effect's partial residual
+DRAWN = "f4"  # single precision: a figure shows no more
 NOISE = "standard deviations of the noise"
 COLUMN = ("balance", "extreme", "time")
 BY_BALANCE, BY_LAG = ("state", "balance"), ("state", "signal", "lag")

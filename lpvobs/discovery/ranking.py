@@ -80,10 +80,9 @@ def tried(problem: Problem) -> int:
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate explains more than smoothing, a bilinear map and differences between days may leave.
-
-    Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience alone.
-    """
+    """Return whether a candidate explains more than smoothing, a bilinear map and differences between days may leave."""
+    # Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience
+    # alone.
     always = bool(linear.problem.levels) and candidate.changes == 0
     return candidate.gain >= least_gain(linear.problem) * (thresholds.ALWAYS if always else 1.0)
 

@@ -22,12 +22,10 @@ def instants(log: Log, spacing: float, half_width: float) -> Array:
 
 
 def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array, Array]:
-    """Return values and rates around each instant, both of shape (2, m, K).
-
-    The first of two is made from the even samples, the second from the odd ones: same signal, independent noise. A value is that of
-    a local quadratic fit; a rate is the derivative of the smoothed signal, not the slope of the fit, so that a balance of
-    smoothed signals stays the balance that it was.
-    """
+    """Return values and rates around each instant, both of shape (2, m, K)."""
+    # The first of two is made from the even samples, the second from the odd ones: same signal, independent noise. A value
+    # is that of a local quadratic fit; a rate is the derivative of the smoothed signal, not the slope of the fit, so that a
+    # balance of smoothed signals stays the balance that it was.
     h = NEAR * half_width
     value, later, earlier = (values_at(log, columns, time + shift, half_width) for shift in (0.0, h, -h))
     return value, (later - earlier) / (2.0 * h)
