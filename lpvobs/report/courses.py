@@ -12,12 +12,9 @@ from lpvobs.records import Array
 from lpvobs.report.content import CycleView, Drive
 from lpvobs.report.figures import GRAMS
 
-COLUMNS = 3000
-"""Most columns of a course: ten times what a figure has, so that a zoom by ten still shows every extreme."""
-FEWEST = 4
-"""Samples of a column on average, at least."""
-NOTHING = -32768
-"""Stands for no value; others use the numbers up to 32767 on either side of the middle."""
+COLUMNS = 3000  # most columns of a course: ten times what a figure has, so that a zoom by ten still shows every extreme
+FEWEST = 4  # samples of a column on average, at least
+NOTHING = -32768  # stands for no value; others use the numbers up to 32767 on either side of the middle
 
 
 def course_data(cycle: CycleView, drive: Drive) -> Markup:

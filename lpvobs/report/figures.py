@@ -79,10 +79,8 @@ def window(time: Array, segments: Segments, start: float, stop: float) -> tuple[
 TRUTH, ESTIMATE, READING = INK, "#2f7fc1", "#c4621a"
 """Blue and orange are told apart with any colour vision, and stand out from a white and from a nearly black page alike."""
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
-COLUMNS = 250
-"""Pixel columns that a course over time is drawn with."""
-DETAIL = 40.0
-"""[s], the stretch shown enlarged."""
+COLUMNS = 250  # pixel columns that a course over time is drawn with
+DETAIL = 40.0  # [s], the stretch shown enlarged
 GRAMS = 1e3
 
 

@@ -17,8 +17,7 @@ from lpvobs.report.residual import Section, picture
 from lpvobs.tracking.fleet import PeriodMap
 
 BODY = "fleet.html.j2"
-KNOWN = 1e-3
-"""[kg/s], standard error of a type's node from which it is drawn."""
+KNOWN = 1e-3  # [kg/s], standard error of a type's node from which it is drawn
 
 
 def fleet_page(name: str, fleet: StoredFleet) -> str:

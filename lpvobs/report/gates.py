@@ -187,11 +187,9 @@ def _first_of(messages: Sequence[str]) -> str:
 
 
 def write_junit(path: Path, verdicts: Sequence[Verdict], refused: Sequence[str] = ()) -> None:
-    """Write one suite per result and one test case per log and gate; the file appears whole or not at all.
-
-    A log that fails a gate is a `failure`, one that cannot have the metric, or could not be used, an `error`. Same verdicts, same
-    bytes: there are no time stamps.
-    """
+    """Write one suite per result and one test case per log and gate; the file appears whole or not at all."""
+    # A log that fails a gate is a `failure`, one that cannot have the metric, or could not be used, an `error`. Same
+    # verdicts, same bytes: there are no time stamps.
     with replacing(path) as temporary:
         temporary.write_bytes(junit_xml(verdicts, refused))
 

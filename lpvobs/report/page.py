@@ -215,11 +215,9 @@ def _quality(view: ResultView, number: int) -> Iterator[Picture]:
 
 
 def plan_of(view: ResultView) -> Plan | None:
-    """Return what to drive next, None where the result's method says nothing of its noise.
-
-    Estimated nodes count with their noise, extrapolated ones with their error of prediction; a node without any value counts as
-    wrong by as much as the estimated ones are large.
-    """
+    """Return what to drive next, None where the result's method says nothing of its noise."""
+    # Estimated nodes count with their noise, extrapolated ones with their error of prediction; a node without any value
+    # counts as wrong by as much as the estimated ones are large.
     stored = view.stored
     if not stored.supported.any() or not (stored.standard_error > 0).any():
         return None

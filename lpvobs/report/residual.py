@@ -13,8 +13,7 @@ from lpvobs.report.content import ResultView
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.tables import Table, fit_rows
 
-MOST_LOGS = 6
-"""Logs whose residual is drawn over time; the tables have all."""
+MOST_LOGS = 6  # logs whose residual is drawn over time; the tables have all
 WHITENESS = (
     "Whiteness of the residual: sums over blocks, their effective number, portmanteau test, cumulated periodogram"
 )

@@ -69,8 +69,7 @@ class Phrase:
     null: float = 0.0  # the value of no effect
 
 
-MOST_TIMES = 4
-"""Intervals that are told."""
+MOST_TIMES = 4  # intervals that are told
 BY_KIND = {
     "factor": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0, 1.0),
     "gain": Phrase("{name} reads {} % high", "{name} reads {} % low", 100.0, 1.0),

@@ -16,12 +16,9 @@ from lpvobs.report import figures
 from lpvobs.report.content import SurfaceView
 from lpvobs.report.svg import INK, drawn
 
-CUTS = 3
-"""Cuts through a map along each of its axes."""
-SURE = 1.645
-"""Standard errors on either side of a 90 % interval."""
-FAINT = 0.35
-"""Opacity of what is extrapolated."""
+CUTS = 3  # cuts through a map along each of its axes
+SURE = 1.645  # standard errors on either side of a 90 % interval
+FAINT = 0.35  # opacity of what is extrapolated
 
 
 @drawn(5.2)

@@ -20,8 +20,7 @@ Draw = Callable[Concatenate[Figure, P], None]
 INK = "#0d0e0f"
 """Stands for the page's text colour while a figure is drawn, so that one figure serves light and dark."""
 FONT = "DejaVu Sans"
-WIDTH = 7.4
-"""[inch], of every figure."""
+WIDTH = 7.4  # [inch], of every figure
 STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "text.parse_math": False,  # names of channels may hold dollars
@@ -47,20 +46,15 @@ STYLE: dict[str, Any] = {
     ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color", "hatch.color"), INK
 )
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-TIP = "tip: "
-"""Begins the identifier of an element whose rest is shown when the pointer rests on it."""
-RASTER_DPI = 120
-"""Of the parts that are drawn as images: too dense for lines."""
-MOST_LETTERS = 40
-"""Of a name in a figure; a longer one would leave no room to draw in."""
+TIP = "tip: "  # begins the identifier of an element whose rest is shown when the pointer rests on it
+RASTER_DPI = 120  # of the parts that are drawn as images: too dense for lines
+MOST_LETTERS = 40  # of a name in a figure; a longer one would leave no room to draw in
 
 
 def render(name: str, alt: str, height: float, draw: Callable[[Figure], None]) -> str:
-    """Return a figure of a height [inch] as an `<svg>` element; `draw` draws into an empty figure.
-
-    The name, of letters, digits and hyphens, is unique on the page; `alt` says what the figure shows, for those who cannot see
-    it.
-    """
+    """Return a figure of a height [inch] as an `<svg>` element; `draw` draws into an empty figure."""
+    # The name, of letters, digits and hyphens, is unique on the page; `alt` says what the figure shows, for those who
+    # cannot see it.
     stream = io.StringIO()
     with warnings.catch_warnings(), mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):
         warnings.filterwarnings(
@@ -95,10 +89,8 @@ def _without_formulas(figure: Figure) -> None:
 
 
 def drawn(height: float = 4.5) -> Callable[[Draw[P]], Callable[Concatenate[str, str, P], str]]:
-    """Turn functions that draw into an empty figure of a height [inch] into such that return it as SVG.
-
-    Instead of the figure they take the name and what the figure shows, as `render` does.
-    """
+    """Turn functions that draw into an empty figure of a height [inch] into such that return it as SVG."""
+    # Instead of the figure they take the name and what the figure shows, as `render` does.
 
     def turned(draw: Draw[P]) -> Callable[Concatenate[str, str, P], str]:
         def as_svg(name: str, alt: str, /, *content: P.args, **options: P.kwargs) -> str:

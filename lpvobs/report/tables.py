@@ -18,8 +18,7 @@ from lpvobs.report.outputs import RegionMean, log_fields
 
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
-MUCH = 0.1
-"""Share of its rows that are dropped, from which a log is unusual."""
+MUCH = 0.1  # share of its rows that are dropped, from which a log is unusual
 METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "stability certified")
 
 
@@ -146,10 +145,8 @@ def coefficient_tables(results: Sequence[tuple[str, StoredResult]], paper: bool 
 
 
 def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = (), paper: bool = True) -> Table:
-    """Return Table 1: the paper's bounds of rho if asked for, those of the logs, and the region that the certificate covers.
-
-    `logs` are those of a result; the logs that the gain's region was drawn from come first.
-    """
+    """Return Table 1: the paper's bounds of rho if asked for, those of the logs, and the region that the certificate covers."""
+    # `logs` are those of a result; the logs that the gain's region was drawn from come first.
     kind, names = ENGINES.get(gain.air_path), gain.gain.region.names
     printed = kind.published.bounds if paper and kind and kind.published else {}
     header = ["", *names]

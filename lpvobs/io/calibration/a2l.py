@@ -12,8 +12,7 @@ import numpy as np
 from lpvobs.errors import DataError, UsageError
 from lpvobs.records import Array
 
-LARGEST = 1 << 28
-"""[bytes] of a description; those of large control units have a tenth of it."""
+LARGEST = 1 << 28  # [bytes] of a description; those of large control units have a tenth of it
 
 
 @dataclass(frozen=True)
