@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from common import Drive, configuration, markdown, publish, state_gain
-from engine_as_it_is import FIRST_SEED, POINTS, Judged, Setting, _mean, from_point, judged, on_calibrated, speed_density
+from engine_as_it_is import POINTS, Judged, Setting, _mean, from_point, judged, on_calibrated, speed_density
 
 from lpvobs.calibration.bench import bench_table
 from lpvobs.calibration.fit import calibrated, taught
@@ -35,6 +35,7 @@ from lpvobs.simulation.stationary import BenchTable, bench
 
 SERIES = Path(__file__).parent.parent / "configs" / "series.toml"
 RATE, PROBE, PROBE_NOISE = 20.0, 0.3, 0.005
+FIRST_SEED = 7301  # numerics were looked at on 900 and 901
 CASES = ("same structure", "another structure")
 DONE = Path(__file__).parent.parent / "build" / "series"
 ROWS = {

@@ -48,14 +48,14 @@ def _left(found: AsFound, s: Signals) -> Array:
 
 
 def _rates(s: Signals) -> Mapping[str, Array]:
-    still = np.zeros(s.time.size)
+    still = np.zeros(s.value["n_e"].size)  # of the mean of two views there are half as many as of times
     return {name: s.rate.get(name, still) for name in flows.CHANNELS}
 
 
 def _columns(found: AsFound, s: Signals) -> Array:
     """Return the derivatives of the flows by all values of the corrections, shape (3, C, v)."""
     parts = zip(flows.COMPONENTS, flows.corrections(found.constants, s.value, _rates(s)), strict=True)
-    out = np.zeros((len(flows.BALANCES), s.time.size, sum(component.size for component in flows.COMPONENTS)))
+    out = np.zeros((len(flows.BALANCES), s.value["n_e"].size, sum(component.size for component in flows.COMPONENTS)))
     begin = 0
     for component, correction in parts:
         on = correction.on(len(out))
