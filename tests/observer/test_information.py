@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.unknowns import unknowns_of
-from lpvobs.observer.information import Prior, solve
+from lpvobs.observer.information import Prior, _without_brief, solve
 from lpvobs.observer.windows import GROUP, Columns, Moments
 
 LAYOUT = Columns(nodes=3, unknowns=0, balances=2)
@@ -33,3 +33,15 @@ def test_errors_have_a_positive_variance_however_much_noise_was_taken_out(taken)
     assert np.diag(found.map_covariance).min() > 0.0
     assert found.map_covariance[2, 2] == pytest.approx(0.01)  # nothing is known of it but the prior
     np.testing.assert_allclose(found.theta[:2], [2e-3, 3e-3], atol=5e-4)  # the lasting error
+
+
+def test_a_balance_that_spoke_for_an_instant_beside_others_is_left_out():
+    """One window is absorbed by what is not known of the engine, and an error of nothing would outweigh all others."""
+    ones = np.ones((3, 3, 4, 4))
+    left = _without_brief(Moments(ones, ones, np.array([600.0, 1.0, 40.0]), np.zeros((1, 4, 4))))
+    assert left.windows.tolist() == [600.0, 0.0, 40.0]
+    assert not left.products[1].any()
+    assert not left.slow[:, 1].any()
+    assert left.products[0, 2].all()
+    short = Moments(ones, ones, np.array([3.0, 2.0, 1.0]), np.zeros((1, 4, 4)))
+    assert _without_brief(short) is short

@@ -5,9 +5,11 @@ import pytest
 from repository import CONFIGS
 
 import lpvobs
+from lpvobs.calibration.bench import bench_table, rows_of
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.registry import ENGINES
 from lpvobs.engines.series import effects, flows
+from lpvobs.engines.unknowns import unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.parquet import write_log
@@ -95,6 +97,24 @@ def test_open_valve_and_lambda_count_in_steady_running_alone(config, tmp_path):
     assert np.isfinite(found.flow[0][shut]).all()
     assert np.isnan(found.flow[0][~shut]).all()
     assert np.isnan(found.flow[1:]).all()
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_an_open_valve_counts_once_a_calibration_knows_the_egr(config, tmp_path, learned):
+    log, _, _ = found_on(config, written(tmp_path / "log.parquet", drive(5.0)))
+    trust = config.engine_path().caution(log, {}, 0.0, learned).trust
+    assert trust[:, 0].tolist() == [1.0, float(learned), 1.0]
+
+
+def test_a_bench_shows_the_filling_with_the_valve_shut_and_open_and_the_egr_itself(config):
+    channels = drive(40.0)
+    table = {name: values[::100] for name, values in channels.items() if name not in ("time", "W_maf")}
+    table["W_reference"], table["W_egr_reference"] = table["ref_W_c"], np.full(8, 1e-3)
+    path = config.engine_path()
+    rows = rows_of(path, unknowns_of(config.estimate.tolerance, path.components), [bench_table(path, table)])
+    said = [rows.kind[of].name for of in rows.of]
+    assert {name: said.count(name) for name in said} == {"filling": 4, "filling_with_egr": 4, "mixture": 8, "egr": 4}
+    assert np.isfinite(rows.J).all()
 
 
 def test_a_log_without_valve_and_lambda_is_refused(config, tmp_path):
