@@ -59,7 +59,7 @@ NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
 """Logs of a vehicle with few drives."""
-SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0, 2.0), 5, 4
+SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0, 2.0), 8, 1
 """Of the drift that `track` says it finds, fleets drawn to see whether it does, and vehicles of each that drift so."""
 DRIVEN = 0.02
 """Of the stay at the node where a vehicle is most, from which a node counts as driven."""
@@ -337,8 +337,9 @@ def _page(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
                 [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
             ),
-            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which {DRIFTING} vehicles "
-            "drift by a multiple of that:",
+            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which one drifts by a multiple of "
+            "that. Where several of twenty drift as slowly, they are taken for the random walk that all vehicles have: the trend of "
+            "each is shown with its interval, and none is accused.",
             markdown(
                 ["of the drift stated", "found", "others accused"],
                 [[f"{share:g}", f"{c.found} of {c.changes}", f"{c.accused} of {c.healthy}"] for share, c in powers],

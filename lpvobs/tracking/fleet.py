@@ -257,6 +257,6 @@ def track(
         changes += changed
         maps += [PeriodMap(vehicle.name, *item) for item in zip(names, values, errors, strict=True)]
         cells += fleet.visit(each, errors[-1])
-    power = power_of(sums, [vehicle.logs for vehicle in vehicles], basis, prior, fleet.sizes)
+    power = power_of(vehicles, fleet.sizes)
     found_types, told = tuple(types.values()), (tuple(standings), tuple(changes), tuple(maps), tuple(cells))
     return Tracked(fleet.sizes, found_types, *told, power)

@@ -1,9 +1,8 @@
 """What a fleet's own sums can show: the drift and the step that are found nine times out of ten, by the number of logs.
 
-A vehicle of usual logs at the usual pace is put together from the mean products of all logs. What an event adds to the evidence is
-`b^T (I + S)^-1 b / 2 - log|I + S| / 2` with `b ~ N(S d, S)` for an event of size d, so twice the first term is a weighted sum of
-noncentral chi-squares; its mean and variance say how large a change of the gain must be. It must be found beside days that differ
-as much as `UNEASY` allows, for else these would explain it.
+What an event adds to the evidence is `b^T (I + S)^-1 b / 2 - log|I + S| / 2` with `b ~ N(S d, S)` for an event of size d, so twice
+the first term is a weighted sum of noncentral chi-squares; its mean and variance say how large a change of the gain must be. It
+must be found beside days that differ as much as `UNEASY` allows, for else these would explain it.
 """
 
 from collections.abc import Sequence
@@ -14,8 +13,8 @@ import numpy as np
 
 from lpvobs.records import Item
 from lpvobs.tracking.changes import UNEASY, improbable
-from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums
-from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline, vehicle_of
+from lpvobs.tracking.sums import MODES
+from lpvobs.tracking.timeline import CHANGE, FLAT, MOST_VEHICLES, YEAR, Event, Fleetwide, Timeline
 
 LOGS = (6, 12, 24, 48)
 QUANTILE = 1.2816
@@ -27,33 +26,36 @@ class Detectable:
     """What is found nine times out of ten in so many logs of a vehicle, as a share of the reading."""
 
     logs: Annotated[int, Item("1", "logs of a vehicle", name="log_count")]
-    days: Annotated[float, Item("d", "between the first and the last, at the usual pace of the fleet")]
+    days: Annotated[float, Item("d", "between the first and the last")]
     drift: Annotated[float, Item("1", "change of the gain in a month, as a trend from the first log on")]
     step: Annotated[float, Item("1", "change of the gain at once, half-way")]
 
 
-def power_of(
-    sums: Sequence[VehicleSums], logs: Sequence[Sequence[TrackedLog]], basis: Basis, prior: float, sizes: Fleetwide
-) -> tuple[Detectable, ...]:
-    """Return what is found by number of logs; nothing where no vehicle has two logs on different days."""
-    every = [log for its in logs for log in its]
-    apart = np.concatenate([np.diff(sorted(log.date for log in its)) for its in logs])
-    if not apart.any():
-        return ()
-    pace = float(apart.mean())
-    usual = replace(
-        every[0], modes=np.mean([log.modes for log in every], axis=0), own=np.mean([log.own for log in every], axis=0)
-    )
-    mean = np.sum([each.whole(basis.size) for each in sums], axis=0) / len(every)
-    on = np.flatnonzero(np.diag(mean))
+def power_of(vehicles: Sequence[Timeline], sizes: Fleetwide) -> tuple[Detectable, ...]:
+    """Return what the middle one of the vehicles with so many logs shows in the first of them; nothing where none has."""
     found = []
     for count in LOGS:
-        own = replace(sums[0], columns=on, products=count * mean[np.ix_(on, on)])
-        vehicle = vehicle_of(own, [replace(usual, date=pace * i) for i in range(count)], basis, prior)
-        middle = float(vehicle.day[count // 2 - 1 : count // 2 + 1].mean())
-        drift, step = (_least(vehicle, sizes, Event(*each)) for each in (("trend",), ("step", middle)))
-        found.append(Detectable(count, pace * (count - 1), drift / 12.0, step))
+        begun = [_first(each, count) for each in vehicles if each.day.size >= count and each.day[count - 1] > 0.0]
+        if begun:
+            shown = [
+                (each.day[-1] * YEAR, _least(each, sizes, Event("trend")) / 12.0, _least(each, sizes, _halfway(each)))
+                for each in begun[:MOST_VEHICLES]
+            ]
+            found.append(Detectable(count, *np.median(shown, axis=0).tolist()))
     return tuple(found)
+
+
+def _first(vehicle: Timeline, count: int) -> Timeline:
+    """Return a vehicle with its first logs, whose mean is unknown; its map counts as known as it is after all of them."""
+    G, common = vehicle.G[: count * MODES, : count * MODES], np.tile(np.eye(MODES), (count, 1))
+    onto = np.linalg.solve(common.T @ G @ common + FLAT * np.eye(MODES), common.T @ G)
+    G = G - G @ common @ onto
+    return replace(vehicle, logs=vehicle.logs[:count], day=vehicle.day[:count], G=G, h=np.zeros(len(G)))
+
+
+def _halfway(vehicle: Timeline) -> Event:
+    middle = vehicle.day.size // 2
+    return Event("step", float(vehicle.day[middle - 1 : middle + 1].mean()))
 
 
 def _least(vehicle: Timeline, sizes: Fleetwide, event: Event) -> float:
