@@ -337,9 +337,9 @@ def _page(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
                 [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
             ),
-            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which one drifts by a multiple of "
-            "that. Where several of twenty drift as slowly, they are taken for the random walk that all vehicles have: the trend of "
-            "each is shown with its interval, and none is accused.",
+            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which one drifts by a multiple "
+            "of that. Where several of twenty drift as slowly, they are taken for the random walk that all vehicles have: "
+            "the trend of each is shown with its interval, and none is accused.",
             markdown(
                 ["of the drift stated", "found", "others accused"],
                 [[f"{share:g}", f"{c.found} of {c.changes}", f"{c.accused} of {c.healthy}"] for share, c in powers],
