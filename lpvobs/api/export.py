@@ -1,6 +1,5 @@
 """`export`: the map of a result in a file for calibration tools."""
 
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.calibration import dcm, exchange, files
 from lpvobs.io.calibration.a2l import A2lMap, read_a2l_map
 from lpvobs.io.calibration.files import Change
+from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.units import canonical
 from lpvobs.io.results import surfaces
 from lpvobs.io.results.hdf import reading
@@ -139,14 +139,10 @@ def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surfa
     share, cylinders = unit in (exchange.FACTOR, exchange.PERCENT), 0.0
     if canonical(unit) == exchange.PER_STROKE:
         with reading(path, KIND, REMEDY) as file:
-            engine = tomllib.loads(str(file["provenance"].attrs["config"]))["engine"]
-        cylinders = next(
-            (float(x["n_cyl"]) for x in (engine, *engine.values()) if isinstance(x, dict) and "n_cyl" in x), 0.0
-        )
+            text = str(file["provenance"].attrs["config"])
+        cylinders = config_of(text, path).engine_path().cylinders
         if not cylinders:
-            raise UsageError(
-                f"--unit {unit}: the configuration of {path} does not say n_cyl, the number of cylinders; add it"
-            )
+            raise UsageError(f"--unit {unit}: this engine has no cylinders; expected a flow, % or factor")
     mean = surfaces.read_readings(path, surface).values if share else None
     return exchange.in_unit(surface, unit, mean, cylinders)
 

@@ -80,6 +80,10 @@ class AirPath(Protocol):
     def __init__(self, engine: Any) -> None:
         """Take the configuration's `[engine]`."""
 
+    @property
+    def cylinders(self) -> float:
+        """Number of cylinders, each of which fills once in two revolutions; 0 for an engine without."""
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
 
@@ -142,6 +146,7 @@ class AsKnown:
     component_maps: ClassVar[Mapping[str, ComponentMap]] = {}
     volumes: ClassVar[tuple[str, ...]] = ()
     balance_names: ClassVar[tuple[str, ...]]
+    cylinders: float = 0.0
 
     def knowledge(self) -> Knowledge | None:
         """Return nothing."""

@@ -93,6 +93,11 @@ class Diesel(AsKnown):
         """The engine's constants, flat."""
         return constant.constants_of(self.engine)
 
+    @property
+    def cylinders(self) -> float:  # type: ignore[override]
+        """Number of cylinders."""
+        return float(self.engine.geometry.n_cyl)
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
         return constant.own_constants(self.engine)

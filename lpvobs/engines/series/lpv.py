@@ -76,6 +76,11 @@ class Series(AsKnown):
         """The engine's constants, flat."""
         return constants_of(self.engine)
 
+    @property
+    def cylinders(self) -> float:  # type: ignore[override]
+        """Number of cylinders."""
+        return float(self.engine.geometry.n_cyl)
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
         return dict(self.constants._asdict())

@@ -78,6 +78,11 @@ class Throttled(AsKnown):
         """Return the air path with the curves and volumes that healthy logs show."""
         return replace(self, learned=learn(self.engine, logs))
 
+    @property
+    def cylinders(self) -> float:  # type: ignore[override]
+        """Number of cylinders."""
+        return float(self.engine.geometry.n_cyl)
+
     def engine_constants(self) -> Mapping[str, float]:
         """Return every scalar of the configured engine by name; what is learned is no part of it."""
         air, geometry = self.engine.air, self.engine.geometry

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from repository import DIESEL
 
 from lpvobs.api.export import export
 from lpvobs.errors import DataError, UsageError
@@ -354,7 +355,7 @@ def driven(result):
     with h5py.File(result, "a") as file:
         file.attrs["air_path"] = "diesel"
         file["readings/reading"] = np.where(np.arange(TRUTH.size).reshape(TRUTH.shape) == 7, np.nan, READING)
-        file.create_group("provenance").attrs.update({"config": "[engine.geometry]\nn_cyl = 4\n"})
+        file.create_group("provenance").attrs.update({"config": DIESEL.read_text(encoding="utf-8")})
     return result
 
 
