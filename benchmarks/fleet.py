@@ -59,7 +59,7 @@ NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
 """Logs of a vehicle with few drives."""
-SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0, 2.0), 8, 1
+SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0), 8, 1
 """Of the drift that `track` says it finds, fleets drawn to see whether it does, and vehicles of each that drift so."""
 DRIVEN = 0.02
 """Of the stay at the node where a vehicle is most, from which a node counts as driven."""
@@ -332,7 +332,7 @@ def _page(
             "drives, weighted as `track` weights it.",
             f"Maps of {len(few.alone)} vehicles with {FEW} drives, nodes that these have driven: {alone:.3f} g/s rms alone, "
             f"{member:.3f} g/s as members of their type.",
-            "What `track` says of this fleet's power: changes of the gain that it finds at least nine times out of ten.",
+            "What `track` says of this fleet's power: changes of the gain that it says it finds nine times out of ten.",
             markdown(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
                 [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
