@@ -6,8 +6,7 @@ from pathlib import Path
 
 from lpvobs.api.known_engine import known_engine
 from lpvobs.api.search_start import known_from
-from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from
-from lpvobs.discovery.residual import lay_out
+from lpvobs.discovery.healthy_drive import HealthyDrive, learned
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of
@@ -45,7 +44,7 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
         if model.blocks or sum(log.time[-1] - log.time[0] for log in logs) < HEALTHY_LEAST:
             return
         there = model.restarted(known.constants, known.covariance)
-        found = learned_from(lay_out(there, engine.config.grid(), known.prior, logs), [log.name for log in logs])
+        found = learned(there, engine.config.grid(), known.prior, logs)
         update(stored, lambda file: write(file, GROUP, found) and None)
 
 

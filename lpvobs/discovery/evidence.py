@@ -148,10 +148,19 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
     unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
+    told = _told(linear, term, information)
+    gain, information = told * gain if known else 0.0, told * information
     loss = 0.5 * linear.by_block(left, left)
     clock = problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
     return Candidate(term, gain, information, unevenness, loss, elsewhere, from_start)
+
+
+def _told(linear: Linear, term: Term, information: float) -> float:
+    """Return the share of the information about a size that is left beside what a healthy engine always seems to have of it."""
+    problem, share = linear.problem, float(np.mean(term.acts(linear.problem.clock)))
+    known = information * problem.seeming.get(term.effect.id, 0.0) ** 2
+    return 1.0 - share * known / (share + known) if known > 0.0 else 1.0
 
 
 def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
@@ -171,6 +180,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     scores = linear.products_by_block(left) @ row * information
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
+    information *= _told(linear, linear.terms[index], information)
     return replace(
         like,
         term=linear.terms[index],

@@ -70,16 +70,30 @@ def linearised(
         columns=white,
         mapped=noise.whiten(problem.by_reading),
         dense=None if isinstance(noise, Scatter) else _map_columns(problem, noise, nodes),
+        gram=prior,
         normal=prior,
         factor=prior,
         gradient=deviation,
         newton_step=deviation,
     )
-    normal = normal_of(bare) + prior + pins(problem, pinned, prior.shape[0])
+    gram = _gram(bare, near if known else None)
+    normal = gram + prior + pins(problem, pinned, prior.shape[0])
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation
     newton_step = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
-    return replace(bare, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
+    return replace(bare, gram=gram, normal=normal, factor=factor, gradient=gradient, newton_step=newton_step)
+
+
+def _gram(bare: Linear, near: Linear | None) -> Array:
+    """Return the products of all columns; those of map and unknowns are the same in a nearby model with the same weights."""
+    if near is None or not all(np.array_equal(a, b) for a, b in zip(bare.nodes, near.nodes, strict=True)):
+        return normal_of(bare)
+    known, n = bare.p + bare.beta.size, bare.newton_step.size
+    gram = np.zeros((n, n))
+    gram[:known, :known] = near.gram[:known, :known]
+    for i in range(known, n):
+        gram[i] = gram[:, i] = bare.products(bare.columns[i - bare.p])
+    return gram
 
 
 def _map_columns(problem: Problem, noise: Noise, nodes: imbalances.Nodes) -> Array:
@@ -118,7 +132,7 @@ def converged(linear: Linear) -> Linear:
 
 def _stepped(linear: Linear, near: Linear | None) -> Linear:
     problem, p, q = linear.problem, linear.p, linear.beta.size
-    bound = FARTHEST * problem.spread
+    bound = np.where(np.arange(q) < q - len(problem.patterns), FARTHEST * problem.spread, np.inf)
     wanted = linear.beta - linear.newton_step[p : p + q]
     beta = np.clip(wanted, -bound, bound)
     terms = tuple(
@@ -177,7 +191,9 @@ def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None))
     one = np.zeros(column.shape[1], dtype=np.int64)
     for i in range(J.shape[0]):
         scatter(between[i : i + 1], one, *nodes, -(column * linear.columns[i, 0][:, instants]).sum(0))
-    dense = J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T
+    moving = linear.twofold
+    dense = J[:, 0] @ J[:, 0].T
+    dense[np.ix_(moving, moving)] -= J[moving, 1] @ J[moving, 1].T
     return np.block([[H, between.T], [between, dense]])
 
 

@@ -10,20 +10,22 @@ function would have said counts as noise.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.evidence import fit_candidate
+from lpvobs.discovery.fit import fit
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
-from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
-from lpvobs.engines.healthy import CHUNK, FOLDS, parts_of, slow
-from lpvobs.engines.residual_model import Level, ResidualModel
-from lpvobs.records import Array, Item
+from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Array, Item, Log
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +42,16 @@ class HealthyDrive:
     width: Annotated[float, Item("1", "of a bell, in standard deviations")]
     weights: Annotated[Array, Item("kg/s", "what a balance leaves, by bells and lines", ("balance", "feature"))]
     amplitude: Annotated[Array, Item("kg/s", "rms of that along the healthy drives", ("balance",))]
-    scale: Annotated[Array, Item("kg/s", "usual size of the error beyond, held out", ("balance",))]
-    lasting: Annotated[Array, Item("1", "variance of a sum of errors over that of independent ones", ("balance",))]
-    day: Annotated[Array, Item("kg/s", "standard deviation of what lasts for minutes, or a day", ("balance",))]
+    scale: Annotated[Array, Item("kg/s", "usual size of the error beyond", ("balance",))]
+    lasting: Annotated[
+        Array, Item("1", "variance of a sum of its fast part over that of independent ones", ("balance",))
+    ]
+    unsure: Annotated[Array, Item("kg/s", "root of the weights' covariance", ("balance", "feature", "other_feature"))]
+    slow: Annotated[Array, Item("kg/s", "sd of what lasts all day, and for minutes", ("balance", "error"))]
+    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")] = ()
+    seeming: Annotated[Array, Item("1", "rms size that healthy drives seem to have, in its unit", ("effect",))] = field(
+        default_factory=lambda: np.zeros(0)
+    )
 
     @cached_property
     def _root(self) -> Array:
@@ -76,17 +85,38 @@ class HealthyDrive:
     def taken_off(self, problem: Problem) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows."""
         expected, wider = self.expected(problem)
-        return replace(
+        patterns = np.concatenate([self._slow(problem, b, wider[b]) for b in range(len(self.balances))])
+        found = replace(
             problem,
             offset=problem.offset - expected,
             lasting=problem.lasting * wider,
-            wider=lambda: self.taken_off(problem.wider()),
+            patterns=patterns,
+            seeming=self._seeming(problem),
+            covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
         )
+        same = {"patterns": patterns, "covariance": found.covariance}
+        return replace(found, wider=lambda: replace(self.taken_off(problem.wider()), **same))
+
+    def _seeming(self, problem: Problem) -> dict[str, float]:
+        """Return the size of every effect that a healthy engine seems to have; that of a component's curve is its factor's."""
+        found = dict(zip(self.effects, self.seeming.tolist(), strict=True))
+        return found | {curve.id: found.get(curve.carrier.id, 0.0) for curve in problem.model.curves}
+
+    def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
+        """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, B, K)."""
+        features = np.mean([self.features(view) for view in self.inputs(problem)], axis=0)
+        each = zip(self.slow[b], (_logs(problem), _minutes(problem)), strict=True)
+        every = np.hstack([features @ self.unsure[b], *(size * columns for size, columns in each)])
+        every = every * problem.shown[b][:, None]
+        strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
+        told = strength > thresholds.TOLD
+        found = np.zeros((int(told.sum()), *problem.shown.shape))
+        found[:, b] = (every @ modes[:, told]).T
+        return found
 
     def unchanged(self, model: ResidualModel) -> ResidualModel:
-        """Return the engine as it was on the healthy drives: nothing of it is unknown but the levels of the day."""
+        """Return the engine as it was on the healthy drives: nothing of it is unknown."""
         constants = model.with_unknowns(np.zeros(len(model.names)))
-        levels = [Level(name, "kg/s", float(x)) for name, x in zip(self.balances, self.day, strict=True)]
         return replace(
             model,
             names=(),
@@ -94,8 +124,26 @@ class HealthyDrive:
             covariance=np.zeros((0, 0)),
             with_unknowns=lambda _: constants,
             by_unknowns=None,
-            levels=(*model.levels, *levels),
         )
+
+
+def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
+    """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
+    found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
+    sizes = []
+    for log in logs:
+        others = [other for other in logs if other is not log]
+        seen = learned_from(lay_out(model, grid, prior, others), [other.name for other in others]) if others else found
+        linear = fit(seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log])))
+        sizes.append({e.id: fit_candidate(linear, e).term.size - e.null for e in linear.problem.catalogue})
+    effects = tuple(effect for effect in sizes[0] if all(effect in each for each in sizes))
+    rms = [float(np.sqrt(np.mean([each[effect] ** 2 for each in sizes]))) for effect in effects]
+    return replace(found, effects=effects, seeming=np.array(rms))
+
+
+def unmoved(prior: MapPrior) -> MapPrior:
+    """Return a map that stands beside an engine of which nothing is unknown."""
+    return replace(prior, sensitivity=prior.sensitivity[:, :0])
 
 
 def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
@@ -104,28 +152,84 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    scale = _scales(left.mean(1), problem.transience)
-    several = len(logs) > 1
-    part = problem.of_log % FOLDS if several else parts_of(problem.time)
     found = []
     for width in thresholds.BELL_WIDTHS:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
-        rows = [_regression(features, left[b], scale[b], part) for b in range(B)]
-        weights, held_out = (np.array(each) for each in zip(*rows, strict=True))
-        error = float(np.mean(np.minimum(np.abs(held_out / scale), thresholds.FAR) ** 2))
-        amplitude = np.sqrt(np.mean((weights @ features[0].T) ** 2, axis=1))
-        found.append((error, replace(bare, weights=weights, amplitude=amplitude), held_out))
-    _, best, held_out = min(found, key=lambda item: item[0])
-    scale = _scales(held_out, problem.transience)
-    usual = np.median(scale, axis=1)
-    chunk = problem.time // CHUNK + 1e4 * problem.of_log
-    return replace(
-        best,
-        scale=usual,
-        lasting=np.array([_lasting(problem, z) for z in held_out / scale]),
-        day=usual * [max(slow(z, chunk), thresholds.LEAST_LEVEL) for z in held_out / usual[:, None]],
-    )
+        scale = _scales(left.mean(1), problem.transience)
+        for _ in range(thresholds.HEALTHY_PASSES):
+            each = [_learned(problem, features, *row) for row in zip(left, scale, strict=True)]
+            weights = np.array([own.weights for own in each])
+            scale = _scales(left.mean(1) - weights @ features.mean(0).T, problem.transience)
+        amplitude = np.array([own.amplitude for own in each])
+        whole = replace(
+            bare,
+            weights=weights,
+            amplitude=amplitude,
+            scale=np.median(scale, axis=1),
+            lasting=np.array([own.lasting for own in each]),
+            unsure=np.array([own.unsure for own in each]),
+            slow=np.array([own.slow for own in each]),
+        )
+        found.append((sum(own.unlikely for own in each), whole))
+    return min(found, key=lambda item: item[0])[1]
+
+
+@dataclass(frozen=True)
+class _Learned:
+    """What is learned of one balance; `unlikely` is the negative logarithm of the likelihood."""
+
+    weights: Array
+    unsure: Array
+    amplitude: float
+    lasting: float
+    slow: Array
+    unlikely: float
+
+
+def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _Learned:
+    """Return what a balance leaves, shape (2, K), as a function that is the same on all drives, and the errors beyond.
+
+    Variances are those of largest likelihood for means over `PIECE`; the function is the best for them at the instants.
+    """
+    piece = (problem.clock // thresholds.PIECE).astype(np.int64)
+    first = np.flatnonzero(np.diff(piece, prepend=-1))
+    weight = scale**-2.0
+    total = np.add.reduceat(weight, first)
+    usual = float(np.median(scale))
+    slow = (_logs(problem), _minutes(problem))
+
+    def mean(values: Array) -> Array:
+        return np.asarray((np.add.reduceat((values.T * weight).T, first, axis=0).T / total).T)
+
+    y = mean(left.mean(0))
+    alike = [np.diag(1.0 / total)]
+    for columns in (features.mean(0), *slow):
+        means = usual * mean(columns)
+        alike.append(means @ means.T)
+    shapes = np.array(alike)
+
+    def unlikely(x: Array) -> tuple[float, Array]:
+        factor = scipy.linalg.cholesky(np.tensordot(np.exp(x), shapes, 1), lower=True)
+        inverse = scipy.linalg.cho_solve((factor, True), np.eye(y.size))
+        seen, away = inverse @ y, (x[1:] - np.log(thresholds.SLOW_SHARE)) / thresholds.SLOW_SPREAD
+        own = 0.5 * float(y @ seen + away @ away) + float(np.log(np.diag(factor)).sum())
+        by = 0.5 * np.exp(x) * ((shapes * inverse).sum((1, 2)) - np.einsum("a,nab,b->n", seen, shapes, seen))
+        by[1:] += away / thresholds.SLOW_SPREAD
+        return own, by
+
+    start = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
+    bounds = [(0.0, 6.0), *[(-9.0, 4.0)] * 3]
+    best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    lasting, sizes = float(np.exp(best.x[0])), usual * np.exp(0.5 * best.x[1:])
+    rest = np.hstack([size * columns for size, columns in zip(sizes[1:], slow, strict=True)])
+    rows = np.concatenate([np.hstack([sizes[0] * view, rest]) for view in features])
+    each = np.tile(0.5 * weight / lasting, 2)
+    precision = rows.T @ (rows * each[:, None]) + np.eye(rows.shape[1])
+    answer = np.linalg.solve(precision, rows.T @ (each * left.ravel()))
+    m = features.shape[2]
+    root = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
+    return _Learned(sizes[0] * answer[:m], sizes[0] * root, float(sizes[0]), lasting, sizes[1:], float(best.fun))
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
@@ -137,7 +241,7 @@ def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
     bare = HealthyDrive(
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
         spread=along.std(0), centres=np.zeros((0, len(channels))), width=width * float(np.sqrt(len(channels))),
-        weights=none, amplitude=none, scale=none, lasting=none, day=none,
+        weights=none, amplitude=none, scale=none, lasting=none, unsure=none, slow=none,
     )  # fmt: skip
     return replace(bare, centres=_spread_out(bare.inputs(problem)[0][:, : len(channels)], thresholds.BELLS))
 
@@ -167,36 +271,17 @@ def _scales(left: Array, transience: Array) -> Array:
     return scale
 
 
-def _regression(features: Array, left: Array, scale: Array, part: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the weights of one balance, and what is left of it where it is held out, shape (K,) [kg/s].
-
-    The price of a large function is the one that predicts held-out parts best; without any function they are predicted by none.
-    """
-    rows = {
-        p: (features[:, part == p] / scale[part == p, None], left[:, part == p] / scale[part == p])
-        for p in np.unique(part)
-    }
-    gram = {p: np.einsum("vkm,vkn->mn", x, x) for p, (x, _) in rows.items()}
-    right = {p: np.einsum("vkm,vk->m", x, y) for p, (x, y) in rows.items()}
-    whole, total = sum(gram.values()), sum(right.values())
-    best = (np.inf, np.zeros(features.shape[2]), left.mean(0))
-    for price in thresholds.BELL_PRICES:
-        ridge, held_out = price * np.eye(features.shape[2]), np.empty(part.size)
-        for p in rows:
-            own = np.linalg.solve(whole - gram[p] + ridge, total - right[p])
-            held_out[part == p] = (left[:, part == p] - features[:, part == p] @ own).mean(0)
-        error = float(np.mean(np.minimum(np.abs(held_out / scale), thresholds.FAR) ** 2))
-        if error < best[0]:
-            best = error, np.asarray(np.linalg.solve(whole + ridge, total)), held_out
-    return best[1:]
+def _logs(problem: Problem) -> Array:
+    """Return one for the places of each log, shape (K, logs)."""
+    return np.asarray(problem.of_log[:, None] == np.unique(problem.of_log), dtype=float)
 
 
-def _lasting(problem: Problem, z: Array) -> float:
-    """Return the variance of sums of errors in units of their scale over that of as many independent ones, at the worst length."""
-    z, found = np.clip(z, -thresholds.FAR, thresholds.FAR), [1.0]
-    for length in thresholds.LASTS:
-        stretch = (problem.clock // length).astype(np.int64)
-        first = np.flatnonzero(np.diff(stretch, prepend=-1))
-        number = np.diff(np.append(first, z.size))
-        found.append(float(np.mean(np.add.reduceat(z, first) ** 2 / number) / max(np.mean(z**2), np.finfo(float).tiny)))
-    return max(found)
+def _minutes(problem: Problem) -> Array:
+    """Return features of what lasts for minutes, of unit variance, shape (K, knots): a memory, straight between knots."""
+    found = []
+    for i in np.unique(problem.of_log):
+        t = problem.clock[problem.of_log == i]
+        knots = np.linspace(t[0], t[-1], max(2, round(2.0 * (t[-1] - t[0]) / thresholds.MEMORY)))
+        root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / thresholds.MEMORY))
+        found.append(np.stack([np.interp(t, knots, column) for column in root.T], axis=1))
+    return np.asarray(scipy.linalg.block_diag(*found))

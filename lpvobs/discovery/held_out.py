@@ -180,7 +180,7 @@ def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, wei
     """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
-    for _ in range(thresholds.LEVEL_PASSES if unseen.levels else 0):
+    for _ in range(thresholds.LEVEL_PASSES if unseen.spread.size > q else 0):
         scenes = scenes_with(unseen, terms, beta)
         nodes = operating_nodes(unseen, scenes)
         each = imbalances_at(unseen, scenes, beta)

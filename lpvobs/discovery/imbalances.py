@@ -46,7 +46,7 @@ def today(problem: Problem, beta: Array) -> Signals:
     """Return the signals at the engine's unknowns, corrected for what sensors and clocks are off by on the day of each log."""
     q = len(problem.model.names)
     signals = replace(problem.signals, constants=problem.model.with_unknowns(beta[:q]))
-    for (log, level), size in zip(problem.levels, beta[q:], strict=True):
+    for log, level, size in problem.on_days(beta):
         effect = problem.model.effect(level.name)
         if effect is not None and size != 0.0 and effect in problem.catalogue:
             other = effect.apply(signals, effect.null + size)
@@ -74,9 +74,9 @@ def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Arr
 
 
 def level_shift(problem: Problem, beta: Array) -> Array:
-    """Return by how much the levels of the day shift the balances, shape (B, K)."""
-    out = np.zeros(problem.shown.shape)
-    for (log, level), size in zip(problem.levels, beta[len(problem.model.names) :], strict=True):
+    """Return by how much the levels of the day and the errors of a healthy engine shift the balances, shape (B, K)."""
+    out = np.tensordot(beta[beta.size - len(problem.patterns) :], problem.patterns, 1)
+    for log, level, size in problem.on_days(beta):
         if level.name in problem.model.balances:
             out[problem.model.balances.index(level.name), problem.of_log == log] += size
     return out
@@ -174,4 +174,5 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
                 moved[i] += step
                 ends.append(imbalances_at(problem, scenes_with(problem, terms, moved), moved))
             found[i] = views((ends[0] - ends[1]) / (2.0 * spread[i]), K)
+    found[beta.size - len(problem.patterns) :, 0] = -problem.patterns
     return found

@@ -42,7 +42,8 @@ class Linear:
     # (p, B, K) The same for every node. It is needed where noise that is correlated in time spreads a node over all
     # places; None where a place sees the nodes of its cell alone.
     dense: Array | None
-    normal: Array  # (n, n) products of all columns with each other, and priors
+    gram: Array  # (n, n) products of all columns with each other
+    normal: Array  # (n, n) the same with priors
     factor: Array  # (n, n) its lower Cholesky factor
     gradient: Array  # (n,) of half the sum of squares with priors
     newton_step: Array  # (n,) what the unknowns exceed the optimum of this linear model by: it is subtracted from them
@@ -51,6 +52,13 @@ class Linear:
     def p(self) -> int:
         """The number of map nodes."""
         return self.theta.size
+
+    @property
+    def twofold(self) -> NDArray[np.int64]:
+        """The columns that the two views see differently: all but those of a healthy engine's errors."""
+        q = self.beta.size
+        still = range(q - len(self.problem.patterns), q)
+        return np.array([i for i in range(len(self.columns)) if i not in still], dtype=np.int64)
 
     def pinned_wrongly(self) -> NDArray[np.bool_]:
         """Return which pinned constants the gradient now pushes back into their tolerance, shape (q,)."""
@@ -120,10 +128,12 @@ def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray
     else:
         on_map = -np.add.reduceat(np.einsum("pbk,bk->pk", linear.dense, y[0]), first, axis=1).T
     if first.size == 1:
-        flat = linear.columns.reshape(linear.columns.shape[0], -1)
-        dense = (flat @ np.concatenate([y[0].ravel(), -y[1].ravel()]))[None]
+        flat, half = linear.columns.reshape(linear.columns.shape[0], -1), y[0].size
+        dense = (flat[:, :half] @ y[0].ravel())[None]
+        dense[0, linear.twofold] -= flat[linear.twofold, half:] @ y[1].ravel()
     else:
-        each = np.einsum("ibk,bk->ik", linear.columns[:, 0], y[0]) - np.einsum("ibk,bk->ik", linear.columns[:, 1], y[1])
+        each = np.einsum("ibk,bk->ik", linear.columns[:, 0], y[0])
+        each[linear.twofold] -= np.einsum("ibk,bk->ik", linear.columns[linear.twofold, 1], y[1])
         dense = np.add.reduceat(each, first, axis=1).T
     return np.hstack([on_map, dense])
 

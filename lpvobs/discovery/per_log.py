@@ -53,12 +53,11 @@ def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
 
 def levels_of(problem: Problem, beta: Array, i: int) -> tuple[DayLevel, ...]:
     """Return what differs on the day of log i, in units."""
-    q = len(problem.model.names)
     known = {effect.id for effect in problem.catalogue}
     known |= {name for name, row in zip(problem.model.balances, problem.shown, strict=True) if row.any()}
     return tuple(
-        DayLevel(level.name, float(value), level.unit, level.deviation)
-        for (log, level), value in zip(problem.levels, beta[q:], strict=True)
+        DayLevel(level.name, value, level.unit, level.deviation)
+        for log, level, value in problem.on_days(beta)
         if log == i and level.name in known
     )
 

@@ -1,6 +1,7 @@
 """The ranking of all candidates against one model, logged channels included, and the test whether one of them is proven."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import channel_candidates
@@ -93,8 +94,20 @@ def least_gain(problem: Problem) -> float:
 
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate is both relevant and significant."""
-    return is_relevant(candidate, linear) and p_value(candidate, tried(linear.problem)) < thresholds.SIGNIFICANT
+    """Return whether a candidate is both relevant and significant, the errors of a learned function counted."""
+    problem = linear.problem
+    wider = with_model_error(problem) if len(problem.patterns) else 1.0
+    return is_relevant(candidate, linear) and chance(candidate, problem, wider) < thresholds.SIGNIFICANT
+
+
+def with_model_error(problem: Problem) -> float:
+    """Return the variance of a gain, in that of noise: the error of a sound model is a share of the data."""
+    return 1.0 + (thresholds.LEARNED_ERROR if len(problem.patterns) else thresholds.MODEL_ERROR) * problem.data
+
+
+def chance(candidate: Candidate, problem: Problem, wider: float) -> float:
+    """Return the probability of such a gain by chance, all hypotheses counted, where gains vary by more than noise."""
+    return p_value(replace(candidate, gain=candidate.gain / wider), tried(problem))
 
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:

@@ -11,7 +11,7 @@ from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.forms import in_words
-from lpvobs.discovery.healthy_drive import HealthyDrive
+from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
 from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
@@ -69,7 +69,7 @@ def refine(
     """
     widths = dict(zip(model.names, model.spread.tolist(), strict=True))
     if healthy is not None:
-        model, prior = healthy.unchanged(model), replace(prior, sensitivity=prior.sensitivity[:, :0])
+        model, prior = healthy.unchanged(model), unmoved(prior)
 
     def lay(these: Sequence[Log]) -> Problem:
         laid = lay_out(model, grid, prior, these)

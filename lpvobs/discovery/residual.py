@@ -1,6 +1,6 @@
 """The problem that the search solves: signals of all logs, balances, unknowns with their priors, and which places are kept back."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -41,9 +41,10 @@ class Problem:
 
     model: ResidualModel
     grid: Grid
-    # the number of the log, and the level that differs on its day. These unknowns come after those of the engine
+    # the number of the log, and the level that differs on its day. These unknowns come after those of the engine, the sizes of
+    # the patterns after them
     levels: tuple[tuple[int, Level], ...]
-    covariance: Array  # (q, q) prior of the engine's unknowns and of the levels of the day
+    covariance: Array  # (q, q) prior of the engine's unknowns, the levels of the day and the sizes of the patterns
     prior: MapPrior
     signals: Signals  # as recorded
     blocks: Blocks | None
@@ -66,6 +67,9 @@ class Problem:
     # (B, K) added to the residual: the difference between an engine learned without the place and the one in use
     offset: Array
     lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
+    patterns: Array  # (m, B, K) what the errors of a healthy engine may look like, each of size one before any data
+    # the rms size of an effect that a healthy engine seems to have
+    seeming: Mapping[str, float] = field(default_factory=dict)
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property
@@ -77,6 +81,11 @@ class Problem:
     def spread(self) -> Array:
         """Standard deviation of every unknown beside the map, shape (q,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    def on_days(self, beta: Array) -> Iterator[tuple[int, Level, float]]:
+        """Yield the log, the level and its size, of every level of a day."""
+        for (log, level), size in zip(self.levels, beta[len(self.model.names) :], strict=False):
+            yield log, level, float(size)
 
     @cached_property
     def by_reading(self) -> Array:
@@ -226,6 +235,7 @@ def lay_out(
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
         wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
         lasting=np.ones(shown.shape),
+        patterns=np.zeros((0, *shown.shape)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
 

@@ -28,7 +28,16 @@ from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_po
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again, without
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import best_of, is_proven, is_relevant, most_promising, tried, uneven_share
+from lpvobs.discovery.ranking import (
+    best_of,
+    chance,
+    is_proven,
+    is_relevant,
+    most_promising,
+    tried,
+    uneven_share,
+    with_model_error,
+)
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
 
@@ -76,6 +85,9 @@ class _Search:
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     search = _search(problem, progress)
+    nothing = chance_of_nothing(search.first, search.ranking)
+    if search.verdict == "none" and nothing < thresholds.NOT_NOTHING:
+        search = replace(search, verdict="unexplained")
     if search.verdict == "unexplained" or _form_beats(search):
         search = _with_forms(problem, progress, search)
     accepted = search.accepted
@@ -89,7 +101,6 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
         for i, (c, curve) in enumerate(accepted)
     )
     progress(1.0)
-    nothing = chance_of_nothing(search.first, search.ranking)
     on_the_way = [candidate for candidate, _ in search.on_the_way]
     leading = (*on_the_way, *(c for c in search.ranking if c.id not in {other.id for other in on_the_way}))
     return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
@@ -192,8 +203,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain.
     """
     problem, blocks = first.problem, first.problem.coarse_blocks
-    wider = 1.0 + thresholds.MODEL_ERROR * problem.data
-    single = min(p_value(replace(c, gain=c.gain / wider), tried(problem)) for c in ranking)
+    wider = with_model_error(problem)
+    single = min(chance(c, problem, wider) for c in ranking)
     uneven = float(scipy.stats.chi2.sf(_elsewhere(first) * blocks / wider, blocks)) * len(problem.carriers)
     return min(1.0, 2.0 * min(single, uneven))
 
@@ -207,7 +218,8 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to."""
     losses = cross_validated(refit(after, before.terms), after)
     gained = float((losses.before - losses.after).sum())
-    above = float(losses.before.sum()) - noise_power(after, losses.counted)
+    noise = 0.0 if len(after.problem.patterns) else noise_power(after, losses.counted)
+    above = float(losses.before.sum()) - noise
     return gained > thresholds.MATTERS * max(above, 0.0)
 
 

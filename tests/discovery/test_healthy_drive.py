@@ -6,7 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from lpvobs.discovery.healthy_drive import _lasting, _regression, learned_from
+from lpvobs.discovery.evidence import fit_candidate
+from lpvobs.discovery.fit import fit
+from lpvobs.discovery.healthy_drive import _learned, learned_from, unmoved
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, lay_out
@@ -72,22 +74,35 @@ def test_it_comes_back_from_a_file_as_it_was(healthy, tmp_path):
         assert np.array_equal(getattr(again, item.name), getattr(healthy, item.name)), item.name
 
 
-def test_without_a_function_none_is_learned():
-    rng = np.random.default_rng(3)
-    features, noise = rng.standard_normal((2, 600, 20)), rng.standard_normal((2, 600))
-    weights, held_out = _regression(features, noise, np.ones(600), np.arange(600) // 100)
-    assert np.abs(weights).max() < 0.02
-    slope, held_out = _regression(features, noise + 5.0 * features[:, :, 0], np.ones(600), np.arange(600) // 100)
-    assert slope[0] == pytest.approx(5.0, rel=0.1)
-    assert np.std(held_out) < 1.0
-
-
-def test_errors_that_last_count_as_fewer(laid_out, clean):
+def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_out, clean):
     problem = laid_out(clean)
-    rng = np.random.default_rng(4)
-    white = rng.standard_normal(problem.K)
-    assert _lasting(problem, white) < 1.6
-    assert _lasting(problem, np.repeat(white, 20)[: problem.K]) > 8.0
+    rng = np.random.default_rng(3)
+    noise, one = rng.standard_normal((2, problem.K)), np.ones(problem.K)
+    inputs = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))
+    features = np.stack([inputs, inputs])
+    new = _learned(problem, features, noise, one)
+    assert np.abs(new.weights).max() < 0.2
+    assert (new.lasting < 2.0, new.slow[1] < 0.5) == (True, True)
+    slope = _learned(problem, features, noise + 3.0 * inputs[:, 0], one)
+    assert slope.weights[0] == pytest.approx(3.0, abs=0.2)
+    minutes = _learned(problem, features, noise + 3.0 * np.sin(problem.clock / 40.0), one)
+    assert minutes.slow[1] > 1.0
+    assert minutes.lasting < 6.0
+    assert np.trace(minutes.unsure @ minutes.unsure.T) > np.trace(new.unsure @ new.unsure.T)
+
+
+def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config, prior, other, clean):
+    step = other(2, np.where(clean.time > 150.0, 1.06, 1.0))
+    sizes = dict.fromkeys([effect.id for effect in plant.catalogue], 0.0) | {"maf.gain": 0.05}
+    seeming = replace(healthy, effects=tuple(sizes), seeming=np.array(list(sizes.values())))
+    problems = [
+        each.taken_off(lay_out(each.unchanged(plant), config.grid(), unmoved(prior), [step]))
+        for each in (healthy, seeming)
+    ]
+    effect = plant.effect("maf.gain")
+    plain, wider = (fit_candidate(fit(problem), effect) for problem in problems)
+    assert wider.gain < 0.1 * plain.gain
+    assert wider.standard_error > 0.04
 
 
 def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):

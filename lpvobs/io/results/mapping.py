@@ -42,6 +42,7 @@ AXES = {
     "corner": Item("1", "node of a cell"),
     "end": Item("1", "which end", meanings=ENDS),
     "extreme": Item("1", "which extreme", meanings={0: "smallest", 1: "largest"}),
+    "error": Item("1", "error that lasts all day, then for minutes"),
     "feature": Item("1", "bells, then lines"),
     "input": Item("1", "channels, then rates"),
     "lag": Item("1", "lag in blocks, positive where the residual is later"),
