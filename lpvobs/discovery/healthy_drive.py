@@ -1,11 +1,12 @@
 """What the balances leave on healthy drives, so that another drive is asked for what has changed.
 
-No engine is its model. What a balance leaves is a smooth function of the signals and an error beyond it that lasts for seconds and
-minutes. Both are learned from the drives that made the map, the error on minutes that were held out. What does not change cancels:
-the function is taken off the residual of another drive, and the error is the noise that an effect must beat.
+No engine is its model. What a balance leaves is a smooth function of the signals, the same on all drives, and errors that last all
+day, for minutes, or a few instants; their variances are those of largest likelihood. The function is taken off the residual of
+another drive. What is not known of it, and the slow errors, are unknowns of that drive's search with the covariance that healthy
+drives leave; the fast error widens the noise.
 
-The function is a kernel regression: Gaussian bells over the channels around instants of the healthy drives, and a line over their
-rates, since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
+The function is a Gaussian process: bells over the channels around instants of the healthy drives, and a line over their rates,
+since sensors that are slow when the engine is healthy stay slow. Where a drive goes elsewhere the bells end, and what the
 function would have said counts as noise.
 """
 
