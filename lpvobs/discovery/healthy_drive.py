@@ -95,8 +95,11 @@ class HealthyDrive:
             seeming=self._seeming(problem),
             covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
         )
-        same = {"patterns": patterns, "covariance": found.covariance}
-        return replace(found, wider=lambda: replace(self.taken_off(problem.wider()), **same))
+
+        def wide() -> Problem:
+            return replace(self.taken_off(problem.wider()), patterns=patterns, covariance=found.covariance)
+
+        return replace(found, wider=wide)
 
     def _seeming(self, problem: Problem) -> dict[str, float]:
         """Return the size of every effect that a healthy engine seems to have; that of a component's curve is its factor's."""

@@ -171,7 +171,7 @@ LOOKED_AT = 9
 """[1] Effects that are fitted at all: those with the largest gain to first order. Set by time."""
 SIGNIFICANT = 1e-3
 """[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
-LEARNED_ERROR = 1e-3
+LEARNED_ERROR = 5e-4
 """[1] The same as MODEL_ERROR where a function was learned on healthy drives. Set by clean drives of engines of another structure:
 without it the probability of nothing fell to 3e-9."""
 NOT_NOTHING = 0.01
