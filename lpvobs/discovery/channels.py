@@ -71,7 +71,14 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
                 best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, problem, values))
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
     found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
-    return [(replace(c, gain=c.gain - COST * (curve.knots.size - 1)), curve) for c, curve in found]
+    return [(replace(c, gain=_told(linear, c, curve) - COST * (curve.knots.size - 1)), curve) for c, curve in found]
+
+
+def _told(linear: Linear, candidate: Candidate, curve: Curve) -> float:
+    """Return the gain beside what a healthy engine seems to have of the carrier, whose size follows the curve."""
+    usual = max(float(np.sqrt(np.mean(curve.values**2))), np.finfo(float).tiny)
+    seeming = linear.problem.seeming.get(curve.carrier, 0.0) / usual
+    return candidate.gain / (1.0 + candidate.information * seeming**2)
 
 
 def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Effect:
