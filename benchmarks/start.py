@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 
@@ -30,8 +31,8 @@ STARTS = {
 """Verbs that load what they need and find no file: what is left is the start."""
 
 
-def taken(tree: Path, folder: Path, cache: Path, *arguments: str) -> float:
-    """Return the processor time of a command line, children included [s]."""
+def taken(tree: Path, folder: Path, cache: Path, *arguments: str, call: Sequence[str] = ()) -> float:
+    """Return the processor time of a verb, or of another call, children included [s]."""
     compiled = {
         "NUMBA_CACHE_DIR": str(cache),
         "PYTHONPYCACHEPREFIX": str(cache.parent / "bytecode"),
@@ -39,8 +40,8 @@ def taken(tree: Path, folder: Path, cache: Path, *arguments: str) -> float:
     }
     environment = os.environ | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1"} | compiled
     before = getrusage(RUSAGE_CHILDREN)
-    call = [sys.executable, "-c", "from lpvobs.cli.start import run; run()", *arguments]
-    subprocess.run(call, cwd=folder, env=environment, capture_output=True, check=False)
+    own = [sys.executable, "-c", "from lpvobs.cli.start import run; run()", *arguments]
+    subprocess.run(call or own, cwd=folder, env=environment, capture_output=True, check=False)
     after = getrusage(RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -68,6 +69,26 @@ def first_times(tree: Path, folder: Path, root: Path, name: str) -> list[str]:
     return [f"{cold:.2f}", f"{test:.1f}", f"{first:.2f}", f"{warm:.2f}", f"{first / warm:.2f}"]
 
 
+def first_run(tree: Path, root: Path, name: str) -> list[str]:
+    """Return the processor time of compiling in `make setup`, of the first `make run` after it, and of one that is warm."""
+    venv, cache = root / f"{name}-venv", root / f"{name}-set-up"
+    (venv / "bin").mkdir(parents=True)
+    script = venv / "bin" / "lpvobs"
+    code = "from lpvobs.cli.start import run; run()"
+    script.write_text(f"#!/bin/sh\nexec {sys.executable} -c '{code}' \"$@\"\n", encoding="utf-8")
+    script.chmod(0o755)
+    (venv / ".ready").touch()
+    compiles = "bin/lpvobs selftest" in (tree / "Makefile").read_text(encoding="utf-8")
+    took = [taken(tree, root / name, cache, "selftest") if compiles else 0.0]
+    for number in range(2):
+        build = root / f"{name}-build-{number}"
+        call = ("make", "-C", str(tree), "run", f"VENV={venv}", f"BUILD={build}")
+        took.append(taken(tree, root / name, cache, call=call))
+        if not (build / "report.html").exists():
+            raise RuntimeError(f"{tree}: make run made no report")
+    return [f"{seconds:.1f}" for seconds in took]
+
+
 def main() -> None:
     log = Path(sys.argv[2]) if len(sys.argv) > 2 else None
     trees = {"now": HERE} | ({"before": Path(sys.argv[1]).resolve()} if len(sys.argv) > 1 else {})
@@ -82,6 +103,7 @@ def main() -> None:
                 for tree, path in trees.items():
                     least[tree] = min(least[tree], taken(path, root / tree, root / f"{tree}-made", *arguments))
             rows.append([f"`{verb}`", *(f"{seconds:.2f}" for seconds in reversed(least.values()))])
+        runs = [[tree, *first_run(path, root, tree)] for tree, path in reversed(trees.items())]
         firsts = [[tree, *first_times(path, root / tree, root, tree)] for tree, path in reversed(trees.items())]
     text = [
         "## Starts of verbs, s",
@@ -92,6 +114,8 @@ def main() -> None:
             ("", "nothing compiled", "`selftest`, nothing compiled", "first after it", "warm", "first over warm"),
             firsts,
         ),
+        "## `make run`, s",
+        markdown(("", "compiling in `make setup`", "first after it", "once more"), runs),
         "Processor time. `make setup` runs `lpvobs selftest`, which calls every kernel; `docs/ci.md` says where to do the same in "
         "a container.",
     ]
