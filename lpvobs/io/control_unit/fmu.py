@@ -15,8 +15,7 @@ from lpvobs.io.control_unit.sources import Unit, own_text
 
 NAME = "lpvobs"
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
-SAME_DAY = (1980, 1, 1, 0, 0, 0)
-"""Stamp of every file inside: the same inputs give the same bytes."""
+SAME_DAY = (1980, 1, 1, 0, 0, 0)  # stamp of every file inside: the same inputs give the same bytes
 
 
 def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:

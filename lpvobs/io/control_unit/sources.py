@@ -19,8 +19,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.smoothing import LEAST
 from lpvobs.records import Array
 
-JITTER = 1.5
-"""Samples may come closer than at the stated rate by this factor before a window is cut."""
+JITTER = 1.5  # samples may come closer than at the stated rate by this factor before a window is cut
 MEMORY = 100.0
 """[s] Beyond this the gain of a node falls no further: a sensor that ages is followed within minutes of driving there."""
 PACE = 8.0
