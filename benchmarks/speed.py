@@ -1,13 +1,17 @@
-"""Time per sample of every kernel, of the rivals, and of the command from shell to shell: `python benchmarks/speed.py`.
+"""Time per sample of every kernel, of the rivals, and of the command from shell to shell: `python benchmarks/speed.py [TREE]`.
 
+TREE is another state of these sources, whose kernels are timed in turn with these.
 Everything that is compared is timed in one run, in turn, and the least of several times counts: on a shared machine the others
 measure its other users.
 """
 
+import json
+import os
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict
 from io import StringIO
@@ -37,6 +41,7 @@ from lpvobs.records import Array, Log
 from lpvobs.simulation.simulate import simulate
 
 ROUNDS = 7
+TURNS = 2
 CYCLES = ("etc", "ftp75", "nedc")
 SMALL = Grid(np.arange(0.0, 57.0, 4.0), np.arange(0.0, 3001.0, 250.0))
 """The 15 x 13 = 195 nodes of Sec. 4.1."""
@@ -113,6 +118,35 @@ def kernels(config: Config, log: Log) -> list[list[str]]:
         [name, f"{value:.0f}" if value >= 100 else f"{value:.1f}", f"{value / base:.1f}"]
         for name, value in timed.items()
     ]
+
+
+ALONE = """import json
+from common import configuration, drive
+from speed import kernels
+config = configuration()
+print(json.dumps(kernels(config, drive(config, "etc", 1).log)))"""
+
+
+def in_turn(trees: Sequence[Path]) -> list[list[str]]:
+    """Return the rows of the table of kernels, two columns a tree: its own least of rounds in turn."""
+    found: dict[str, dict[Path, float]] = {}
+    for _ in range(TURNS):
+        for tree in trees:
+            folder = tree / "benchmarks"
+            environment = os.environ | {"PYTHONPATH": f"{folder}{os.pathsep}{tree}"}
+            call = [sys.executable, "-c", ALONE]
+            said = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+            for name, nanoseconds, _ in json.loads(said.stdout.splitlines()[-1]):
+                own = found.setdefault(name, {})
+                own[tree] = min(own.get(tree, float("inf")), float(nanoseconds))
+    base = next(iter(found.values()))
+    rows = []
+    for name, times in found.items():
+        cells = [
+            (f"{times[t]:.0f}" if times[t] >= 100 else f"{times[t]:.1f}", f"{times[t] / base[t]:.1f}") for t in trees
+        ]
+        rows.append([name, *(cell for pair in cells for cell in pair)])
+    return rows
 
 
 def rivals(config: Config) -> list[list[str]]:
@@ -229,10 +263,11 @@ def _row(found: Watched) -> list[str]:
 
 def main() -> None:
     """Print and keep the tables."""
-    config = configuration()
-    log = drive(config, "etc", 1).log
+    config, here = configuration(), Path(__file__).parents[1]
+    trees = [*(Path(name).resolve() for name in sys.argv[1:2]), here]
+    times = [f"{name}{when}" for when in (", before", ", now")[-len(trees) :] for name in ("ns", "over the recursion")]
     text = "## Kernels, one core\n\n"
-    text += markdown(["per sample", "ns", "over the recursion"], kernels(config, log))
+    text += markdown(["per sample", *times], in_turn(trees))
     text += f"\n\nOn {BLOCK} samples of the ETC surrogate at 100 Hz, 15 x 13 nodes; least of several rounds.\n\n"
     text += "## Methods on one log, 15 x 17 nodes\n\n"
     header = ["method", "ns per sample", "first call, ms", "memory carried along, MB", "mean relative error, %"]

@@ -137,10 +137,8 @@ class Windows:
         """Return the sums over the whole log."""
         self._complete(None)
         total = self.total
-        for each in (total.products, total.slow):
-            for a, b in zip(*np.tril_indices(self.layout.balances, -1), strict=True):
-                each[a, b] = each[b, a].T
-            _mirror(each)
+        _mirror(total.products)
+        _mirror(total.slow)
         return Moments(total.products, total.slow, self.windows, total.gram)
 
     def _complete(self, begun: int | None) -> None:
@@ -180,10 +178,12 @@ class Windows:
 
 @njit(cache=True)
 def _mirror(products):  # type: ignore[no-untyped-def]
-    for a in range(products.shape[0]):
-        for i in range(products.shape[2]):
-            for j in range(i):
-                products[a, a, i, j] = products[a, a, j, i]
+    B, _, C, _ = products.shape
+    for a in range(B):
+        for b in range(a + 1):
+            for i in range(C):
+                for j in range(C if b < a else i):
+                    products[a, b, i, j] = products[b, a, j, i]
 
 
 @njit(cache=True)
