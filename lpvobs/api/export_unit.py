@@ -19,7 +19,7 @@ from lpvobs.io.calibration.files import Change
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.control_unit.fmu import write_fmu
 from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
-from lpvobs.io.results.engines import StoredEngine, read_corrections, read_engine
+from lpvobs.io.results.engines import read_corrections, read_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.provenance import read_provenance
@@ -153,10 +153,11 @@ def unit_of(
         with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
             config = config_of(read_provenance(file).config, gain)
         air_path = config.engine_path()
-        theta, known = np.zeros(config.grid().shape), np.zeros(config.grid().shape, dtype=bool)
+        theta, driven = np.zeros((2, *config.grid().shape))
         if engine is not None:
-            air_path, corrections = _calibrated(read_engine(engine, air_path), air_path)
-            origin += f", engine {file_digest(engine)}"
+            known, origin = read_engine(engine, air_path), f"{origin}, engine {file_digest(engine)}"
+            air_path = air_path.knowing(known.learned.known) if known.learned else air_path.deviating(known.deviation)
+            corrections = known.corrections()
         elif air_path.learns:
             raise UsageError(
                 f"a {air_path.name} engine is known from healthy logs alone; name the RESULT.h5 or --engine ENGINE.h5 they made"
@@ -166,7 +167,7 @@ def unit_of(
     else:
         config, air_path, corrections = _of_map(result)
         surface = read_surface(result)
-        theta, known, start = surface.values, surface.origin == ESTIMATED, surface.source
+        theta, driven, start = surface.values, MEMORY * (surface.origin == ESTIMATED), surface.source
         origin += f", result {file_digest(result)}"
     expect_engine(gain, stored, config)
     return Unit(
@@ -177,7 +178,7 @@ def unit_of(
         grid=config.grid(),
         stored=stored,
         theta=np.nan_to_num(theta).reshape(-1),
-        driven=np.where(known, MEMORY, 0.0).reshape(-1),
+        driven=driven.reshape(-1),
         half_width=config.estimate.smoothing,
         gap=config.policies.gap_limit,
         gamma=config.published.gamma,
@@ -197,14 +198,6 @@ def _of_map(result: Path) -> tuple[Config, AirPath, dict[str, Array]]:
     deviation = dict(zip(found.engine.constants, found.engine.deviation.tolist(), strict=True))
     with reading(result, KIND, REMEDY) as file:
         return engine.config, engine.air_path.deviating(deviation), read_corrections(file, engine.air_path)
-
-
-def _calibrated(stored: StoredEngine, air_path: AirPath) -> tuple[AirPath, dict[str, Array]]:
-    """Return a calibrated engine, and the values of its corrections."""
-    if stored.learned is not None:
-        return air_path.knowing(stored.learned.known), {}
-    places = stored.unknowns.places()
-    return air_path.deviating(stored.deviation), {name: stored.unknowns.mean[own] for name, own in places.items()}
 
 
 def _write_folder(folder: Path, made: Mapping[str, str]) -> None:

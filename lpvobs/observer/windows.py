@@ -83,17 +83,6 @@ def no_moments(grid: Grid, layout: Columns) -> Moments:
 
 
 @dataclass(frozen=True, eq=False)
-class Means:
-    """Means over each of n windows."""
-
-    stay: Array  # (n,) [s]
-    Psi: Array  # (n, p)
-    terms: Array  # (n, 6)
-    z: Array  # (n, B) [kg/s]
-    signals: Array  # (n, s) of whatever the slopes are computed from
-
-
-@dataclass(frozen=True, eq=False)
 class Slopes:
     """What mean signals of n windows say beside z."""
 
@@ -147,23 +136,25 @@ class Windows:
             stay, *sums = self.blocks.pop(number)
             on = np.flatnonzero(stay[:, 0] >= LEAST_STAY)
             if on.size:
-                self._add_block(on // GROUP, Means(stay[on, 0], *(total[on] / stay[on] for total in sums)))
+                self._add_block(on // GROUP, stay[on, 0], *(total[on] / stay[on] for total in sums))
 
-    def _add_block(self, group: NDArray[np.int64], seen: Means) -> None:
-        found, layout, total = self.slopes(seen.stay, seen.signals), self.layout, self.total
-        z = seen.z + found.correction
-        known = [z, found.reading[:, None], found.J.sum(axis=2), seen.terms.sum(axis=1)[:, None]]
+    def _add_block(
+        self, group: NDArray[np.int64], stay: Array, Psi: Array, terms: Array, z: Array, signals: Array
+    ) -> None:
+        """Add n windows: their stay [s], and means of Psi (n, p), terms (n, 6), z (n, B) [kg/s] and signals (n, s) over each."""
+        found, layout, total = self.slopes(stay, signals), self.layout, self.total
+        z = z + found.correction
+        known = [z, found.reading[:, None], found.J.sum(axis=2), terms.sum(axis=1)[:, None]]
         says = np.logical_and.reduce([np.isfinite(each) for each in np.broadcast_arrays(*known)])
         says &= found.weight > 0.0
         self.windows += says.sum(axis=0)
-        weight = np.sqrt(seen.stay[:, None] * found.weight) * says
-        nodes, own = np.flatnonzero(seen.Psi.any(axis=0)), layout.nodes + found.touched
+        weight = np.sqrt(stay[:, None] * found.weight) * says
+        nodes, own = np.flatnonzero(Psi.any(axis=0)), layout.nodes + found.touched
         columns = np.concatenate((nodes, own, np.arange(layout.nodes + layout.unknowns, layout.size)))
-        Psi = np.ascontiguousarray(seen.Psi[:, nodes])
-        _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, z, seen.terms, found.reading)
-        J, moved = found.shaken
+        Psi = np.ascontiguousarray(Psi[:, nodes])
+        _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, z, terms, found.reading)
         # a slope counts once more as far as it is trusted
-        self._subtract(own, J, moved, np.sqrt(seen.stay[:, None]) * found.weight * says)
+        self._subtract(own, *found.shaken, np.sqrt(stay[:, None]) * found.weight * says)
 
     def _subtract(self, own: NDArray[np.int64], J: Array, z: Array, counted: Array) -> None:
         """Take what noise makes of the products of J and z out of all sums; it is independent from window to window."""

@@ -70,6 +70,10 @@ class StoredEngine:
         """Standard deviation of every unknown, shape (q,)."""
         return np.sqrt(np.maximum(np.diag(self.unknowns.covariance), 0.0))
 
+    def corrections(self) -> dict[str, Array]:
+        """Return the values of every correction, shape (size,) each."""
+        return {name: self.unknowns.mean[own] for name, own in self.unknowns.places().items()}
+
     def determined(self) -> dict[str, bool]:
         """Return by constant whether the data say more of it than was known before: less than half of the spread is left."""
         told = self.error < DETERMINED * self.prior_error
