@@ -30,7 +30,7 @@ help:
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
-	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws; ten minutes of one processor'
+	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws, and a bank of its faults; half an hour of one processor'
 	@echo 'make fleet-proof a fleet that ages, twenty times: what track finds, whom it accuses, how good its maps are; half an hour of one processor'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
@@ -154,6 +154,7 @@ as-it-is: $(VENV)/.ready
 series: export OPENBLAS_NUM_THREADS = 1
 series: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/series.py
+	$(VENV)/bin/python benchmarks/series_faults.py
 
 fleet-proof: export OPENBLAS_NUM_THREADS = 1
 fleet-proof: $(VENV)/.ready

@@ -3,7 +3,8 @@
 Each draw drives the FTP75's cold transient, 20 samples a second. `same structure`: the plant's constants are drawn within the
 tolerance of `configs/series.toml`, as are the pressure difference that its vanes hold and the scale of the logged fuel. `another
 structure`: all forms of `[simulation.structure]`, and a bench of 100 points behind every row. Behind the last two rows there is
-in both cases a bench and a healthy drive, an NEDC of another day whose sensor is right. The full diesel has all channels; the
+in both cases a bench and a healthy drive, an NEDC of another day whose sensor is right; behind that of the shut valve only where
+the structure is another one. The full diesel has all channels; the
 bench table is speed-density with the EGR flow of exhaust pressure, as in `engine_as_it_is.py`. Lambda is that of the gas in the
 exhaust manifold behind a probe of 0.3 s with 0.5 % of noise.
 
