@@ -180,7 +180,7 @@ def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
 
 
 @dataclass(frozen=True)
-class _Learned:
+class _LearnedBalance:
     """What is learned of one balance; `unlikely` is the negative logarithm of the likelihood."""
 
     weights: Array
@@ -191,7 +191,7 @@ class _Learned:
     unlikely: float
 
 
-def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _Learned:
+def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _LearnedBalance:
     """Return what a balance leaves, shape (2, K), as a function that is the same on all drives, and the errors beyond.
 
     Variances are those of largest likelihood for means over `PIECE`; the function is the best for them at the instants.
@@ -233,7 +233,7 @@ def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _L
     answer = np.linalg.solve(precision, rows.T @ (each * left.ravel()))
     m = features.shape[2]
     root = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
-    return _Learned(sizes[0] * answer[:m], sizes[0] * root, float(sizes[0]), lasting, sizes[1:], float(best.fun))
+    return _LearnedBalance(sizes[0] * answer[:m], sizes[0] * root, float(sizes[0]), lasting, sizes[1:], float(best.fun))
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:

@@ -18,7 +18,7 @@ def fleet_summary(fleet: StoredFleet) -> str:
         f"{len(found.vehicles)} vehicles, {len(fleet.kept.logs)} logs, {periods[0]} to {periods[-1]}\n"
         f"{unusual} stand out, {len(found.changes)} changes found"
         + "".join(
-            f"\n{each.logs} logs of a vehicle show a drift of {100 * each.drift:.2g} % a month "
+            f"\n{each.logs} logs of a vehicle should show a drift of {100 * each.drift:.2g} % a month "
             f"or a step of {100 * each.step:.2g} %, nine times out of ten"
             for each in found.power
             if each.logs in (12, 24)
