@@ -78,7 +78,7 @@ def inspect(
     if logs[0].suffix == ".h5":
         from lpvobs.cli.report import report
 
-        return report(logs[0], logs[1:], None, None, None, None, as_json)
+        return report(logs[0], logs[1:], None, None, None, None, list_metrics=False, as_json=as_json)
     from lpvobs.api.inspect import InspectOutput, inspect_logs
 
     found, refused = inspect_logs(logs, config or folder_config())

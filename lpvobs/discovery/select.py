@@ -86,10 +86,9 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     search = _search(problem, progress)
     nothing = chance_of_nothing(search.first, search.ranking)
-    if nothing < thresholds.NOT_NOTHING and search.verdict == "none":
-        search = replace(search, verdict="unexplained")
-    elif nothing >= thresholds.NOT_NOTHING and search.verdict == "unexplained" and len(problem.patterns):
-        search = replace(search, verdict="none")
+    # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
+    if len(problem.patterns) and search.verdict != "effect":
+        search = replace(search, verdict="unexplained" if nothing < thresholds.NOT_NOTHING else "none")
     if search.verdict == "unexplained" or _form_beats(search):
         search = _with_forms(problem, progress, search)
     accepted = search.accepted

@@ -81,7 +81,7 @@ HEALTHY_PASSES = 2
 PIECE = 6.0
 """[s] Length of the means that show the errors of a healthy engine. Set by choice: their scatter counts as fast."""
 MEMORY = 60.0
-"""[s] Time constant of what lasts for minutes. Between 30 and 100 s the likelihood of held-out drives hardly changed."""
+"""[s] Time constant of what lasts for minutes. Set by held-out drives: between 30 and 100 s their likelihood hardly changed."""
 SLOW_SHARE = 0.05
 """[1] Variance of every slow error before any data, in usual errors squared. Set by choice; SLOW_SPREAD says how loosely."""
 SLOW_SPREAD = 3.0

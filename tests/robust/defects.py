@@ -520,18 +520,18 @@ def _(bench):
 @case("Files", "changed while it is read", "refuse", "the refusal")
 def _(bench):
     bench.write()
-    digest = reader.file_digest
+    digest = reader.log_digest
 
     def meanwhile(path):
         with path.open("ab") as other:
             other.write(b"more")
         return digest(path)
 
-    reader.file_digest = meanwhile
+    reader.log_digest = meanwhile
     try:
         bench.refused("changed while it was read")
     finally:
-        reader.file_digest = digest
+        reader.log_digest = digest
 
 
 @case("Files", "a channel name that is not UTF-8", "refuse", "the refusal")

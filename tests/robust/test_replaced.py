@@ -60,7 +60,7 @@ def test_a_log_that_may_not_be_read_does_not_hinder_the_others(monkeypatch, samp
     def denied(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("lpvobs.api.files.file_digest", denied)
+    monkeypatch.setattr("lpvobs.api.files.log_digest", denied)
     refuse_copies([samples.log, samples.log])  # who reads it says what is wrong with it
 
 
