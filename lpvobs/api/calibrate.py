@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.api.estimate import gain_for
-from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
+from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, shown, writing
 from lpvobs.api.known_engine import learned_engine
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import Calibration, calibrated, taught
@@ -97,7 +97,7 @@ def calibrate(
         elif not air_path.components:
             raise UsageError(f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has")
         else:
-            stored = _calibrated(configuration, text, (tables, known, metered), parts, given, progress or silent)
+            stored = _calibrated(configuration, text, (tables, known, metered), parts, given, shown(progress))
         write_engine(target, stored)
     return stored
 
@@ -245,7 +245,7 @@ def plan_bench(config: File, engine: File, *, progress: Progress | None = None) 
     stored = read_engine(as_path(engine), load_config(as_path(config))[0].engine_path())
     configuration, plant = plant_of(config, engine)
     air_path = configuration.engine_path()
-    found = plant.bench(configuration.engine, configuration.simulation, FEASIBLE, 1, progress or silent).channels
+    found = plant.bench(configuration.engine, configuration.simulation, FEASIBLE, 1, shown(progress)).channels
     rows = rows_of(air_path, stored.unknowns.seen_from(stored.deviation), [bench_table(air_path, found)])
     chosen, told = best_points(rows, stored.unknowns.covariance, stored.left, BEST)
     set_by = [axis.channel for axis in air_path.axes]

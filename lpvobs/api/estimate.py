@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from lpvobs.api import fleet, healthy, known_engine, pooled, verify
 from lpvobs.api.doubts import doubts_of
-from lpvobs.api.files import File, Progress, as_path, refuse_copies, silent, some_logs, writing
+from lpvobs.api.files import File, Progress, as_path, refuse_copies, shown, some_logs, writing
 from lpvobs.api.jobs import processors
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
@@ -126,7 +126,7 @@ def estimate(
         before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
         stored = gain_for(configuration, paths, given, method, before.air_path)
         done = estimate_logs(
-            configuration, text, stored, paths, target, method, progress or silent, workplace, known, before
+            configuration, text, stored, paths, target, method, shown(progress), workplace, known, before
         )
     return replace(done, engine=calibrated)
 

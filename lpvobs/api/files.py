@@ -1,10 +1,11 @@
 """Names of files, and claims on them while they are written; the configuration of a folder."""
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from lpvobs.errors import UsageError
 from lpvobs.io.logs.finding import find_logs
@@ -100,5 +101,19 @@ def updating(result: File) -> Iterator[Path]:
         yield path
 
 
-def silent(fraction: float) -> None:
-    """Show no progress."""
+def shown(progress: Progress | None) -> Progress:
+    """Return where progress goes: to the caller's function, else to a bar where a notebook runs, which goes when all is done."""
+    notebook: Any = sys.modules.get("IPython")
+    if progress or notebook is None or getattr(notebook.get_ipython(), "kernel", None) is None:
+        return progress or (lambda _: None)
+    html, last = notebook.display.HTML, -1
+    handle = notebook.display.display(html(""), display_id=True)
+
+    def show(fraction: float) -> None:
+        nonlocal last
+        before, last = last, round(100.0 * fraction)
+        if last != before:  # each is a message to the browser
+            bar = f"<progress max='100' value='{last}'></progress> {last} %"
+            handle.update(html(bar if last < 100 else ""))
+
+    return show

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 
 from lpvobs.api.closed_loop import Closed, close
-from lpvobs.api.files import File, Progress, as_path, as_paths, silent, some_logs, writing
+from lpvobs.api.files import File, Progress, as_path, as_paths, shown, some_logs, writing
 from lpvobs.api.pooled import Traced
 from lpvobs.api.refined_map import estimate_refined, refined_model, sensor_state
 from lpvobs.api.trace import TraceOutput
@@ -60,7 +60,7 @@ def refine(
     paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
     calibrated = None if engine is None else as_path(engine)
     with writing(out, [result, *paths, *unseen, calibrated]) as target:
-        told = progress or silent
+        told = shown(progress)
         closed = close(
             as_path(result),
             paths,

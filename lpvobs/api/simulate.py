@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from lpvobs.api.files import File, Progress, as_path, silent, writing
+from lpvobs.api.files import File, Progress, as_path, shown, writing
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, Effects, load_config, load_effects
@@ -76,7 +76,7 @@ def simulate(
             rate,
             seed,
             wanted.surface,
-            progress or silent,
+            shown(progress),
             effects=wanted.injected,
             auxiliary=wanted.auxiliary,
             sensors=configuration.sensors,
@@ -133,6 +133,6 @@ def simulate_bench(
     """
     with writing(out, [config, engine]) as target:
         configuration, plant = plant_of(config, engine)
-        table = plant.bench(configuration.engine, configuration.simulation, points, seed, progress or silent)
+        table = plant.bench(configuration.engine, configuration.simulation, points, seed, shown(progress))
         bench.write_table(target, table.channels, table.units)
     return table

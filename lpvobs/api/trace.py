@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from lpvobs.api.closed_loop import close
-from lpvobs.api.files import File, Progress, as_path, silent, some_logs, updating
+from lpvobs.api.files import File, Progress, as_path, shown, some_logs, updating
 from lpvobs.api.pooled import Traced
 from lpvobs.discovery.outcome import Outcome
 from lpvobs.io.results.results import update
@@ -53,6 +53,6 @@ def trace(
     paths = some_logs(logs)
     with updating(result) as path:
         calibrated = None if engine is None else as_path(engine)
-        closed = close(path, paths, (), freeze_map, progress or silent, calibrated=calibrated)
+        closed = close(path, paths, (), freeze_map, shown(progress), calibrated=calibrated)
         update(closed.stored, closed.write_trace)
     return closed.traced

@@ -9,7 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from lpvobs.api.estimate import gain_for, used_engine, workplace_for
-from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, silent, writing
+from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, shown, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import engine_before
@@ -135,7 +135,7 @@ def track(
             state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
             workplace = workplace_for("observer", len(whose), jobs, scheduler)
             adding = _Adding(configuration, text, state, target, workplace)
-            sums, more = adding.to(sums, whose, _point(configuration, calibrated), every, progress or silent)
+            sums, more = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
             refused += more
         if sums is None:
             raise DataError("; ".join(refused))

@@ -103,10 +103,6 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
     )
 
 
-def _brief(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2g}"
-
-
 def _curve(name: str, curve: LearnedCurve) -> ComponentOutput:
     error = float(np.median(curve.relative_error * curve.values))
     largest = float(np.abs(curve.values).max())
@@ -129,8 +125,8 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
     """Return how well bench rows fit, the corrections of the components, and which points to record next."""
     fit = [[row.kind, str(row.rows), *map(percent, (row.configured, row.held_out, row.left))] for row in found.rows]
     corrections = [
-        [item.component, item.unit, *(_brief(value) for value in (item.largest, item.standard_error, item.before))]
-        for item in found.components
+        [of.component, of.unit] + ["-" if x is None else f"{x:.2g}" for x in (of.largest, of.standard_error, of.before)]
+        for of in found.components
     ]
     tables = [(["correction", "unit", "largest", "standard error", "before the data"], corrections)]
     if found.plan:

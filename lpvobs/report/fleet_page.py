@@ -46,17 +46,13 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
 
 def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
     """Yield what the page says of each vehicle."""
-    changes, own, cells = (
-        change_rows(fleet)[1],
-        defaultdict[str, list[PeriodMap]](list),
-        defaultdict[str, list[str]](list),
-    )
+    own, cells = defaultdict[str, list[PeriodMap]](list), defaultdict[str, list[str]](list)
     for item in fleet.found.maps:
         own[item.vehicle].append(item)
     for cell in fleet.found.cells:
         cells[cell.vehicle].append(f"{cell.speed:g} at {cell.fuel:g}: {cell.seconds:.0f} s")
-    axes, effects = " at ".join(reversed(list(fleet.axes))), effect_rows(fleet)[1]
-    rows = vehicle_rows(fleet, True)[1]
+    axes = " at ".join(reversed(list(fleet.axes)))
+    changes, effects, rows = change_rows(fleet)[1], effect_rows(fleet)[1], vehicle_rows(fleet, True)[1]
     for number, (each, row) in enumerate(zip(fleet.found.worst_first(), rows, strict=True)):
         weight = 1.0 / own[each.vehicle][-1].standard_error ** 2
         mean = 1e3 * np.array([weight @ its.theta for its in own[each.vehicle]]) / weight.sum()

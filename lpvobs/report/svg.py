@@ -128,19 +128,14 @@ def clean(text: str, name: str, alt: str) -> str:
     text = re.sub(r'(?<= d=")[^"]*|(?<= [xy]=")[^"]*', lambda found: _short(found[0]), text)
     text = _classes(text, name)
     text = text.replace(f"'{FONT}'", "inherit").replace(INK, "currentColor")
-    text = _without_groups(re.sub(r">\s+<", "><", text))
+    text = re.sub(r">\s+<", "><", text)
+    while (less := re.sub(r"<g>((?:(?!</?g[ >]).)*)</g>", r"\1", text, flags=re.DOTALL)) != text:
+        text = less  # groups that say nothing of what they hold
     head = re.search(r'viewBox="[^"]*"', text)
     box = head[0] if head else ""
     return re.sub(
         r"^<svg[^>]*>", lambda _: f'<svg {box} role="img" aria-label="{html.escape(alt)}">', text.strip(), count=1
     )
-
-
-def _without_groups(text: str) -> str:
-    """Return the text without groups that say nothing of what they hold."""
-    while (less := re.sub(r"<g>((?:(?!</?g[ >]).)*)</g>", r"\1", text, flags=re.DOTALL)) != text:
-        text = less
-    return text
 
 
 def _local_identifiers(text: str, name: str) -> str:
