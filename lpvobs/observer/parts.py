@@ -106,22 +106,16 @@ def signals_for(air_path: AirPath) -> SlopeSignals:
     return SlopeSignals(tuple(air_path.channels), air_path.smoothed)
 
 
-class Sums:
-    """The rows of one log, added up as they come; the air path is at the point of linearisation."""
+class Answers:
+    """How flows answer to the engine's unknowns in windows of a log; the air path is at the point of linearisation."""
 
-    def __init__(self, air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings):
+    def __init__(self, air_path: AirPath, unknowns: Unknowns, settings: EstimateSettings):
         self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
         self.half_widths = settings.smoothing, settings.calm
         constants = unknowns.covariance.diagonal()[: len(unknowns.constants)]
         self.spread = float(np.sqrt(constants.mean())) if constants.size else 0.0
         if unknowns.mean.any():  # seen from where the logs have the engine
             self.spread *= SETTLED
-        layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
-        self.windows = Windows(grid, layout, self.slopes, self.signals.count)
-
-    def add(self, seen: Observed) -> None:
-        """Add samples."""
-        self.windows.add(seen.time, seen.steps, seen.point, seen.z, seen.signals)
 
     def slopes(self, stay: Array, means: Array) -> Slopes:
         """Return what mean signals of windows of some stay say of the slopes."""
@@ -165,16 +159,24 @@ class Sums:
                 correction.fill(J[:, b], at[place])
         return touched, J, found.flow.T
 
-    def part(self, run: LogRun) -> LogInformation:
-        """Return what the log says."""
-        total = self.windows.moments()
-        touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., self.windows.layout.z]))
-        columns = np.flatnonzero(touched.any(axis=(0, 1)))
-        cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
-        products, slow = (
-            np.ascontiguousarray(each[:, :, columns[:, None], columns]) for each in (total.products, total.slow)
-        )
-        return LogInformation(run, columns, products, slow, total.windows, cells, total.gram[cells])
+
+def _windows(air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings) -> Windows:
+    """Return the windows of a log, none as yet."""
+    layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
+    answers = Answers(air_path, unknowns, settings)  # which do not hold the windows: a ring would stay in memory for long
+    return Windows(grid, layout, answers.slopes, answers.signals.count)
+
+
+def _part(windows: Windows, run: LogRun) -> LogInformation:
+    """Return what the log says."""
+    total = windows.moments()
+    touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., windows.layout.z]))
+    columns = np.flatnonzero(touched.any(axis=(0, 1)))
+    cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
+    products, slow = (
+        np.ascontiguousarray(each[:, :, columns[:, None], columns]) for each in (total.products, total.slow)
+    )
+    return LogInformation(run, columns, products, slow, total.windows, cells, total.gram[cells])
 
 
 def inform(
@@ -190,14 +192,14 @@ def inform(
             "synthesise with cascade = true in [gain], or use --method published"
         )
     seen = RangeSeen(len(air_path.parameter_names), gain.region, air_path.sensor)
-    sums, walk = Sums(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)
+    windows, walk = _windows(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)
     for stretch in stretches(_clocked(log.pieces(), seen), air_path.smoothed, settings.smoothing, air_path.calmed):
         found = walk.follow(stretch)
         seen.see(found.parameters)
-        sums.add(found)
+        windows.add(found.time, found.steps, found.point, found.z, found.signals)
     if not seen.duration > 0.0:
         raise nothing_between(log.name, seen.started)
-    return sums.part(seen.run(log))
+    return _part(windows, seen.run(log))
 
 
 def _clocked(pieces: Iterable[Piece], seen: RangeSeen) -> Iterator[Piece]:
@@ -221,9 +223,9 @@ def inform_observed(
     if not seen.duration > 0.0:
         raise nothing_between(log.name, seen.started)
     seen.see(found.parameters)
-    sums = Sums(air_path, grid, unknowns, settings)
-    sums.add(found)
-    return sums.part(seen.run(log))
+    windows = _windows(air_path, grid, unknowns, settings)
+    windows.add(found.time, found.steps, found.point, found.z, found.signals)
+    return _part(windows, seen.run(log))
 
 
 class _Walk:

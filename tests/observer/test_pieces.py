@@ -1,5 +1,7 @@
 """A log in pieces gives what the whole gives, to the bit: a segment may be cut anywhere, and pieces may be of any size."""
 
+import gc
+import weakref
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,7 +13,7 @@ from reference.drives import noisy
 from reference.informing import informed
 
 from lpvobs.errors import DataError
-from lpvobs.observer import smoothing
+from lpvobs.observer import parts, smoothing
 from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.log_run import RangeSeen, running_sum
 from lpvobs.observer.smoothing import smooth, stretches
@@ -148,3 +150,21 @@ def test_a_recording_without_samples_is_refused(air_path, grid, gain, settings, 
 
     with pytest.raises(DataError, match="gap"):
         informed(air_path, grid, gain, Nothing(short, ()), settings)
+
+
+def test_nothing_of_a_log_waits_for_the_garbage_collector(air_path, grid, gain, short, settings, monkeypatch):
+    """Sums have tens of megabytes: kept until garbage is looked for, those of many logs would fill the memory."""
+    made = []
+
+    class Noted(parts.Windows):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            made.append(weakref.ref(self))
+
+    monkeypatch.setattr(parts, "Windows", Noted)
+    gc.disable()
+    try:
+        informed(air_path, grid, gain, short, settings)
+        assert [each() for each in made] == [None]
+    finally:
+        gc.enable()
