@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
@@ -144,7 +143,7 @@ def plan(grid: Grid, supported: NDArray[np.bool_], excitation: Array, noise: Arr
         return None
     time = EVENLY * rate * np.maximum(1.0 / goal - 1.0 / largest, 0.0)
     visited = excitation > 0.0
-    near = scipy.ndimage.binary_dilation(visited, np.ones((3, 3), dtype=bool)).ravel()
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(visited, 1), (3, 3)).any((2, 3)).ravel()
     worst = deviation.ravel()[nodes].max(1)
     worth = np.where(near & (time > 0.0), (worst**2 - goal) / np.maximum(time, 1e-9), 0.0)
     best = [int(i) for i in np.argsort(-worth, kind="stable")[:MOST_CELLS] if worth[i] > 0.0]

@@ -85,9 +85,11 @@ class Timeline:
     h: Array  # (L k,)
 
     @cached_property
-    def right(self) -> Array:
-        """G and h beside each other, shape (L k, L k + 1)."""
-        return np.column_stack([self.G, self.h])
+    def by_mode(self) -> Array:
+        """G and h beside each other, ordered by mode and then by log, shape (k, L, k L + 1)."""
+        L = self.day.size
+        G = self.G.reshape(L, MODES, L, MODES).transpose(1, 0, 3, 2).reshape(MODES, L, -1)
+        return np.concatenate([G, self.h.reshape(L, MODES).T[..., None]], axis=2)
 
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
@@ -109,25 +111,29 @@ class Timeline:
     def evidence(self, fleet: Fleetwide, events: Sequence[Event] = ()) -> float:
         """Return the logarithm of the marginal likelihood, up to what no prior changes.
 
-        It is h^T K (I + G K)^-1 h / 2 - log|I + G K| / 2.
+        With K = F F^T and C C^T = I + F^T G F it is |C^-1 F^T h|^2 / 2 - log|C|.
         """
-        lower_upper, swaps, Kh = self._factored(fleet, events)
-        fit = Kh @ scipy.linalg.lu_solve((lower_upper, swaps), self.h, check_finite=False)
-        return float(0.5 * (fit - np.log(np.abs(np.diag(lower_upper))).sum()))
+        root, right = self._factored(fleet, events)
+        fit = scipy.linalg.solve_triangular(root, right[:, -1], lower=True, check_finite=False)
+        return float(0.5 * fit @ fit - np.log(np.diag(root)).sum())
 
     def explained(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
-        """Return information and right side for what comes on top of a prior: R = (I + G K)^-1 G and (I + G K)^-1 h."""
-        lower_upper, swaps, _ = self._factored(fleet, events)
-        found = scipy.linalg.lu_solve((lower_upper, swaps), self.right, check_finite=False)
-        return np.asarray(0.5 * (found[:, :-1] + found[:, :-1].T)), np.asarray(found[:, -1])
+        """Return information and right side for what comes on top of a prior: R = (I + G K)^-1 G and (I + G K)^-1 h.
 
-    def _factored(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, NDArray[np.int32], Array]:
-        """Return the factors of I + G K, and K h; what lasts is the same for all modes, so K acts day by day and mode by mode."""
-        days = self.over_time(fleet, events, self.day, self.day)
-        daily, right = np.tile(fleet.daily, self.day.size), self.right
-        times = (days @ right.reshape(self.day.size, -1)).reshape(right.shape) + daily[:, None] * right
-        factors = scipy.linalg.lu_factor(np.eye(self.h.size) + times[:, :-1].T, overwrite_a=True, check_finite=False)
-        return *factors, times[:, -1]
+        With Y = C^-1 F^T G and y = C^-1 F^T h they are G - Y^T Y and h - Y^T y.
+        """
+        root, right = self._factored(fleet, events)
+        found = scipy.linalg.solve_triangular(root, right, lower=True, check_finite=False)
+        Y = found[:, :-1].reshape(-1, MODES, self.day.size).transpose(0, 2, 1).reshape(self.G.shape)
+        return self.G - Y.T @ Y, self.h - Y.T @ found[:, -1]
+
+    def _factored(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
+        """Return C, and F^T G and F^T h beside each other, by mode: what lasts is the same for all, so F acts mode by mode."""
+        L, lasting = self.day.size, self.over_time(fleet, events, self.day, self.day)
+        F = np.linalg.cholesky(lasting + fleet.daily[:, None, None] * np.eye(L))
+        right = (F.transpose(0, 2, 1) @ self.by_mode).reshape(self.h.size, -1)
+        inner = right[:, :-1].reshape(-1, MODES, L).transpose(1, 0, 2) @ F  # a mode's logs on the right at a time
+        return np.linalg.cholesky(np.eye(self.h.size) + inner.transpose(1, 0, 2).reshape(self.G.shape)), right
 
 
 def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
