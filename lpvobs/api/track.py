@@ -22,11 +22,9 @@ from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, expect_key, 
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.kinds import Count, Refused
-from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import Point, merged
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import StateGain, added_up
-from lpvobs.observer.windows import Columns
 from lpvobs.records import Item
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
@@ -147,9 +145,9 @@ def track(
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
-        write_fleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, refused)
-        PartsFolder(target, "", KeptLog).remove()
         fleet = StoredFleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, tuple(refused))
+        write_fleet(fleet)
+        PartsFolder(target, "", KeptLog).remove()
         if table is not None:
             write_table(as_path(table), fleet)
     return fleet, output_of(fleet, len(sums.logs) - len(known), refused)
@@ -229,19 +227,15 @@ class _SumsTask:
 
 def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
     """Go through one log."""
-    grid, point, its = task.part.grid, task.part.point, task.whose
+    grid, its = task.part.grid, task.whose
 
     def left(_: LogFile, log: Beginning) -> KeptLog:
         part = task.part.inform(log)
-        products = weighed(part, _layout(grid, point), task.basis)
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        return kept(part, products, task.basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
+        origin = (its.path.stem, its.vehicle, its.kind, its.day)
+        return kept(part, weighed(part, task.basis), task.basis, origin, cells)
 
     return gone_through(replace(task.part, path=its.path), left)
-
-
-def _layout(grid: Grid, point: Point) -> Columns:
-    return Columns(grid.size, point.unknowns.size, len(point.configured.balance_names))
 
 
 @dataclass(frozen=True)
@@ -319,7 +313,7 @@ class _Adding:
         stored = [[outcomes[each.path].stored for each in logs] for logs in first]
         parts = [[each.part for each in logs if each is not None] for logs in stored]
         solutions = [merged(task.grid, logs, task.point)[1] for logs in parts]
-        totals = [added_up(task.grid, _layout(task.grid, task.point), logs) for logs in parts]
+        totals = [added_up(task.grid, each.layout, logs) for each, logs in zip(solutions, parts, strict=True)]
         return basis_of(task.grid, solutions, totals, task.point.unknowns), task, []
 
 

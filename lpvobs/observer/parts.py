@@ -161,9 +161,9 @@ class Answers:
 
 
 def _windows(air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings) -> Windows:
-    """Return the windows of a log, none as yet."""
+    """Return the windows of a log, none as yet; what makes slopes must not hold them, or both stay until garbage is looked for."""
     layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
-    answers = Answers(air_path, unknowns, settings)  # which do not hold the windows: a ring would stay in memory for long
+    answers = Answers(air_path, unknowns, settings)
     return Windows(grid, layout, answers.slopes, answers.signals.count)
 
 

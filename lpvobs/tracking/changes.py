@@ -82,7 +82,7 @@ def _gains(
     first = np.broadcast_to(vehicle.design(before, day), (since.size, L, sum(each.slopes().size for each in before)))
     F = np.concatenate([first, terms_of(kind, since, day)], axis=-1)  # (days, L, terms)
     size = F.shape[2] * MODES
-    half = np.tensordot(F, R, (1, 0)).transpose(0, 1, 2, 4, 3).reshape(since.size, -1, L)  # (days, terms modes modes, L)
+    half = np.tensordot(F, R, (1, 0)).transpose(0, 1, 2, 4, 3).reshape(since.size, -1, L)  # (days, ..., L)
     A = (half @ F).reshape(-1, F.shape[2], MODES, MODES, F.shape[2]).transpose(0, 1, 2, 4, 3)
     A = A.reshape(-1, size, size) + np.eye(size)
     b = np.einsum("mlt,la->mta", F, r).reshape(-1, size, 1)

@@ -63,9 +63,14 @@ class Basis:
         """Return the maps of which a change is made, shape (p, k), with a flow at the nodes."""
         return np.column_stack([self.terms, flow + self.error])
 
-    def columns(self, layout: Columns) -> Array:
+    @property
+    def layout(self) -> Columns:
+        """The columns of the sums."""
+        return Columns(self.flow.size, self.mean.size, len(self.weights))
+
+    def columns(self) -> Array:
         """Return what every column of the sums is in columns of tracking, shape (C, p + r + 2)."""
-        p = layout.nodes
+        layout, p = self.layout, self.flow.size
         found = np.zeros((layout.size, self.size + 2))
         unknowns = slice(p, p + layout.unknowns)
         found[:p, :p] = np.eye(p)
@@ -176,12 +181,12 @@ def flow_at_nodes(products: Array, with_flow: Array, usual: Array) -> Array:
     return np.asarray(np.maximum(usual + beyond, 0.0))
 
 
-def weighed(part: LogInformation, layout: Columns, basis: Basis) -> Array:
+def weighed(part: LogInformation, basis: Basis) -> Array:
     """Return the products of a log over the columns of tracking."""
     normal = np.tensordot(basis.weights, part.products)
-    onto = basis.columns(layout)[part.columns]
+    onto = basis.columns()[part.columns]
     there = np.flatnonzero(onto.any(axis=0))
-    nodes = int(np.searchsorted(part.columns, layout.nodes))  # they stay as they are, and come first on both sides
+    nodes = int(np.searchsorted(part.columns, basis.flow.size))  # they stay as they are, and come first on both sides
     rest = onto[nodes:, there[nodes:]]
     across = normal[:, nodes:] @ rest
     inner = np.block([[normal[:nodes, :nodes], across[:nodes]], [across[:nodes].T, rest.T @ across[nodes:]]])

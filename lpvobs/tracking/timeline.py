@@ -16,7 +16,6 @@ from typing import Annotated
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums
@@ -57,10 +56,6 @@ class Event:
     earliest: float = 0.0  # 90 % of the evidence lie between
     latest: float = 0.0
 
-    def terms(self, day: Array) -> Array:
-        """Return its terms on some days, shape (N, 1) or (N, 2)."""
-        return terms_of(self.kind, np.array(self.day), day)
-
     def slopes(self) -> Array:
         """Return the slope of each term at the end."""
         return np.array({"trend": [1.0], "step": [0.0], "renewal": [0.0, 1.0]}[self.kind])
@@ -93,7 +88,8 @@ class Timeline:
 
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
-        return np.column_stack([np.zeros((day.size, 0)), *(event.terms(day) for event in events)])
+        terms = (terms_of(event.kind, np.array(event.day), day) for event in events)
+        return np.column_stack([np.zeros((day.size, 0)), *terms])
 
     def over_time(self, fleet: Fleetwide, events: Sequence[Event], day: Array, other: Array) -> Array:
         """Return the covariance between days of all that lasts in a mode, shape (N, M)."""
@@ -133,7 +129,8 @@ class Timeline:
         F = np.linalg.cholesky(lasting + fleet.daily[:, None, None] * np.eye(L))
         right = (F.transpose(0, 2, 1) @ self.by_mode).reshape(self.h.size, -1)
         inner = right[:, :-1].reshape(-1, MODES, L).transpose(1, 0, 2) @ F  # a mode's logs on the right at a time
-        return np.linalg.cholesky(np.eye(self.h.size) + inner.transpose(1, 0, 2).reshape(self.G.shape)), right
+        root = np.linalg.cholesky(np.eye(self.h.size) + inner.transpose(1, 0, 2).reshape(self.G.shape))
+        return np.asarray(root), right
 
 
 def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:

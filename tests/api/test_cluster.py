@@ -1,4 +1,4 @@
-"""Many machines: a real scheduler with two workers, one of which dies half-way, and the map of one process."""
+"""Many machines: a real scheduler with two workers, one of which dies half-way, and the map, or the fleet, of one process."""
 
 import json
 import os
@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hdf5 import contents
 from repository import DIESEL
 
+import lpvobs
 from lpvobs.api import jobs
 from lpvobs.api.fleet import Workplace, estimate_fleet
 from lpvobs.engines.diesel.lpv import Diesel
@@ -42,7 +44,8 @@ def logs(setting, tmp_path_factory):
     for number in range(LOGS):
         part = slice(number * step, (number + 2) * step)
         channels = {name: drive.channels[name][part] for name in ("time", *Diesel.channels)}
-        write_log(folder / f"{number}.parquet", channels, drive.units)
+        origin = {"vehicle": "ab"[number % 2], "date": f"2025-0{1 + number // 2}-15"}
+        write_log(folder / f"{number}.parquet", channels, drive.units, origin)
     return sorted(folder.iterdir())
 
 
@@ -54,6 +57,34 @@ def estimated(setting, logs, out, workplace, progress=lambda _: None):
 @pytest.fixture(scope="module")
 def alone(setting, logs, tmp_path_factory):
     return estimated(setting, logs, tmp_path_factory.mktemp("alone") / "r.h5", Workplace())
+
+
+@pytest.fixture(scope="module")
+def followed(chain):
+    """Return a function that follows the vehicles of logs, and returns what stands in the fleet."""
+
+    def run(logs, out, progress=None, **workplace):
+        _, found = lpvobs.track(DIESEL, logs, out=out, gain=chain.gain, progress=progress, **workplace)
+        assert (found.new, found.refused, list(out.parent.glob("*.parts"))) == (LOGS, (), [])
+        return contents(out)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def fleet(followed, logs, tmp_path_factory):
+    return followed(logs, tmp_path_factory.mktemp("fleet") / "f.h5", jobs=1)
+
+
+def once_done(parts, count, then):
+    """Return a function for progress that does something once, when so many logs have left their part."""
+    waiting = [then]
+
+    def progress(_):
+        if waiting and len(list(parts.glob("[!.]*.part"))) >= count:
+            waiting.pop()()
+
+    return progress, waiting
 
 
 def same(a, b):
@@ -85,6 +116,10 @@ def test_a_worker_that_dies_is_said_in_one_line():
 
 def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
     same(estimated(setting, logs, tmp_path / "r.h5", Workplace(jobs=2)), alone)
+
+
+def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path):
+    assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
 
 def test_a_scheduler_that_is_not_there_is_said_in_one_line():
@@ -155,9 +190,24 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
     same(found, alone)
 
 
-def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, logs, alone, tmp_path):
+def test_a_worker_that_is_killed_half_way_changes_no_bit_of_a_fleet(followed, logs, fleet, cluster, tmp_path):
+    from distributed import Client
+
+    address, workers = cluster
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    progress, waiting = once_done(tmp_path / "f.h5.parts", 2, workers[0].kill)
+    assert followed(logs, tmp_path / "f.h5", progress, scheduler=address) == fleet
+    assert not waiting
+    assert workers[0].wait(timeout=30) == -signal.SIGKILL
+    assert workers[1].poll() is None
+
+
+@pytest.fixture
+def restarted(tmp_path):
+    """Yield the address of a scheduler with a worker, and a function that kills both and starts others there."""
     pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
-    running, seen = [], []
+    running = []
 
     def begun(turn, port):
         folder = tmp_path / f"turn{turn}"
@@ -174,16 +224,34 @@ def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, lo
             process.kill()
             process.wait(timeout=30)
 
-    def progress(fraction):
-        seen.append(fraction)
-        if len(seen) == 2:
-            ended()
-            begun(1, address.rpartition(":")[2])
+    def again():
+        ended()
+        begun(1, address.rpartition(":")[2])
 
     address = begun(0, 0)
     try:
-        found = estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress)
+        yield address, again
     finally:
         ended()
+
+
+def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, logs, alone, restarted, tmp_path):
+    address, again = restarted
+    seen = []
+
+    def progress(fraction):
+        seen.append(fraction)
+        if len(seen) == 2:
+            again()
+
+    same(estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress), alone)
     assert len(seen) >= LOGS
-    same(found, alone)
+
+
+def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left_of_a_fleet(
+    followed, logs, fleet, restarted, tmp_path
+):
+    address, again = restarted
+    progress, waiting = once_done(tmp_path / "f.h5.parts", 2, again)
+    assert followed(logs, tmp_path / "f.h5", progress, scheduler=address) == fleet
+    assert not waiting

@@ -53,20 +53,13 @@ class StoredFleet:
     refused: tuple[str, ...] = ()  # why other logs were left out
 
 
-def write_fleet(
-    path: Path,
-    air_path: str,
-    axes: surfaces.Axes,
-    grid: Grid,
-    kept: FleetSums,
-    found: Tracked,
-    provenance: Provenance,
-    refused: Sequence[str],
-) -> None:
-    """Write a fleet; at any instant the target is absent, the old file, or the complete new one."""
-    with hdf.creating(path) as file:
-        file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", air_path
-        hdf.write_group(file, "map", fields(surfaces.grid_layout(axes), grid)).attrs["axes"] = " ".join(axes)
+def write_fleet(fleet: StoredFleet) -> None:
+    """Write a fleet; at any instant its file is absent, the old one, or the complete new one."""
+    kept, found = fleet.kept, fleet.found
+    with hdf.creating(fleet.path) as file:
+        file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", fleet.air_path
+        layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
+        hdf.write_group(file, "map", layout).attrs["axes"] = " ".join(fleet.axes)
         write(file, "sums", kept)
         write(file, "sizes", found.sizes)
         for name, row, records in (
@@ -79,8 +72,8 @@ def write_fleet(
             ("effects", "effect", kept.effects),
         ):
             hdf.write_group(file, name, rows(records, row, LABELS))
-        provenance.write(file)
-        write_refused(file, refused)
+        fleet.provenance.write(file)
+        write_refused(file, fleet.refused)
 
 
 def read_fleet(path: Path) -> StoredFleet:
