@@ -29,7 +29,7 @@ class ExtrapolateOutput(QuadraticOutput):
     outer_coverage: Fraction
     half_widths: Annotated[
         tuple[KgPerS, KgPerS] | None,
-        Meta(description="Of the filled nodes' 90 % intervals: the middle one, and the widest."),
+        Meta(description="kg/s, half of the filled nodes' 90 % intervals: median, and the widest."),
     ]
 
 

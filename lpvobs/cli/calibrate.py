@@ -12,7 +12,7 @@ def calibrate(
     bench: list[Path] | None = option(
         "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
     ),
-    healthy: list[Path] | None = option("LOG", "A log whose air flow sensor was in order that day.", "--healthy"),
+    healthy: list[Path] | None = option("LOG", "A log with the air flow sensor in order.", "--healthy"),
     reference: list[Path] | None = option(
         "LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"
     ),
@@ -31,8 +31,8 @@ def calibrate(
 ) -> None:
     """Find an engine's constants and the corrections of its components, which estimate then starts from.
 
-    Each of --bench, --healthy, --reference and --map can be given several times; what the configuration says of the engine is
-    the prior.
+    Each of --bench, --healthy, --reference and --map can be given several times. The configuration's constants and tolerances are
+    the start.
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
@@ -69,5 +69,5 @@ def calibrate(
     say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:
         say(
-            f"the air flow is unknown by {100 * found.plan[0].before:.2g} % now, over all points that the engine can stand at"
+            f"the air flow is uncertain by {100 * found.plan[0].before:.2g} % now, over all stationary points of the engine"
         )

@@ -18,7 +18,7 @@ def compare(
     figure: Path | None = option("FILE.svg", "Draw the change at every node; framed: more than its error."),
     as_json: bool = JSON,
 ) -> None:
-    """Show how map B differs from map A, and where that is more than the errors of both.
+    """Show how map B differs from map A, and where the difference exceeds the errors of both.
 
     Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
     """

@@ -24,7 +24,7 @@ def estimate(
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
     engine: Path | None = option(
-        "ENGINE.h5", "An engine made by calibrate from the same configuration; without it, as configured."
+        "ENGINE.h5", "An engine made by calibrate from the same configuration; without it the engine is as configured."
     ),
     method: str = option(
         "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
@@ -32,13 +32,14 @@ def estimate(
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
-    verbose: bool = flag("--verbose", f"A row for each log, also where they are more than {MOST_ROWS}."),
+    verbose: bool = flag("--verbose", f"Print a row for each log even if there are more than {MOST_ROWS}."),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
     """Estimate the error map of the sensor from logs.
 
-    Of several logs, what has been done waits in RESULT.h5.parts until the result is written; a run that was killed goes on there.
+    With several logs, finished ones are kept in RESULT.h5.parts until the result is written, so a run that was killed can
+    continue.
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
@@ -86,13 +87,13 @@ def estimate(
             summaries = tuple(unusual(summaries, agreement))
             agreement = tuple(item for item in agreement if item.disagrees)
         elif done.reused:
-            say(f"{done.reused} logs had been done before")
+            say(f"{done.reused} logs were finished by an earlier run")
         if summaries:
             print(table(*told(log_rows(summaries))))
         if agreement:
             print("\n" + table(*told(agreement_rows(agreement))))
         if done.agreement:
-            say(f"logs scatter about the map of all by {1e3 * done.scatter:.3g} g/s a node, beyond noise")
+            say(f"maps of single logs scatter by {1e3 * done.scatter:.3g} g/s a node more than noise explains")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
     for item in done.agreement:

@@ -21,15 +21,15 @@ def export(
     source: str = option(
         "GROUP", "map or extrapolation; by default the latter if there is one.", "--values", default=""
     ),
-    only_estimated: bool = flag("--only-estimated", "No extrapolated node: old values there, or nothing."),
-    old: Path | None = option("OLD.dcm", "The map as it was: its axes, units and kind stay, changes are listed."),
+    only_estimated: bool = flag("--only-estimated", "Estimated nodes only; others keep their old value, if any."),
+    old: Path | None = option("OLD.dcm", "The old map: its axes, units and kind are kept, and changes are listed."),
     name: str = option("LABEL", "Label of the map, also in the old file.", default="delta_W_c"),
     a2l: Path | None = option(
-        "FILE.a2l", "The control unit's description: its axes, units, limits and rounding hold. Needs lpvobs[a2l]."
+        "FILE.a2l", "The control unit's description, for axes, units, limits and rounding. Needs lpvobs[a2l]."
     ),
     unit: str = option(
         "UNIT",
-        "Of the values: a flow, mg/stroke, % of the reading, or factor: what to multiply it with.",
+        "Unit of the values: a flow such as kg/h, mg/stroke, % of the reading, or factor to multiply a reading with.",
         offers=UNITS,
         default="",
     ),
@@ -41,7 +41,7 @@ def export(
     map_gain: str = option(
         "GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS, default=""
     ),
-    rate: float = option("HZ", "For c99 and fmu: samples a second, at most.", default=100.0),
+    rate: float = option("HZ", "For c99 and fmu: most samples a second.", default=100.0),
     widest: float = option(
         "SHARE", "Leave out nodes whose 90 % interval exceeds this share of the logs' mean air flow.", default=0.1
     ),

@@ -38,6 +38,4 @@ def extrapolate(
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
     say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
     if (half := half_widths(fitted)) is not None:
-        say(
-            f"their 90 % intervals: {grams(half[0])} g/s to either side at the middle one, {grams(half[1])} g/s at the widest"
-        )
+        say(f"their 90 % intervals: +-{grams(half[0])} g/s or less for half of them, +-{grams(half[1])} g/s at most")

@@ -10,7 +10,7 @@ from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 def synth_gain(
     out: Path = needed("GAIN.h5", "The gain to write."),
     logs: list[Path] | None = argument(
-        "[LOG]...", "Logs whose range the gain is to cover, patterns, or folders.", default=None
+        "[LOG]...", "Logs, patterns or folders whose range the gain has to cover.", default=None
     ),
     published: str | None = option(
         "COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."
@@ -20,7 +20,7 @@ def synth_gain(
 ) -> None:
     """Find the observer gain L from the linear matrix inequalities of Theorem 1 and prove it exactly.
 
-    The ranges of rho come from the logs, or without logs from [gain.bounds]; those of the temperatures from the configuration.
+    The ranges of the parameters rho come from the logs, or from [gain.bounds]; those of the temperatures from [gain.temperatures].
 
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
@@ -62,7 +62,7 @@ def synth_gain(
 @guarded
 def verify(
     gain: Path = argument("GAIN.h5", "A gain made by synth-gain."),
-    config: Path | None = option("TOML", "The configuration whose engine the gain has to be for.", "--config"),
+    config: Path | None = option("TOML", "Check that the gain is for the engine of this file, too.", "--config"),
     as_json: bool = JSON,
 ) -> None:
     """Prove the certificate of a gain again, in exact arithmetic and without the solver.

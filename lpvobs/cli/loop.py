@@ -23,10 +23,10 @@ def trace(
     engine: Path | None = ENGINE,
     as_json: bool = JSON,
 ) -> None:
-    """Find the residual that the model leaves, and the effects it lacks, ranked.
+    """Look at the residual that the model leaves, and name the effects that cause it.
 
-    On the logs that made the map, map and effects are estimated together; on others the map stands. A log that cannot be used is
-    named and left out: exit code 3.
+    On the logs that made the map, map and effects are estimated together; on other logs the map is taken as right.
+    A log that cannot be used is named and left out: exit code 3.
 
     Example: lpvobs trace nedc.h5 nedc.parquet
 
@@ -139,16 +139,16 @@ def refine(
     out: Path = needed("REFINED.h5", "The refined result to write."),
     hold_out: list[Path] | None = option(
         "LOG",
-        "A log that nothing is fitted to and no decision sees: the error is judged on it, too. Repeatable.",
+        "A log to judge the error on, which is kept out of every fit and decision. Repeatable.",
         "--hold-out",
     ),
     freeze_map: bool | None = MAP,
     engine: Path | None = ENGINE,
     as_json: bool = JSON,
 ) -> None:
-    """Add the effects that the logs prove, estimate again, and report the error before and after on data held out.
+    """Add the effects that the logs prove, estimate again, and print the error before and after on data that was held out.
 
-    Without a finding the earlier model is written, byte for byte. A refined result can be refined again. A log that cannot be
+    If nothing is found, the earlier result is copied byte for byte. A refined result can be refined again. A log that cannot be
     used is named and left out: exit code 3.
 
     Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import sys
 from importlib import import_module
 from typing import Annotated
@@ -98,7 +99,7 @@ def _misused(error: Exception) -> int:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "lpvobs"
     if not context or context.get_help() != says():  # without any argument the message is the help
-        words = " ".join(visible(says()).split())
+        words = re.sub(r"Input should be (a valid \w+),.*", r"not \1", " ".join(visible(says()).split()))
         print(f"lpvobs: {words.rstrip('.')}; see `{command} --help`", file=sys.stderr)
     else:
         print(says(), file=sys.stderr)

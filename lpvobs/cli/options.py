@@ -56,18 +56,18 @@ CONFIG = option(
 )
 GAIN = option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
 SCHEDULER = option(
-    "tcp://HOST:PORT", "Do the logs on the workers of this Dask scheduler, which see them under the same paths."
+    "tcp://HOST:PORT", "Use the workers of this Dask scheduler; they must see the logs under the same paths."
 )
-VEHICLE = option("NAME", "Whose log it is, kept in the log; track asks for it.")
-DATE = option("YYYY-MM-DD", "When it was driven, kept in the log; track asks for it.")
+VEHICLE = option("NAME", "The vehicle, stored in the log for track.")
+DATE = option("YYYY-MM-DD", "The date of the drive, stored in the log for track.")
 LOGS = argument("LOG...", "Parquet logs, patterns, or folders of logs.")
-REGION = option("AXIS=FROM:TO,...", "Mean over this part of the map; a second axis follows after a comma.")
+REGION = option("AXIS=FROM:TO,...", "Print the mean over this region of the map, too; a comma before a second axis.")
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(
     "ENGINE.h5", "An engine made by calibrate to start from; by default, the one that the result was made with."
 )
 MAP = flag(
     "--freeze-map/--free-map",
-    "The map stands, or is estimated together with the effects. By default it stands on logs that did not make it.",
+    "Take the map as right, or estimate it with the effects. By default it is right for logs that did not make it.",
     default=None,
 )

@@ -21,7 +21,7 @@ def ingest(
     date: str | None = DATE,
     as_json: bool = JSON,
 ) -> None:
-    """Make a log of a foreign recording: names, units, stamps and raster by a profile, every repair counted.
+    """Turn a foreign recording into a log; a profile states names, units, time and raster, and every repair is counted.
 
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
@@ -41,11 +41,11 @@ def profile(
     source: Path = argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording."),
     out: Path | None = option("TOML", "The profile to write; else it is printed."),
     names: Path | None = option(
-        "FILE", "Your own table of names, which comes first: CSV or INCA .lab, lines NAME;CHANNEL."
+        "FILE", "Your own table of names, used first: CSV or INCA .lab with lines NAME;CHANNEL."
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Draft a profile for ingest from names, units and ranges; what is unsure is left as a comment.
+    """Draft a profile for ingest from names, units and ranges; doubtful channels are comments in it.
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
@@ -73,7 +73,7 @@ def inspect(
 ) -> None:
     """Show channels, units, rate, gaps, ranges, the defects of logs, and what each policy did about them.
 
-    Of a result it shows what `report` does. Example: lpvobs inspect nedc.parquet
+    For a result or an engine it prints what `report` does. Example: lpvobs inspect nedc.parquet
     """
     if logs[0].suffix == ".h5":
         from lpvobs.cli.report import report

@@ -28,7 +28,7 @@ def report(
     result: Path = argument("RESULT.h5", "A result of estimate, or an engine of calibrate."),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
-        "Logs that the results were made from (courses over time), and further results.",
+        "Logs that the results were made from (for time series and fit), and further results.",
         default=None,
     ),
     html: Path | None = option("FILE", "Write one self-contained page."),
@@ -42,7 +42,7 @@ def report(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show how far the corrected sensor is from the truth: as a table, JSON, or a page with the paper's figures.
+    """Show what a result says and how good it is, as tables, JSON or an HTML page, and judge gates.
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """

@@ -14,18 +14,18 @@ def simulate(
         "NAME|CSV", "etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.", offers=CYCLES
     ),
     bench: int | None = option(
-        "N", "No cycle but a table of N stationary points with a reference meter; FILE.csv: CSV, else Parquet."
+        "N", "A bench table of N stationary points in place of a cycle; CSV if FILE ends in .csv, else Parquet."
     ),
     effects: Path | None = option(
         "TOML",
-        "What is wrong with engine or sensors, and a drive on the road: an example of each in configs/effects; "
-        "another error surface: configs/surfaces.",
+        "Faults of engine and sensors, a drive on the road, another error surface: examples in configs/effects and "
+        "configs/surfaces.",
     ),
     engine: Path | None = option(
-        "ENGINE.h5", "An engine made by calibrate from the same configuration: its constants are driven."
+        "ENGINE.h5", "An engine made by calibrate from the same configuration, for the constants."
     ),
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
-    seed: int = option("N", "Of sensor noise, road, points; same seed, same bytes.", default=1),
+    seed: int = option("N", "Seed of noise, road and points; the same one gives the same bytes.", default=1),
     vehicle: str | None = VEHICLE,
     date: str | None = DATE,
     config: Path | None = CONFIG,
@@ -47,7 +47,7 @@ def simulate(
         of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate, "--vehicle": vehicle, "--date": date}
         if given := [name for name, value in of_cycle.items() if value is not None]:
             raise UsageError(
-                f"--bench goes without {' and '.join(given)}: what belongs to a cycle has no place at rest; leave it out"
+                f"--bench: {' and '.join(given)} belong to a cycle, and bench points are stationary; leave them out"
             )
         with progress(f"simulating {bench} points") as report:
             points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)

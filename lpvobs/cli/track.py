@@ -13,8 +13,8 @@ def track(
     logs: list[Path] | None = argument(
         "[LOG]...", "Parquet logs, patterns, or folders; without any, the stored sums are evaluated again.", None
     ),
-    out: Path = needed("FLEET.h5", "The fleet to write, or to go on with: logs that it knows are not read again."),
-    by: str = option("KEY", "The field that says whose a log is.", default="vehicle"),
+    out: Path = needed("FLEET.h5", "The fleet to write or to add to; logs that are in it already are not read again."),
+    by: str = option("KEY", "The field that names the vehicle of a log.", default="vehicle"),
     every: str = option("PERIOD", "day, week, month or year: a map for each.", offers=PERIODS, default="month"),
     path: str | None = option("PATTERN", 'Fields in the paths of logs, such as "{vehicle}/{month}.parquet".'),
     origins: Path | None = option(
@@ -22,9 +22,9 @@ def track(
     ),
     gain: Path | None = GAIN,
     engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
-    to_table: Path | None = option("FILE.parquet", "A row for each vehicle, period and node.", "--table"),
+    to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
     refined: list[Path] | None = option(
-        "REFINED.h5", "What refine found on logs of the fleet; once or several times.", "--refined"
+        "REFINED.h5", "A refined result whose effects are added to the fleet. Repeatable.", "--refined"
     ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
@@ -34,7 +34,7 @@ def track(
 ) -> None:
     """Follow the map of every vehicle over time: trends, changes with their dates, what to drive next.
 
-    Whose a log is and when it was driven stands in the log (simulate and ingest --vehicle --date), its path, or a table.
+    Vehicle and date of a log come from the log (simulate and ingest --vehicle --date), from its path, or from a table.
 
     Example: lpvobs track logs/ --path "{vehicle}/{month}.parquet" --gain gain.h5 --out fleet.h5
     """

@@ -179,16 +179,8 @@ def whiteness_rows(found: Discovered) -> Table | None:
 
 def balance_rows(found: Discovered) -> Table | None:
     """Return the error of every balance before and after by log, None where the engine's logs are not judged that way."""
-    header = [
-        "log",
-        "balance",
-        "before B",
-        "after A",
-        "healthy N",
-        "(B - A) / (B - N)",
-        "median before",
-        "median after",
-    ]
+    header = ["log", "balance", "before B", "after A", "healthy N", "(B - A) / (B - N)"]
+    header += ["median before", "median after"]
     rows = []
     for part in found.content["logs"]:
         for item in part.get("balances", []):

@@ -15,7 +15,7 @@ from lpvobs.report.page import rendered
 from lpvobs.report.residual import Section, picture
 from lpvobs.report.surface_figures import SURE
 from lpvobs.report.svg import INK, render
-from lpvobs.report.tables import Table
+from lpvobs.report.tables import Table, percent
 
 BODY = "engine.html.j2"
 HEIGHT = 3.0
@@ -34,7 +34,7 @@ def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
         inputs=", ".join(found.inputs) or "the configuration alone",
         tables=calibration_tables(found),
         residuals=Section("", tuple(
-            picture(residuals(f"r{number}", stored, row.kind), f"{row.kind}: what is left at every point")
+            picture(residuals(f"r{number}", stored, row.kind), f"{row.kind}: error at every point")
             for number, row in enumerate(found.rows)
         )),
         components=Section("", tuple(
@@ -113,7 +113,7 @@ def lines(
             axes.plot([p.along for p in here], [p.value for p in here], "o", markersize=2, color=READING)
             axes.set_xlabel(f"{label} [{nodes.unit}]")
             if others:
-                axes.set_title(f"{others[0][0]} = {at[number]:g} {others[0][1].unit}")
+                axes.set_title(f"{others[0][0]} = {at[number]:g} {others[0][1].unit}".removesuffix(" 1"))
 
     return render(name, title, HEIGHT, draw)
 
@@ -129,17 +129,12 @@ def _told(stored: StoredEngine, component: Component) -> str:
     """Return how much of a correction the data determined."""
     own = stored.unknowns.places()[component.name]
     share = float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))
-    return f"the data determined {100 * share:.0f} % of its nodes, the prior the others"
+    return f"the data determined {100 * share:.0f} % of its nodes, the tolerance the others"
 
 
 def _constants(found: CalibrateOutput) -> Table:
     rows = [
-        [
-            name,
-            f"{100 * item.deviation:.2f} %",
-            f"{100 * item.standard_error:.2f} %",
-            "data" if item.determined else "prior",
-        ]
+        [name, percent(item.deviation), percent(item.standard_error), "data" if item.determined else "tolerance"]
         for name, item in found.constants.items()
     ]
     return ["constant", "deviation", "standard error", "determined by"], rows

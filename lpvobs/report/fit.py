@@ -32,7 +32,7 @@ class ResidualFit:
     log: str
     balance: str
     samples: Annotated[Count, Meta(description="Means that were compared, where the map is estimated.")]
-    step: Annotated[Seconds, Meta(description="Of a lag, s.")]
+    step: Annotated[Seconds, Meta(description="Length of a lag, s.")]
     fit: Annotated[Fraction, Meta(description="1 - |y - prediction| / |y - mean y|.")]
     rms: Annotated[KgPerS, Meta(description="Of the residual.")]
     autocorrelation: Annotated[Sequence[Finite], Meta(description="At lags 0 to 25.")]

@@ -14,6 +14,7 @@ from lpvobs.report.figures import error_limit, error_map
 from lpvobs.report.fleets import change_rows, effect_rows, fleet_summary, vehicle_rows
 from lpvobs.report.page import rendered
 from lpvobs.report.residual import Section, picture
+from lpvobs.report.spoken import spelled
 from lpvobs.tracking.fleet import PeriodMap
 
 BODY = "fleet.html.j2"
@@ -46,19 +47,24 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
 
 def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
     """Yield what the page says of each vehicle."""
-    own, cells = defaultdict[str, list[PeriodMap]](list), defaultdict[str, list[str]](list)
+    own, cells = defaultdict[str, list[PeriodMap]](list), defaultdict[str, dict[str, list[str]]](dict)
     for item in fleet.found.maps:
         own[item.vehicle].append(item)
+    fuel, speed = (MapAxis(axis, item.unit, item.meaning) for axis, item in fleet.axes.items())
+    unit = "" if fuel.unit == "1" else f" {fuel.unit}"
     for cell in fleet.found.cells:
-        cells[cell.vehicle].append(f"{cell.speed:g} at {cell.fuel:g}: {cell.seconds:.0f} s")
-    axes = " at ".join(reversed(list(fleet.axes)))
+        where = f"{cell.seconds:.0f} s each at {spelled(cell.speed, speed)}"
+        cells[cell.vehicle].setdefault(where, []).append(f"{cell.fuel:g}")
+    weights = {name: 1.0 / maps[-1].standard_error ** 2 for name, maps in own.items()}
+    means = {name: 1e3 * np.array([w @ its.theta for its in own[name]]) / w.sum() for name, w in weights.items()}
+    widest = max(float(np.ptp(mean)) for mean in means.values())
     changes, effects, rows = change_rows(fleet)[1], effect_rows(fleet)[1], vehicle_rows(fleet, True)[1]
     for number, (each, row) in enumerate(zip(fleet.found.worst_first(), rows, strict=True)):
-        weight = 1.0 / own[each.vehicle][-1].standard_error ** 2
-        mean = 1e3 * np.array([weight @ its.theta for its in own[each.vehicle]]) / weight.sum()
+        mean = means[each.vehicle]
         low, high = float(mean.min()), float(mean.max())
-        y = 16.0 - 14.0 * (mean - low) / max(high - low, 1e-9)
+        y = 9.0 - 14.0 * (mean - 0.5 * (low + high)) / max(widest, 1e-9)
         x = np.linspace(1.0, 89.0, mean.size) if mean.size > 1 else np.array([1.0])
+        next_cells = [f"{where} and {', '.join(fuels)}{unit}" for where, fuels in cells[each.vehicle].items()]
         told = [
             f"{change[1]} on {change[2]} (90 %: {change[3]} to {change[4]}): {change[5]} {change[6]} g/s, {change[7]} {change[8]} %"
             for change in changes
@@ -82,6 +88,6 @@ def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
             "lines": [
                 f"{date_of(each.first)} to {date_of(each.last)}, type {each.type}",
                 *told,
-                *([f"drive next ({axes}): " + "; ".join(cells[each.vehicle])] if cells[each.vehicle] else []),
+                *([f"drive next: {'; '.join(next_cells)}"] if next_cells else []),
             ],
         }

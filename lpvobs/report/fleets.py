@@ -16,10 +16,10 @@ def fleet_summary(fleet: StoredFleet) -> str:
     unusual = sum(each.stands_out for each in found.vehicles)
     return (
         f"{len(found.vehicles)} vehicles, {len(fleet.kept.logs)} logs, {periods[0]} to {periods[-1]}\n"
-        f"{unusual} stand out, {len(found.changes)} changes found"
+        f"{unusual} of them stand out, {len(found.changes)} changes found"
         + "".join(
             f"\n{each.logs} logs of a vehicle should show a drift of {100 * each.drift:.2g} % a month "
-            f"or a step of {100 * each.step:.2g} %, nine times out of ten"
+            f"or a step of {100 * each.step:.2g} % nine times out of ten"
             for each in found.power
             if each.logs in (12, 24)
         )
@@ -30,7 +30,7 @@ def vehicle_rows(fleet: StoredFleet, verbose: bool) -> Table:
     """Return a row per vehicle, worst first; without `verbose` only of those that stand out."""
     header = ["vehicle", "logs", "verdict", "level g/s a month", "90 %", "gain % a month", "90 %", "unlike its type"]
     return header, [
-        [each.vehicle, str(each.logs), each.verdict, *_cells(each.trend, each.trend_error), f"{each.unlike:+.1f} sd"]
+        [each.vehicle, str(each.logs), each.verdict, *_cells(each.trend, each.trend_error), f"{each.unlike:+z.1f} sd"]
         for each in fleet.found.worst_first()
         if verbose or each.stands_out
     ]
@@ -68,6 +68,6 @@ def _cells(size: Aspects, error: Aspects) -> list[str]:
     return [
         grams(size[0]),
         f"+-{grams(NORMAL_90 * error[0])}",
-        f"{100 * size[1]:+.3f}",
+        f"{100 * size[1]:+z.3f}",
         f"+-{100 * NORMAL_90 * error[1]:.3f}",
     ]

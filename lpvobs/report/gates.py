@@ -55,7 +55,7 @@ METRICS: Mapping[str, Metric] = {
 """What every log of a result may have."""
 OF_RESULT: Mapping[str, Metric] = {
     "nodes_estimated": Metric("1", "nodes of the map that the logs inform"),
-    "standard_error": Metric("kg/s", "standard error of the middle one of these nodes", "a method that has one"),
+    "standard_error": Metric("kg/s", "median standard error of these nodes", "a method that has one"),
     "balance_agreement": Metric("1", "disagreement of the balances over all logs: about 1 or less", "two balances"),
     "verdict": Metric("-", "what trace has found, or else refine", SOUGHT, ("none", "effect", "unexplained")),
     "residual": Metric("kg/s", "rms of the residual held out; after refine, with its effects in the model", SOUGHT),

@@ -129,7 +129,7 @@ class ReportedResult:
     method: str
     map: MapCounts
     nodes_estimated: Count
-    standard_error: Annotated[KgPerS | None, Meta(description="Of the middle one of the estimated nodes.")]
+    standard_error: Annotated[KgPerS | None, Meta(description="Median over the estimated nodes.")]
     balance_agreement: Annotated[float, Meta(description="Disagreement of the balances over all logs.")]
     verdict: Annotated[str | None, Meta(description="Of trace, or else of refine; null where neither has run.")]
     residual: Annotated[KgPerS | None, Meta(description="Rms held out, from the same.")]

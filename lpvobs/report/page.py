@@ -102,7 +102,7 @@ def verdict(view: ResultView) -> Iterator[str]:
                 f"{tables.percent(log.share_certified, 1)} of the samples where stability is certified{held}."
             )
     if all(log.metrics is None for log in stored.logs):
-        yield "The logs have no references, so nobody knows the true error: the intervals are all that is known of the accuracy."
+        yield "The true error of these logs is unknown (no references): the intervals say how accurate the map is."
 
 
 def gain_rows(view: ResultView) -> tables.Table:
@@ -196,8 +196,8 @@ def _driving(report: Report) -> Iterator[Section]:
         found = plan_of(view)
         if found is not None and found.cells:
             shown = surface_figures.plan_map(f"p{number}", f"cells to drive next, {view.name}", view.estimated, found)
-            caption = "How long to drive in each cell; frames number the cells of the table."
-            table = drive_rows(view, found), f"Cells that pay best, {view.name}"
+            caption = "How long to drive in each cell; numbered frames are the cells of the table."
+            table = drive_rows(view, found), f"Cells that improve the map most per second, {view.name}"
             yield Section(view.name, (picture(shown, caption),), (table,))
 
 
@@ -210,7 +210,7 @@ def _quality(view: ResultView, number: int) -> Iterator[Picture]:
         )
     yield picture(
         figures.excitation_map(f"q{number}-pe", f"excitation, {view.name}", view.estimated, view.stored.excitation),
-        "Persistency of excitation of every cell: smallest eigenvalue of the integral of Eq. (29).",
+        "How well the drive excites every cell: smallest eigenvalue of the integral of Eq. (29).",
     )
 
 

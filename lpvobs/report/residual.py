@@ -76,9 +76,12 @@ def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
         (discovered.candidate_rows(found), "What comes nearest, each alone in the model"),
         (discovered.error_rows(found), "Residual on data held out"),
         (discovered.balance_rows(found), "Balances where the effects act: rms of the relative residual"),
-        (discovered.day_rows(found), "Levels of the day, no fault: standard deviations between days are configured"),
-        (discovered.lost_rows(found), "What missing channels take away"),
-        (discovered.ranking_rows(found), "Every candidate alone against the model as it was"),
+        (
+            discovered.day_rows(found),
+            "Differences from the healthy day that are no fault, beside what is usual between days",
+        ),
+        (discovered.lost_rows(found), "What cannot be told without the missing channels"),
+        (discovered.ranking_rows(found), "Every candidate, tried alone"),
         (discovered.whiteness_rows(found), WHITENESS),
     ):
         if rows is not None:
@@ -94,26 +97,26 @@ def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[
         if "surface" in effect:
             yield picture(
                 figures.component_curve(f"{name}-{effect['id']}", f"{effect['id']}, {result}", effect["surface"]),
-                f"{effect['id']}: what the component passes beyond its model, where the logs went, with its 90 % interval.",
+                f"{effect['id']}: deviation of the component from its model, where the logs went, with the 90 % interval.",
             )
     if any(item.gain > 0.0 for item in found.ranking):
         yield picture(
             figures.ranking_bars(f"{name}-rank", f"ranking of candidates, {result}", found.ranking),
-            "What each candidate alone would explain of the residual of the model as it was.",
+            "What each candidate would explain if it were the only one.",
         )
     for index, partial in enumerate(seen.partials):
         yield picture(
             figures.partial_residual(f"{name}-part{index}", f"partial residual of {partial.id}, {result}", partial),
-            f"Partial residual of {partial.id}: the residual with this effect left out, against what the effect says, both freed "
-            f"of map, constants and the other effects. On the dashed line the size is right.",
+            f"Partial residual of {partial.id}: the residual without this effect, over what the effect predicts, both without what "
+            f"map, constants and the other effects explain. On the dashed line the size is right.",
         )
     yield from _structure(found, seen, result, name)
 
 
 def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Iterator[Picture]:
     parts: Mapping[str, Mapping[str, Any]] = {part["log"]: part for part in found.content["logs"]}
-    held = "shaded parts are held out from every fit and every choice"
-    in_turn = "every part was held out in turn"
+    held = "shaded parts were used for no fit and no choice"
+    in_turn = "every part was left out in turn"
     for index, track in enumerate(seen.tracks[:MOST_LOGS]):
         effects = parts[track.log]["effects"]
         judged = held if track.judged.any() else in_turn

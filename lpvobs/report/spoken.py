@@ -141,7 +141,7 @@ def headline(
     ]
     if sure:
         known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
-        said.append(f"the middle one of {on.size} nodes is known to {known:.2g} g/s")
+        said.append(f"half of the {on.size} nodes are known to {known:.2g} g/s")
     if math.isfinite(disagreement):
         agree = disagreement <= DISAGREE
         said.append(

@@ -86,36 +86,26 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
     header = ["log", "nodes compared", "chi-square per node", "stands out by", "mean difference g/s", "disagrees"]
     rows = []
     for log in logs:
-        known = log.nodes > 0
-        rows.append(
-            [
-                cycle_title(log.name),
-                str(log.nodes),
-                f"{log.chi_square / log.nodes:.2f}" if known else NONE,
-                f"{log.deviation:+.1f} sd" if known else NONE,
-                f"{1e3 * log.mean_difference:+.3f}" if known else NONE,
-                "yes" if log.disagrees else "no",
+        cells = [NONE] * 3
+        if log.nodes:
+            cells = [
+                f"{log.chi_square / log.nodes:.2f}",
+                f"{log.deviation:+.1f} sd",
+                f"{1e3 * log.mean_difference:+.3f}",
             ]
-        )
+        rows.append([cycle_title(log.name), str(log.nodes), *cells, "yes" if log.disagrees else "no"])
     return header, rows
 
 
 def fit_rows(fits: Sequence[ResidualFit]) -> Table:
     """Return how well each balance follows its log, and what its residual still goes with."""
     header = ["result", "log", "balance", "fit", "residual g/s rms", "lags outside 99 %", "inputs outside 99 %"]
-    return header, [
-        [
-            item.result,
-            cycle_title(item.log),
-            item.balance,
-            percent(item.fit, 1),
-            grams(item.rms),
-            percent(item.lags_outside, 0),
-            ", ".join(f"{name} {percent(share, 0)}" for name, share in list(item.outside.items())[:3] if share > 0.02)
-            or "none",
-        ]
-        for item in fits
-    ]
+    rows = []
+    for item in fits:
+        inputs = [f"{name} {percent(share, 0)}" for name, share in list(item.outside.items())[:3] if share > 0.02]
+        cells = percent(item.fit, 1), grams(item.rms), percent(item.lags_outside, 0), ", ".join(inputs) or "none"
+        rows.append([item.result, cycle_title(item.log), item.balance, *cells])
+    return header, rows
 
 
 def beside_paper(results: Sequence[tuple[str, StoredResult]]) -> bool:
@@ -187,11 +177,8 @@ def gain_line(gain: StoredGain) -> str:
 def state_bound_table(gain: StoredGain) -> Table:
     """Return how large the error of each state can be for each unit of what disturbs it; no rows where nothing is proven."""
     bound = gain.gain.bound
-    header = [
-        "largest error per",
-        *(f"unit of {name}" for name in gain.outputs),
-        *(f"{name} per s" for name in gain.states),
-    ]
+    header = ["largest error per", *(f"unit of {name}" for name in gain.outputs)]
+    header += [f"{name} per s" for name in gain.states]
     if bound is None:
         return header, []
     rows = np.hstack([bound.of_outputs[:, :-1], bound.of_rates])

@@ -109,9 +109,17 @@ def test_units_and_formats_that_are_not_a_logs_say_what_to_do(lpvobs, config, ch
     refused(lpvobs(*call), 3, "channel 'W_maf': unit 'mg/cycle' cannot be converted to 'kg/s'; give it")
     for recording in (b"time,n_e\n0,800\n", b"MDF     4.10    "):
         log.write_bytes(recording)
-        refused(lpvobs(*call), 3, "`lpvobs profile` and then `lpvobs ingest`")
+        refused(lpvobs(*call), 3, f"{log}: not a Parquet file, as logs are; `lpvobs profile` and then `lpvobs ingest`")
     log.write_bytes(b"PAR1 cut short")
     refused(lpvobs(*call), 3, "record or export it again")
+
+
+def test_a_file_of_another_kind_is_called_what_it_is(lpvobs, config, chain, tmp_path):
+    refused(
+        lpvobs("report", chain.gain), 3, f"{chain.gain}: not a result file but a gain; make it with `lpvobs estimate`"
+    )
+    call = ("estimate", "--config", config, "--gain", chain.result, chain.log, "--out", tmp_path / "r.h5")
+    refused(lpvobs(*call), 3, f"{chain.result}: not a gain file but a result; make it with `lpvobs synth-gain`")
 
 
 def test_inspect_of_a_result_shows_it(lpvobs, chain):
@@ -148,7 +156,7 @@ def test_top_level(lpvobs, arguments):
     [
         (("estimat",), ("'estimat'", "'estimate'", "`lpvobs --help`")),
         (("estimate",), ("LOG...", "`lpvobs estimate --help`")),
-        (("estimate", "x", "--jobs", "many", "--out", "y"), ("--jobs", "integer")),
+        (("estimate", "x", "--jobs", "many", "--out", "y"), ("--jobs': not a valid integer; see",)),
         (("verify", "a", "b"), ("b", "`lpvobs verify --help`")),
         (("inspect", "--no\nsuch\x1b[31m"), ("--no",)),
     ],

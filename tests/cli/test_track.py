@@ -1,6 +1,7 @@
 """A fleet from the command line: whose logs they are, a month more, any order, what cannot be used."""
 
 import json
+import re
 
 import h5py
 import numpy as np
@@ -144,6 +145,9 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     text = page.read_text(encoding="utf-8")
     assert text.count("<polyline") == 2
     assert text.count('id="v') == 3  # two vehicles, and the section of all
+    assert re.search(r"<li>2 vehicles, [^<]*</li>", text)  # a line for each thing that there is to say
+    assert re.search(r"drive next: \d+ s each at \d+ rpm and [\d., ]+ mg/cycle", text)
+    assert "-0.0 sd" not in text
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
 
 

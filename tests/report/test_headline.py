@@ -18,7 +18,7 @@ def test_errors_of_neighbours_are_not_taken_as_independent():
     said = headline(GRID, AXES, THETA, together, DRIVEN)
     # mean of 1, 2 and -4; 1.645 times 0.2 to either side
     assert "the sensor reads -0.33 g/s on average (90 %: -0.66 to 0.00)" in said
-    assert "worst -4 g/s at 1500 rpm, 10 mg/cycle; the middle one of 3 nodes is known to 0.33 g/s" in said
+    assert "worst -4 g/s at 1500 rpm, 10 mg/cycle; half of the 3 nodes are known to 0.33 g/s" in said
 
 
 def test_the_drive_weights_the_nodes_and_the_air_flow_makes_it_a_share():

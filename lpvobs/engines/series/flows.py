@@ -38,7 +38,7 @@ COMPONENTS = (
     *intake.SHAPE,
     intake.CHARGE,
     Component(
-        "egr", "1", "flow added, of that of the open nozzle", 0.3,
+        "egr", "1", "added flow, as a share of that of the open nozzle", 0.3,
         axes={"u_egr": OPENING, "n_e": SPEED, "u_delta": LOAD}, lengths=(25.0, 1000.0, 25.0),
     ),
     Component(

@@ -28,10 +28,7 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
     share = np.full(surface.values.shape, np.nan) if reading is None else np.where(reading > 0.0, reading, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         if unit in (FACTOR, PERCENT):
-            by, name = (
-                (-1.0 if unit == FACTOR else 100.0) / share,
-                "1" if unit == FACTOR else "%",
-            )
+            by, name = (-1.0 / share, "1") if unit == FACTOR else (100.0 / share, "%")
         elif canonical(unit) == PER_STROKE:
             by, name = np.broadcast_to(1.2e8 / (cylinders * surface.x.nodes[:, None]), surface.values.shape), unit
         else:

@@ -64,9 +64,15 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
     return converted
 
 
+PLAIN = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a text"}
+PLAIN |= {"object": "a table", "array": "a list", "null": "nothing"}
+"""What TOML calls the types that msgspec names."""
+
+
 def _in_words(error: msgspec.ValidationError, document: Mapping[str, Any], record: type) -> str:
     """Return what a value should be behind its place in the file; msgspec writes `[...]` for an entry of a table by name."""
-    said, _, place = str(error).replace("`", "").partition(" - at $")
+    raw, _, place = str(error).replace("`", "").partition(" - at $")
+    said = re.sub(r"\b(bool|int|float|str|object|array|null)\b", lambda found: PLAIN[found[0]], raw)
     place = place.removeprefix(".")
     table, by_name, _ = place.partition("[...]")
     parts = table.split(".")

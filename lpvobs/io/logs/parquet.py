@@ -80,12 +80,12 @@ def refuse_huge(path: Path, rows: int, columns: int) -> None:
 
 def unreadable(path: Path, error: Exception) -> DataError:
     """Return the refusal of a file that pyarrow cannot read, with its reason."""
-    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    remedy = "record or export it again"
     with suppress(OSError), path.open("rb") as stream:
-        if stream.read(4) not in (b"PAR1", b""):
+        if stream.read(4) not in (b"PAR1", b"PARE", b""):
             remedy = "`lpvobs profile` and then `lpvobs ingest` make a log of a CSV, MAT or MDF recording"
-    return DataError(f"{path}: not a readable Parquet log ({reason}); {remedy}")
+            return DataError(f"{path}: not a Parquet file, as logs are; {remedy}")
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
 
 
 def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":

@@ -124,8 +124,8 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
         try:
             schema = str(file.attrs.get("schema", ""))
             if schema != f"lpvobs/{kind}/1":
-                found = f"schema '{schema}'" if schema else "no lpvobs schema"
-                raise DataError(f"{path}: not a {kind} file ({found}); {remedy}")
+                its = f"a {schema.split('/')[1]}" if schema.count("/") == 2 else "something that lpvobs did not write"
+                raise DataError(f"{path}: not a {kind} file but {its}; {remedy}")
             yield file
         except DAMAGE as error:
             raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None

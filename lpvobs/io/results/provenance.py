@@ -41,7 +41,9 @@ class Provenance:
 
     inputs_sha256: Mapping[str, str]  # by file name, without folders
     config: str  # text of the configuration
-    command_line: str = field(default_factory=lambda: shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]))
+    command_line: str = field(
+        default_factory=lambda: shlex.join([sys.argv[0].removesuffix("/__main__.py").rpartition("/")[2], *sys.argv[1:]])
+    )
     versions: Mapping[str, str] = field(default_factory=versions)
 
     def write(self, file: h5py.File) -> None:

@@ -127,8 +127,8 @@ class Surface:
         for mine, its in ((self.x, other.x), (self.y, other.y)):
             if (mine.name, mine.unit, self.unit) != (its.name, its.unit, other.unit):
                 raise DataError(
-                    f"maps over {mine.name} [{mine.unit}] and {its.name} [{its.unit}], of {self.unit} and {other.unit}; "
-                    f"compare maps of one kind of engine"
+                    f"the maps are not alike: one is in {self.unit} over {mine.name} [{mine.unit}], the other in {other.unit} over "
+                    f"{its.name} [{its.unit}]; compare maps of one kind of engine"
                 )
         laid = onto(other, self.x.nodes, self.y.nodes)
         known = (self.origin != NONE) & (laid.origin != NONE)
