@@ -12,8 +12,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial, reduce
+from functools import cache, partial, reduce
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import TypeVar
 from unittest.mock import patch
@@ -21,7 +22,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 from common import CONFIG, configuration, markdown, publish
-from fleet_drives import A_MONTH, FIRST, KINDS, MONTH, MONTHS, VEHICLES, Vehicle, fleet, record, surface_of
+from fleet_drives import A_MONTH, FIRST, KINDS, MONTH, MONTHS, SHORT, VEHICLES, Vehicle, cut, fleet, record, surface_of
 
 import lpvobs
 from lpvobs.io.logs.finding import EPOCH, date_of
@@ -42,6 +43,7 @@ STEPS = {
     "quarter": f"stored sums of {ALL // 4} logs",
     "sums": f"stored sums of {ALL} logs",
     "month": f"a month of {VEHICLES * A_MONTH} logs more, in one process",
+    "short": f"{SHORT} logs of a minute of {-(-SHORT // (MONTHS * A_MONTH))} vehicles, all read, in two processes",
 }
 MEASURED = """
 import pathlib, re
@@ -59,8 +61,8 @@ NEAR = 31.0
 """[d] from a step within which it counts as found."""
 FEW = 2
 """Logs of a vehicle with few drives."""
-SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0), 8, 1
-"""Of the drift that `track` says it finds, fleets drawn to see whether it does, and vehicles of each that drift so."""
+SHARES, POWER_FLEETS, DRIFTING = (0.5, 1.0), 20, 1
+"""Of the drift that `track` says of a fleet that it finds, fleets drawn to try it, and vehicles of each that drift so."""
 DRIVEN = 0.02
 """Of the stay at the node where a vehicle is most, from which a node counts as driven."""
 
@@ -99,22 +101,15 @@ def main(folder: Path, fleets: int) -> None:
     timed = _done(folder / "timed.json", dict[str, tuple[float, float, float]], lambda: _simulated(folder))
     stored = read_fleet(folder / "fleet.h5")
     whole = _judged(stored.kept, stored.found, fleet(SEED), stored)
-    courses: list[Course] = []
+    courses = cache(partial(_courses, folder, stored))
 
-    def drawn(name: str, made: Callable[[int], Count], numbers: Sequence[int]) -> Count:
-        def count(number: int) -> Count:
-            if not courses:
-                courses.extend(_courses(folder, stored))
-            return made(SEED + number)
+    def drawn(name: str, kind: type[Kind], made: Callable[[int], Kind], numbers: int) -> list[Kind]:
+        return [_done(folder / f"{name}_{n}.json", kind, partial(made, SEED + n)) for n in range(1, 1 + numbers)]
 
-        return sum((_done(folder / f"{name}_{n}.json", Count, partial(count, n)) for n in numbers), Count())
-
-    anew = drawn("drawn", lambda seed: _drawn(stored, courses, seed), range(1, fleets))
-    few = drawn("few", lambda seed: _few(stored, courses, seed), range(1, min(fleets, 6)))
-    powers = [
-        (share, drawn(f"power_{share}", partial(_with_drift, stored, courses, share), range(1, 1 + POWER_FLEETS)))
-        for share in SHARES
-    ]
+    anew = sum(drawn("drawn", Count, lambda seed: _drawn(stored, courses(), seed), fleets - 1), Count())
+    few = sum(drawn("few", Count, lambda seed: _few(stored, courses(), seed), min(fleets - 1, 5)), Count())
+    tried = drawn("power", list[Count], lambda seed: _with_drift(stored, courses(), seed), POWER_FLEETS)
+    powers = [(share, sum(counts, Count())) for share, counts in zip(SHARES, zip(*tried, strict=True), strict=True)]
     publish(
         "fleet",
         "A fleet that ages",
@@ -139,7 +134,7 @@ def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
     )
     logs = sorted(folder.glob("V*/*.parquet"))
     last = [path for path in logs if path.stem.startswith("2025-12")]
-    given = ("--config", CONFIG, "--gain", gain, "--jobs", 1)
+    given = ("--config", CONFIG, "--gain", gain)
     if not gain.exists():
         lpvobs.synth_gain(CONFIG, logs[:2], out=gain)
     with patch.object(PartsFolder, "remove"):  # what the logs leave is needed once more
@@ -152,10 +147,14 @@ def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
     lpvobs.track(CONFIG, logs[: len(logs) // 4], out=quarter, gain=gain, jobs=1)
     shutil.copy(out, whole)  # which keeps no parts
     _measured("track", "--config", CONFIG, "--out", quarter)  # compiles what is not compiled yet
+    with TemporaryDirectory() as short:
+        cut(folder, Path(short))
+        many = _measured("track", *given, "--jobs", 2, short, "--out", Path(short) / "fleet.h5")
     return {
         "quarter": _measured("track", "--config", CONFIG, "--out", quarter),
         "sums": _measured("track", "--config", CONFIG, "--out", whole),
-        "month": _measured("track", *given, *last, "--out", month),
+        "month": _measured("track", *given, "--jobs", 1, *last, "--out", month),
+        "short": many,
     }
 
 
@@ -233,20 +232,24 @@ def _drawn(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
     return _judged(*_tracked(stored, _redrawn(stored, courses, seed)), fleet(seed), stored)
 
 
-def _with_drift(stored: StoredFleet, courses: Sequence[Course], share: float, seed: int) -> Count:
-    """Count what is found where some vehicles drift by a share of what the logs of one are said to show, the others not at all."""
-    stated = next(each for each in stored.found.power if each.logs == MONTHS * A_MONTH)
+def _with_drift(stored: StoredFleet, courses: Sequence[Course], seed: int) -> list[Count]:
+    """Count what is found where a vehicle drifts by shares of what `track` says of this fleet that it finds, others not at all."""
     signs = np.random.default_rng([seed, 90]).choice((-1.0, 1.0), VEHICLES)
-    vehicles = [
-        replace(
-            each, kind="healthy", change=0.0, slope=float(sign * share * stated.drift) if number < DRIFTING else 0.0
-        )
-        for number, (each, sign) in enumerate(zip(fleet(seed), signs, strict=True))
-    ]
-    _, found = _tracked(stored, _redrawn(stored, courses, seed, vehicles))
-    out = {each.vehicle for each in found.vehicles if each.verdict != "steady"}
-    wrong = sum(each.name in out for each in vehicles[DRIFTING:])
-    return Count(DRIFTING, sum(each.name in out for each in vehicles[:DRIFTING]), (), VEHICLES - DRIFTING, wrong)
+
+    def drifting(slope: float) -> tuple[list[Vehicle], Tracked]:
+        slopes = [float(sign * slope) if number < DRIFTING else 0.0 for number, sign in enumerate(signs)]
+        vehicles = [
+            replace(each, kind="healthy", change=0.0, slope=its) for each, its in zip(fleet(seed), slopes, strict=True)
+        ]
+        return vehicles, _tracked(stored, _redrawn(stored, courses, seed, vehicles))[1]
+
+    (stated,) = (each.drift for each in drifting(0.0)[1].power if each.logs == MONTHS * A_MONTH)
+    counts = []
+    for vehicles, found in (drifting(share * stated) for share in SHARES):
+        out = {each.vehicle for each in found.vehicles if each.verdict != "steady"}
+        right, wrong = (sum(each.name in out for each in part) for part in (vehicles[:DRIFTING], vehicles[DRIFTING:]))
+        counts.append(Count(DRIFTING, right, (), VEHICLES - DRIFTING, wrong))
+    return counts
 
 
 def _judged(kept_of: FleetSums, found: Tracked, vehicles: Sequence[Vehicle], stored: StoredFleet) -> Count:
@@ -337,8 +340,9 @@ def _page(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],
                 [[str(p.logs), f"{p.days:.0f}", f"{100 * p.drift:.3f}", f"{100 * p.step:.2f}"] for p in power],
             ),
-            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle, in each of which one drifts by a multiple "
-            "of that. Where several of twenty drift as slowly, they are taken for the random walk that all vehicles have: "
+            f"{POWER_FLEETS} fleets drawn anew with {MONTHS * A_MONTH} logs a vehicle. Each is tracked without a drift first, for "
+            "what `track` says of this fleet: its noise is drawn wider, so that is more than above. Then one vehicle drifts by a "
+            "multiple of it. Where several of twenty drift as slowly, they are taken for the random walk that all vehicles have: "
             "the trend of each is shown with its interval, and none is accused.",
             markdown(
                 ["of the drift stated", "found", "others accused"],

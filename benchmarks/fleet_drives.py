@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from common import configuration
 
 from lpvobs.io.logs.parquet import write_log
@@ -17,6 +18,8 @@ from lpvobs.simulation.simulate import UNITS, drawn, simulate
 VEHICLES, MONTHS, A_MONTH = 20, 12, 2
 FIRST, MONTH = datetime.date(2025, 1, 1), 365.25 / 12.0
 SECONDS, RATE, ROUTES = 200.0, 20.0, 6
+SHORT, PIECES, MINUTE, APART = 5000, 11, 60.0, 13.0
+"""Short logs, how many are cut from a drive, [s] of each, and between the begins of neighbours."""
 CYCLES = ("ftp75", "wltc", "nedc", "etc")
 """Drives are stretches of these that begin at rest, six a vehicle, each driven again and again with noise of its own."""
 KINDS = ("drift",) * 3 + ("step",) * 2 + ("new sensor",)
@@ -101,6 +104,18 @@ def record(folder: Path, seed: int, only: slice = slice(None)) -> None:
             channels = dict(route.channels) | readings
             origin = {"vehicle": vehicle.name, "engine": "diesel", "date": date.isoformat()}
             write_log(target, channels, route.units, origin)
+
+
+def cut(folder: Path, target: Path) -> None:
+    """Cut the drives into logs of a minute, those of a drive for different vehicles, until there are enough."""
+    for count, path in enumerate(sorted(folder.glob("V*/*.parquet"))):
+        table = pq.read_table(path)
+        for number in range(min(PIECES, SHORT - count * PIECES)):
+            name, begin = f"{path.parent.name}-{number:02}", int(number * APART * RATE)
+            (target / name).mkdir(parents=True, exist_ok=True)
+            piece = table.slice(begin, int(MINUTE * RATE))
+            metadata = {**table.schema.metadata, b"vehicle": name.encode()}
+            pq.write_table(piece.replace_schema_metadata(metadata), target / name / path.name)
 
 
 def stretch(path: Path, rng: np.random.Generator) -> Path:

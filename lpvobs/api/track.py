@@ -16,6 +16,7 @@ from lpvobs.api.known_engine import engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
+from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, expect_key, read_fleet, write_fleet, write_table
@@ -193,8 +194,7 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
     for path, origin in origins.of(paths).items():
         try:
             if not origin.get(by):
-                if not path.is_file():
-                    raise DataError(f"{path}: no such log; name a Parquet file")
+                metadata_of(path)  # raises where there is no such log, or it is damaged
                 raise DataError(f"{path}: nothing says its {by}; give --path or --origins, or record it with --vehicle")
             kind = origin.get("engine") or config.air_path
             found.append(_Whose(path, origin[by], kind, day_of(path, origin)))

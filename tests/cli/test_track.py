@@ -104,6 +104,16 @@ def test_nothing_says_whose_a_log_is(lpvobs, config, chain, tmp_path):
     assert "nothing says its vehicle; give --path or --origins" in done.err
 
 
+def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_path):
+    (tmp_path / "log.parquet").write_bytes(b"PAR1 and nothing more")
+    for name, word in (("log", "not a readable Parquet log"), ("none", "no such log")):
+        given = ("--gain", chain.gain, tmp_path / f"{name}.parquet")
+        done = lpvobs("track", "--config", config, *given, "--out", tmp_path / "fleet.h5")
+        assert done.code == 3
+        assert word in done.err
+        assert "nothing says its vehicle" not in done.err
+
+
 def test_a_bad_log_is_left_out_and_said(whole, fleet, track, tmp_path):
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "2025-01.parquet").write_bytes(b"PAR1 and nothing more")

@@ -31,7 +31,7 @@ def fleet(folder: Path) -> None:
         shutil.copy(folder / f"{source}.parquet", folder / place / f"{name}.parquet")
 
 
-PAGES = ("README.md", "docs/tutorial.md", "docs/own-engine.md", "docs/control-unit.md")
+PAGES = ("README.md", "docs/tutorial.md", "docs/own-engine.md", "docs/control-unit.md", "docs/fleet.md")
 GIVEN = {"drive.mf4": recording, "logs/": fleet}
 """What a page takes as there, and who puts it there before the first block that names it."""
 
@@ -55,7 +55,7 @@ def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
 
 def test_every_verb_is_shown_at_work():
     text = "\n".join(without_set_up(block.text) for page in PAGES for block, _ in commands(ROOT / page))
-    verbs = "simulate calibrate ingest profile inspect synth-gain verify estimate extrapolate trace refine export report selftest"
+    verbs = "simulate calibrate ingest profile inspect synth-gain verify estimate extrapolate trace refine export track report selftest"
     assert [verb for verb in verbs.split() if f"lpvobs {verb}" not in text] == []
 
 
