@@ -55,7 +55,10 @@ def test_the_commands_of_a_page_print_what_it_shows(page, tmp_path):
 
 def test_every_verb_is_shown_at_work():
     text = "\n".join(without_set_up(block.text) for page in PAGES for block, _ in commands(ROOT / page))
-    verbs = "simulate calibrate ingest profile inspect synth-gain verify estimate extrapolate trace refine export track report selftest"
+    verbs = (
+        "simulate calibrate ingest profile inspect synth-gain verify estimate extrapolate trace refine export track "
+        "report selftest"
+    )
     assert [verb for verb in verbs.split() if f"lpvobs {verb}" not in text] == []
 
 
