@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.api.estimate import gain_for
-from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, shown, writing
+from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, within, writing
 from lpvobs.api.known_engine import learned_engine
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import Calibration, calibrated, taught
@@ -37,9 +37,9 @@ FROM_BENCH = 0.3  # share of the progress for the bench where there are logs as 
 def calibrate(
     config: File,
     *,
-    bench: File | Iterable[File] = (),
-    healthy: File | Iterable[File] = (),
-    reference: File | Iterable[File] = (),
+    bench: Files = (),
+    healthy: Files = (),
+    reference: Files = (),
     maps: Iterable[str] = (),
     out: File,
     gain: File | None = None,
@@ -77,22 +77,16 @@ def calibrate(
     given = None if gain is None else as_path(gain)
     parts = [named_file(item, air_path) for item in maps]
     if not (tables or known or metered or parts or prior):
-        raise UsageError(
-            "nothing to calibrate from; give --bench TABLE, --healthy LOG, --reference LOG or --map KIND=FILE"
-        )
+        raise UsageError("nothing to calibrate from; give --bench, --healthy, --reference or --map KIND=FILE")
     inputs = [*tables, *known, *metered, *dict.fromkeys(path for _, path, _ in parts)]
     refuse_copies(inputs)
     for number, path in enumerate(inputs):
         if path.name in [other.name for other in inputs[:number]]:
-            raise UsageError(
-                f"{path}: another input has this name, by which an engine keeps its digest; rename one of them"
-            )
+            raise UsageError(f"{path}: another input has this name, by which its digest is kept; rename one")
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
-                raise UsageError(
-                    f"{as_path(config)}: a {air_path.name} engine learns from healthy logs alone; give --healthy LOG"
-                )
+                raise UsageError(f"{as_path(config)}: {air_path.name} learns from healthy logs; give --healthy LOG")
             stored = _learned(configuration, text, known)
         elif not air_path.components:
             raise UsageError(f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has")
@@ -129,13 +123,8 @@ def _calibrated(
         logs += [_metered(config, path) for path in metered]
         made = gain_for(config, [*known, *metered], gain, "observer", air_path)
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
-        found = taught(
-            point,
-            config.grid(),
-            StateGain(made.outputs, made.gain.L, made.gain.region),
-            logs,
-            lambda share: progress(FROM_BENCH + (1.0 - FROM_BENCH) * share),
-        )
+        state = StateGain(made.outputs, made.gain.L, made.gain.region)
+        found = taught(point, config.grid(), state, logs, within(progress, FROM_BENCH, 1.0))
         digests = {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}
         stored = replace(
             stored,

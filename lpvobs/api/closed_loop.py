@@ -1,21 +1,21 @@
 """`trace` and `refine`: from a stored result and logs to the effects that its model lacks, and to the refined model."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from lpvobs.api.files import LogAt, Progress, contents, usable
 from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.pooled import LogAt, Traced, contents, usable
 from lpvobs.api.refined_map import expect_cascade
 from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.outcome import StoredOutcome, plain
+from lpvobs.discovery.outcome import StoredOutcome, Trace, plain
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.residual import free_map
@@ -30,6 +30,15 @@ from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 
 POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
+
+
+@dataclass(frozen=True)
+class Traced:
+    """What came of `trace` or `refine`."""
+
+    found: Trace
+    map_frozen: bool  # whether the map stood; otherwise it was estimated together with the effects
+    refused: tuple[str, ...]  # why logs were left out, one line each
 
 
 @dataclass(frozen=True)
@@ -106,9 +115,8 @@ class Closed:
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
-        refinements.write_refinement(
-            file, stored, self.comparisons, self._structure, found.before.problem.model.balances
-        )
+        balances = found.before.problem.model.balances
+        refinements.write_refinement(file, stored, self.comparisons, self._structure, balances)
         self._write_pictures(file["refinement"])
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
@@ -125,7 +133,7 @@ def close(
     learn: Sequence[Path],
     judge: Sequence[Path],
     freeze_map: bool | None,
-    progress: Callable[[float], None],
+    progress: Progress,
     anew: bool = False,
     calibrated: Path | None = None,
 ) -> Closed:
@@ -199,13 +207,9 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
     if all(made):
         if anew and len(logs) < len(stored.logs):
             names = ", ".join(log.name for log in stored.logs)
-            raise UsageError(
-                f"{stored.path}: made from {names}; name all of them, or say --free-map for a map from these logs alone"
-            )
+            raise UsageError(f"{stored.path}: made from {names}; name all, or say --free-map for a map from these")
         return False
     if any(made):
         names = ", ".join(log.name for log, own in zip(logs, made, strict=True) if own)
-        raise UsageError(
-            f"{stored.path}: made from {names}, but not from the other logs; say --freeze-map or --free-map"
-        )
+        raise UsageError(f"{stored.path}: made from {names}, not from the other logs; say --freeze-map or --free-map")
     return True

@@ -100,9 +100,7 @@ def compare(
     change = after.difference(before)
     on = np.flatnonzero(np.isfinite(change.values.ravel()) & np.isfinite(change.standard_error.ravel()))
     if not on.size:
-        raise DataError(
-            f"{first}, {second}: no node has a value with an error in both; extrapolate both, or drive alike"
-        )
+        raise DataError(f"{first}, {second}: no node has a value with an error in both; extrapolate both")
     nodes = Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
     alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
     mean = alike if region is None else change.mean(region)
@@ -195,7 +193,5 @@ def region_of(text: str) -> dict[str, tuple[float, float]]:
         try:
             found[name.strip()] = (float(low), float(high))
         except ValueError:
-            raise UsageError(
-                f"--region {text}: expected AXIS=FROM:TO, with a comma before a second axis of the map"
-            ) from None
+            raise UsageError(f"--region {text}: expected AXIS=FROM:TO, then a comma before a second axis") from None
     return found

@@ -1,6 +1,6 @@
 """`estimate`: logs in, map and metrics out."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,9 +9,9 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api import fleet, healthy, known_engine, pooled, verify
+from lpvobs.api import fleet, healthy, known_engine, verify
 from lpvobs.api.doubts import doubts_of
-from lpvobs.api.files import File, Progress, as_path, refuse_copies, shown, some_logs, writing
+from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import processors
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
@@ -72,7 +72,7 @@ class EstimateOutput:
 
 def estimate(
     config: File,
-    logs: File | Iterable[File],
+    logs: Files,
     out: File,
     *,
     gain: File | None = None,
@@ -125,9 +125,8 @@ def estimate(
         known = used_engine(configuration, calibrated, method)
         before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
         stored = gain_for(configuration, paths, given, method, before.air_path)
-        done = estimate_logs(
-            configuration, text, stored, paths, target, method, shown(progress), workplace, known, before
-        )
+        told = shown(progress)
+        done = estimate_logs(configuration, text, stored, paths, target, method, told, workplace, known, before)
     return replace(done, engine=calibrated)
 
 
@@ -183,14 +182,12 @@ def estimate_logs(
         inputs[engine.name] = engine.sha256
     provenance = Provenance(inputs, config_text)
     found, doubts = done.estimate, done.doubts
-    says = headline(
-        found.grid, air_path.axes, found.theta, found.covariance, found.supported, doubts.driven, doubts.agreement.ratio
-    )
+    seen = found.theta, found.covariance, found.supported
+    says = headline(found.grid, air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
 
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says
-        results.write_balance_agreement(file, done.doubts.agreement, done.doubts.says)
-        results.write_readings(file, found.grid, doubts.reading)
+        results.write_doubts(file, doubts.agreement, doubts.says, found.grid, doubts.reading)
         write_refused(file, done.refused)
         if done.agreement:
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
@@ -210,11 +207,11 @@ def _one_after_another(
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
     grid = config.grid()
-    logs, refused = pooled.usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
+    logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
     logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
     progress(0.5)
-    estimate = _estimate(config, air_path, grid, gain, pooled.contents(logs), method)
+    estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
     fleet.refuse_empty(estimate)
     engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
     doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
@@ -237,9 +234,7 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> fleet.Workplace:
     """Return where logs are done: here by default if they are few, else in one process per processor."""
     if jobs is not None and scheduler is not None:
-        raise UsageError(
-            "--jobs: counts processes of this machine, --scheduler names workers elsewhere; drop one of them"
-        )
+        raise UsageError("--jobs: counts processes here, --scheduler names workers elsewhere; drop one of them")
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
         raise UsageError(f"--method {method}: goes through the logs in turn; drop --jobs and --scheduler")
     if jobs is not None and jobs < 1:

@@ -124,9 +124,8 @@ def export(
                 comments.append(f"{limited} values changed by the limits {its.lower:g} to {its.upper:g} {its.unit}")
             write = files.write_dcm if file_format == "dcm" else exchange.write_cdfx
             write(target, item, digits, comments)
-    return Exported(
-        surface, None if was is None or known is None else files.changes(surface, known, digits), most, limited
-    )
+    changed = None if was is None or known is None else files.changes(surface, known, digits)
+    return Exported(surface, changed, most, limited)
 
 
 def _given_unit(its: A2lMap | None, old: dcm.DcmMap | None) -> str:
@@ -165,7 +164,7 @@ def _refuse_contradictions(
         raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
     if file_format in ("dcm", "cdfx") and only_estimated and old is None:
         raise UsageError(
-            f"--only-estimated: a {file_format.upper()} has a value everywhere; say with --old OLD.dcm which ones stay"
+            f"--only-estimated: a {file_format.upper()} has a value everywhere; say by --old OLD.dcm what stays"
         )
 
 

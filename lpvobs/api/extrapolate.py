@@ -68,9 +68,7 @@ def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[S
         stored = read_result(path)
         known = bool(np.isfinite(stored.covariance).all())
         if not known and smooth:
-            raise UsageError(
-                f"--smooth: {path}: method {stored.method} gives no covariance; estimate with --method observer"
-            )
+            raise UsageError(f"--smooth: {path}: {stored.method} gives no covariance; estimate with --method observer")
         covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
         grid, theta, design = stored.grid, stored.theta, stored.design
 

@@ -7,12 +7,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from lpvobs.errors import UsageError
+from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.safety.atomic import claimed, is_same
+from lpvobs.records import Log
 
 File: TypeAlias = str | os.PathLike[str]
+Files: TypeAlias = File | Iterable[File]
 Progress: TypeAlias = Callable[[float], None]
 CONFIG_NAME = "lpvobs.toml"
 LONGEST_NAME = 255  # [bytes] Longest name of a file in its folder
@@ -22,18 +24,16 @@ def as_path(file: File) -> Path:
     """Return a name as a path; raises UsageError if no file can have it."""
     path = Path(file)
     if "\0" in str(path) or any(len(os.fsencode(part)) > LONGEST_NAME for part in path.parts):
-        raise UsageError(
-            f"{str(path)!r}: no file can have this name; expected at most {LONGEST_NAME} bytes, none of them 0"
-        )
+        raise UsageError(f"{str(path)!r}: no file can have this name, expected at most {LONGEST_NAME} bytes, none 0")
     return path
 
 
-def as_paths(files: File | Iterable[File]) -> list[Path]:
+def as_paths(files: Files) -> list[Path]:
     """Return one or several files as a list."""
     return [as_path(files)] if isinstance(files, (str, os.PathLike)) else [as_path(file) for file in files]
 
 
-def some(files: File | Iterable[File], kind: str) -> list[Path]:
+def some(files: Files, kind: str) -> list[Path]:
     """Return files of which at least one is needed."""
     paths = as_paths(files)
     if not paths:
@@ -41,7 +41,7 @@ def some(files: File | Iterable[File], kind: str) -> list[Path]:
     return paths
 
 
-def some_logs(logs: File | Iterable[File]) -> list[Path]:
+def some_logs(logs: Files) -> list[Path]:
     """Return the logs that names, patterns and folders mean, of which at least one is needed."""
     return find_logs(some(logs, "log"))
 
@@ -73,9 +73,7 @@ def refuse_copies(paths: Sequence[Path]) -> None:
             except OSError:  # whoever reads it tells why it cannot be
                 continue
             if digest in seen:
-                raise UsageError(
-                    f"{path}: same bytes as {seen[digest]}; the same drive would count twice, leave one out"
-                )
+                raise UsageError(f"{path}: same bytes as {seen[digest]}; the drive would count twice, leave one out")
             seen[digest] = path
 
 
@@ -117,3 +115,33 @@ def shown(progress: Progress | None) -> Progress:
             handle.update(html(bar if last < 100 else ""))
 
     return show
+
+
+def within(progress: Progress, begin: float, end: float) -> Progress:
+    """Return progress of a part of the work, which goes from `begin` to `end` of the whole."""
+    return lambda done: progress(begin + (end - begin) * done)
+
+
+LogAt = tuple[Path, Log]
+
+
+def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:
+    """Return the logs that can be used with their paths, and why the others cannot.
+
+    Raises DataError if there are logs, and none can be used.
+    """
+    logs: list[LogAt] = []
+    refused: list[str] = []
+    for path in paths:
+        try:
+            logs.append((path, read(path)))
+        except DataError as error:
+            refused.append(str(error))
+    if paths and not logs:
+        raise DataError("; ".join(refused))
+    return tuple(logs), tuple(refused)
+
+
+def contents(logs: Iterable[LogAt]) -> tuple[Log, ...]:
+    """Return logs without their paths."""
+    return tuple(log for _, log in logs)

@@ -38,9 +38,8 @@ def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit
     left = imbalances_at(problem, scenes_with(problem, terms, at), at)
     left = left if left.shape[1] == problem.K else 0.5 * (left[:, : problem.K] + left[:, problem.K :])
     fuel, speed = (problem.along(axis.channel) for axis in engine.air_path.axes)
-    theta = stored.grid.interpolate(
-        np.where(stored.supported, start.prior.mean.reshape(stored.grid.shape), np.nan), fuel, speed
-    )
+    mean = np.where(stored.supported, start.prior.mean.reshape(stored.grid.shape), np.nan)
+    theta = stored.grid.interpolate(mean, fuel, speed)
     measured = problem.along(engine.air_path.sensor)
     inputs = problem.inputs()
     for balance, e, slope, shown in zip(model.balances, left, problem.by_reading, problem.shown, strict=True):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.api.doubts import Doubts, doubts_of
-from lpvobs.api.files import refuse_copies
+from lpvobs.api.files import Progress, refuse_copies, within
 from lpvobs.api.jobs import Workers
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import Suspects
@@ -118,7 +118,7 @@ def estimate_fleet(
     paths: Sequence[Path],
     out: Path,
     workplace: Workplace,
-    progress: Callable[[float], None],
+    progress: Progress,
     air_path: AirPath,
     engine: CalibratedEngine | None = None,
 ) -> Estimated:
@@ -137,9 +137,8 @@ def estimate_fleet(
         point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
         if engine is not None:
             point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
-        task = PartTask(
-            Path(), point, grid, gain, config.reading, frozenset(), workplace == Workplace(), config.kind.suspects
-        )
+        alone, suspects = workplace == Workplace(), config.kind.suspects
+        task = PartTask(Path(), point, grid, gain, config.reading, frozenset(), alone, suspects)
         task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
         store = _Store(PartsFolder(out, key, StoredPart) if len(paths) > 1 else None)
@@ -148,9 +147,8 @@ def estimate_fleet(
         rest = [path for path in paths if path not in outcomes]
         opened, task = {each.sha256 for each in outcomes.values()}, replace(task, done=store.done())
         tasks = [replace(task, path=path) for path in rest]
-        outcomes |= outcomes_of(
-            workers, part_of, tasks, store.keep, lambda f: progress(OPENING_SHARE + PARTS_SHARE * f)
-        )
+        done = OPENING_SHARE + PARTS_SHARE
+        outcomes |= outcomes_of(workers, part_of, tasks, store.keep, within(progress, OPENING_SHARE, done))
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
@@ -165,11 +163,9 @@ def estimate_fleet(
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
             scatter, agreement = agreements(solution, store.parts(called), config.estimate.prior_map)
-        done = OPENING_SHARE + PARTS_SHARE
-        metrics = _metrics(workers, air_path, estimate, found, store, lambda f: progress(done + 0.9 * (1.0 - done) * f))
-    summaries = {
-        found[run.sha256]: summary_of(run, metrics[run.sha256], doubts.ratios[run.name]) for run in estimate.runs
-    }
+        metrics = _metrics(workers, air_path, estimate, found, store, within(progress, done, 0.1 * done + 0.9))
+    runs, ratios = estimate.runs, doubts.ratios
+    summaries = {found[run.sha256]: summary_of(run, metrics[run.sha256], ratios[run.name]) for run in runs}
     compared_with_all = {item.name: item for item in agreement}
     used = [path for path in paths if path in summaries]
     return Estimated(
@@ -184,7 +180,7 @@ def estimate_fleet(
 
 
 def linearised(
-    workers: Workers, task: PartTask, paths: Sequence[Path], progress: Callable[[float], None]
+    workers: Workers, task: PartTask, paths: Sequence[Path], progress: Progress
 ) -> tuple[PartTask, dict[Path, LogOutcome[StoredPart]]]:
     """Return the task at the point where the opening logs have the engine, and what whole logs say there if that is known.
 
@@ -196,7 +192,8 @@ def linearised(
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
             tasks = [replace(opening, path=path) for path in waiting[:lack]]
-            found |= outcomes_of(workers, part_of, tasks, None, partial(_told, progress, turn))
+            ends = OPENING_SHARE * turn / PASSES, OPENING_SHARE * (turn + 1) / PASSES
+            found |= outcomes_of(workers, part_of, tasks, None, within(progress, *ends))
             waiting = waiting[lack:]
         parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
         if not parts:
@@ -208,10 +205,6 @@ def linearised(
         opening = replace(opening, point=moved)
         found = {path: outcome for path, outcome in found.items() if outcome.stored is None}
     return replace(task, point=opening.point), {path: outcome for path, outcome in found.items() if outcome.whole}
-
-
-def _told(progress: Callable[[float], None], turn: int, done: float) -> None:
-    progress(OPENING_SHARE * (turn + done) / PASSES)
 
 
 class OfPath(Protocol):
@@ -230,7 +223,7 @@ def outcomes_of(
     function: Callable[[Task], LogOutcome[Left]],
     tasks: Sequence[Task],
     keep: Callable[[LogOutcome[Left]], None] | None,
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> dict[Path, LogOutcome[Left]]:
     """Go through logs; what comes of each is handed to `keep`, and forgotten but for its digest."""
     found: dict[Path, LogOutcome[Left]] = {}
@@ -294,13 +287,11 @@ def _metrics(
     estimate: MapEstimate,
     found: dict[str, Path],
     store: "_Store",
-    progress: Callable[[float], None],
+    progress: Progress,
 ) -> dict[str, Metrics | None]:
     units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
     known = [sha256 for sha256, path in found.items() if has_references(path)]
-    tasks = [
-        MetricsTask(found[sha256], estimate.grid, estimate.theta, units, store.read(sha256).kept) for sha256 in known
-    ]
+    tasks = [MetricsTask(found[log], estimate.grid, estimate.theta, units, store.read(log).kept) for log in known]
     metrics: dict[str, Metrics | None] = dict.fromkeys(found)
     for count, (number, result) in enumerate(workers.finished(compared, tasks), 1):
         metrics[known[number]] = result

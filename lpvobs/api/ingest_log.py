@@ -2,13 +2,12 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lpvobs.api.files import File, as_path, some, writing
+from lpvobs.api.files import File, Files, as_path, some, writing
 from lpvobs.ingest import foreign, profiles
 from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.ingest.record import KEY
@@ -17,7 +16,7 @@ from lpvobs.io.safety.atomic import replacing
 
 
 def ingest_log(
-    sources: File | Iterable[File], profile: File, out: File, *, vehicle: str | None = None, date: str | None = None
+    sources: Files, profile: File, out: File, *, vehicle: str | None = None, date: str | None = None
 ) -> dict[str, Any]:
     """Make a log of a foreign recording; return what was done to every channel, each repair with its count, as the log keeps it.
 
@@ -37,9 +36,7 @@ def ingest_log(
     paths, origin = some(sources, "recording"), finding.own_origin(vehicle, date, "")
     with writing(out, [*paths, profile]) as target:
         rules, name, text = profiles.load_profile(str(profile))
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # what overflows at the end of what floats can hold is no value
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no value
             made = foreign.ingest(paths, rules)
         digest = hashlib.sha256(text.encode()).hexdigest()
         record = dict(made.record) | {"profile": {"name": name, "sha256": digest, "text": text}}

@@ -1,7 +1,7 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from lpvobs.api.files import File, as_path, as_paths
+from lpvobs.api.files import File, Files, as_path, as_paths
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
@@ -19,6 +19,8 @@ from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.kinds import Count, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
+
+Units = Mapping[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +107,7 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     return inspect_log(as_path(log), channels, policies)
 
 
-def inspect_logs(
-    logs: File | Iterable[File], config: File | None = None
-) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
+def inspect_logs(logs: Files, config: File | None = None) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
     channels, policies = _engine_of(config)
     found, refused = [], []
@@ -151,10 +151,7 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
         log=str(path),
         sha256=log.sha256,
         samples=len(log),
-        samples_read=log.defects.samples_read,
-        dropped_rows=log.defects.dropped_rows,
-        repeated=log.defects.repeated,
-        gaps=log.defects.gaps,
+        **{name: getattr(log.defects, name) for name in ("samples_read", "dropped_rows", "repeated", "gaps")},
         segments=len(log.segments),
         duration=float(log.time[-1] - log.time[0]),
         rate=float(1.0 / np.median(np.diff(log.time))),
@@ -165,9 +162,7 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
     )
 
 
-def _channel(
-    log: Log, name: str, values: Array, file_units: Mapping[str, str], in_log: Mapping[str, str]
-) -> ChannelOutput:
+def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Units) -> ChannelOutput:
     """Return what is in a channel; `in_log` has the units of those that the engine needs."""
     finite = values[np.isfinite(values)]
     at_rest = np.finfo(float).eps * np.max(np.abs(finite), initial=0.0)

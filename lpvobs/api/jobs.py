@@ -20,6 +20,7 @@ from lpvobs.errors import DataError, UsageError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+Numbered = Iterator[tuple[int, Result]]
 
 AHEAD = 2
 """Tasks handed out per worker, so that none waits for the next."""
@@ -51,7 +52,7 @@ class Workers:
                 process.terminate()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def finished(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[tuple[int, Result]]:
+    def finished(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Numbered[Result]:
         """Yield the number and the result of each task as it finishes.
 
         The function is one of a module, so that other processes can import it. Raises UsageError if Dask is not installed or
@@ -77,7 +78,7 @@ def processors() -> int:
 
 def _in_processes(
     function: Callable[[Task], Result], tasks: Sequence[Task], pool: ProcessPoolExecutor, ahead: int
-) -> Iterator[tuple[int, Result]]:
+) -> Numbered[Result]:
     try:
         yield from _side_by_side(partial(_submitted, pool, function), enumerate(tasks), lambda: ahead)
     except BrokenProcessPool:
@@ -88,7 +89,7 @@ def _in_processes(
 
 def _side_by_side(
     submitted: Callable[[Task], Future[Result]], tasks: Iterable[tuple[int, Task]], ahead: Callable[[], int]
-) -> Iterator[tuple[int, Result]]:
+) -> Numbered[Result]:
     """Yield the number and the result of each task as it finishes, so many of them under way at a time."""
     waiting = iter(tasks)
     under_way: dict[Future[Result], int] = {}
@@ -134,9 +135,7 @@ def _end_with_the_parent() -> None:
         os._exit(1)
 
 
-def _on_cluster(
-    function: Callable[[Task], Result], tasks: Sequence[Task], address: str
-) -> Iterator[tuple[int, Result]]:
+def _on_cluster(function: Callable[[Task], Result], tasks: Sequence[Task], address: str) -> Numbered[Result]:
     """Yield the number and the result of each task; what a scheduler had when it went away is given to the next one."""
     left, patience = dict(enumerate(tasks)), 0.0
     while left:
@@ -154,7 +153,7 @@ def _on_cluster(
         patience = PATIENCE
 
 
-def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Task]) -> Iterator[tuple[int, Result]]:
+def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Task]) -> Numbered[Result]:
     from distributed.scheduler import KilledWorker
 
     pool = client.get_executor(pure=False, retries=RETRIES)
@@ -165,9 +164,7 @@ def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Ta
     try:
         yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)
     except KilledWorker:
-        raise DataError(
-            "several workers died with the same log, perhaps for lack of memory; finished logs are kept"
-        ) from None
+        raise DataError("several workers died with a log, perhaps for lack of memory; finished logs are kept") from None
 
 
 def _client(address: str, patience: float) -> Any:

@@ -13,7 +13,7 @@ from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs import parquet, reading
-from lpvobs.io.results import engines, hdf, learned, results
+from lpvobs.io.results import engines, hdf, results
 from lpvobs.records import Log
 
 
@@ -42,14 +42,14 @@ class KnownEngine:
     def write(self, file: h5py.File) -> None:
         """Write what was learned into another result."""
         if (learning := self.learning()) is not None:
-            learned.write_learned(file, learning)
+            engines.write_learned(file, learning)
 
-    def learning(self) -> learned.Learning | None:
+    def learning(self) -> engines.Learning | None:
         """Return what healthy logs have taught, None of an engine that learns nothing."""
         known = self.air_path.knowledge()
         if known is None or self.healthy is None:
             return None
-        return learned.Learning(known, self.healthy, self.residual_model().balances)
+        return engines.Learning(known, self.healthy, self.residual_model().balances)
 
 
 def known_engine(stored: results.StoredResult, engine: Path | None = None) -> KnownEngine:
@@ -63,11 +63,12 @@ def known_engine(stored: results.StoredResult, engine: Path | None = None) -> Kn
         return KnownEngine(config, air_path, None, calibrated.unknowns)
     with hdf.reading(stored.path, results.KIND, results.REMEDY) as file:
         if not air_path.learns:
-            return KnownEngine(config, air_path, None, engines.read_engine_before(file, air_path))
-        return _knowing(config, learned.read_learned(file))
+            before = file.get(engines.BEFORE)
+        return KnownEngine(config, air_path, None, None if before is None else engines.read_unknowns(before, air_path))
+        return _knowing(config, engines.read_learned(file))
 
 
-def _knowing(config: Config, learning: learned.Learning) -> KnownEngine:
+def _knowing(config: Config, learning: engines.Learning) -> KnownEngine:
     return KnownEngine(config, config.engine_path().knowing(learning.known), learning.healthy)
 
 

@@ -1,15 +1,13 @@
 """`refine`: the model of a result with the effects that the logs prove."""
 
 import shutil
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 
-from lpvobs.api.closed_loop import Closed, close
-from lpvobs.api.files import File, Progress, as_path, as_paths, shown, some_logs, writing
-from lpvobs.api.pooled import Traced
+from lpvobs.api.closed_loop import Closed, Traced, close
+from lpvobs.api.files import File, Files, Progress, as_path, as_paths, shown, some_logs, within, writing
 from lpvobs.api.refined_map import estimate_refined, refined_model, sensor_state
 from lpvobs.api.trace import TraceOutput
 from lpvobs.discovery.known_effects import from_off
@@ -28,10 +26,10 @@ class RefineOutput(TraceOutput):
 
 def refine(
     result: File,
-    logs: File | Iterable[File],
+    logs: Files,
     out: File,
     *,
-    hold_out: File | Iterable[File] = (),
+    hold_out: Files = (),
     freeze_map: bool | None = None,
     engine: File | None = None,
     progress: Progress | None = None,
@@ -61,15 +59,8 @@ def refine(
     calibrated = None if engine is None else as_path(engine)
     with writing(out, [result, *paths, *unseen, calibrated]) as target:
         told = shown(progress)
-        closed = close(
-            as_path(result),
-            paths,
-            unseen,
-            freeze_map,
-            lambda share: told(0.95 * share),
-            anew=True,
-            calibrated=calibrated,
-        )
+        searched = within(told, 0.0, 0.95)
+        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=calibrated)
         if not closed.refinement.trace.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)

@@ -1,6 +1,6 @@
 """`synth-gain`: from the configuration and logs to a proven gain."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,9 +32,7 @@ class SynthGainOutput(GainOutput):
     gain: str
     eps_1: Finite
     eps_2: Finite
-    region: Annotated[
-        Mapping[str, tuple[Finite, Finite]], Meta(description="Range of every parameter that the proof covers.")
-    ]
+    region: Annotated[Mapping[str, tuple[Finite, Finite]], Meta(description="Range of every parameter, as proven.")]
     nonnegative_sums: Sequence[tuple[str, str]]
     logs: Annotated[
         Mapping[str, tuple[Sequence[Finite], Sequence[Finite]]],
@@ -43,7 +41,7 @@ class SynthGainOutput(GainOutput):
 
 
 def synth_gain(
-    config: files.File, logs: files.File | Iterable[files.File] = (), *, out: files.File, published: str | None = None
+    config: files.File, logs: files.Files = (), *, out: files.File, published: str | None = None
 ) -> gains.StoredGain:
     """Find the observer gain from the linear matrix inequalities of Theorem 1, prove it, and write it.
 

@@ -1,11 +1,9 @@
 """`trace`: what the model of a result lacks."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lpvobs.api.closed_loop import close
-from lpvobs.api.files import File, Progress, as_path, shown, some_logs, updating
-from lpvobs.api.pooled import Traced
+from lpvobs.api.closed_loop import Traced, close
+from lpvobs.api.files import File, Files, Progress, as_path, shown, some_logs, updating
 from lpvobs.discovery.outcome import Outcome
 from lpvobs.io.results.results import update
 from lpvobs.kinds import Refused
@@ -21,7 +19,7 @@ class TraceOutput(Outcome):
 
 def trace(
     result: File,
-    logs: File | Iterable[File],
+    logs: Files,
     *,
     freeze_map: bool | None = None,
     engine: File | None = None,

@@ -1,6 +1,6 @@
 """`track`: maps by vehicle and time, from sums that add up without the logs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from lpvobs.api.estimate import gain_for, used_engine, workplace_for
-from lpvobs.api.files import File, Progress, as_path, as_paths, refuse_copies, shown, writing
+from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import engine_before
@@ -49,9 +49,7 @@ class TrackOutput:
     changes: Sequence[MapChange]
     effects: Annotated[Sequence[DatedEffect], Meta(description="What refine found, in the time of the fleet.")]
     next: Sequence[NextCell]
-    power: Annotated[
-        Sequence[Detectable], Meta(description="Changes of the gain found nine times out of ten, by number of logs.")
-    ]
+    power: Annotated[Sequence[Detectable], Meta(description="Changes of the gain found in 90 %, by number of logs.")]
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class _Whose:
 
 def track(
     config: File,
-    logs: File | Iterable[File] = (),
+    logs: Files = (),
     *,
     out: File,
     by: str = "vehicle",
@@ -76,7 +74,7 @@ def track(
     gain: File | None = None,
     engine: File | None = None,
     table: File | None = None,
-    refined: File | Iterable[File] = (),
+    refined: Files = (),
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -206,9 +204,8 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
 def _solved(config: Config, sums: FleetSums, periods: Mapping[str, str]) -> Tracked:
     by_vehicle = {each.vehicle: [log for log in sums.logs if log.vehicle == each.vehicle] for each in sums.sums}
     settings = config.estimate
-    return tracked(
-        config.grid(), sums.basis, sums.sums, by_vehicle, periods, settings.prior_map, settings.least_information
-    )
+    known = settings.prior_map, settings.least_information
+    return tracked(config.grid(), sums.basis, sums.sums, by_vehicle, periods, *known)
 
 
 @dataclass(frozen=True)
@@ -262,9 +259,8 @@ class _Adding:
         whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
         with Workers(min(self.workplace.jobs, len(whose)), self.workplace.scheduler) as workers:
             alone, suspects = self.workplace == Workplace(), self.config.kind.suspects
-            task = PartTask(
-                Path(), point, self.config.grid(), self.gain, self.config.reading, frozenset(), alone, suspects
-            )
+            grid, reading = self.config.grid(), self.config.reading
+            task = PartTask(Path(), point, grid, self.gain, reading, frozenset(), alone, suspects)
             if before is None:
                 basis, task, refused = self.begun(workers, task, whose, progress)
                 if basis is None:

@@ -1,13 +1,13 @@
 """`report`: results or a calibrated engine, and the logs that belong to them, as tables, page and verdicts on gates."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 
-from lpvobs.api.files import File, as_path, as_paths, writing
+from lpvobs.api.files import File, Files, as_path, as_paths, writing
 from lpvobs.api.fitted import fits_of
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import config_of
@@ -18,17 +18,17 @@ from lpvobs.io.results.provenance import read_provenance
 from lpvobs.io.results.results import StoredResult
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
+from lpvobs.report.content import load
 from lpvobs.report.discovered import contents, sentences
 from lpvobs.report.engines import CalibrateOutput, told
 from lpvobs.report.gates import Verdict, enforce, judge, parse_gate, write_junit
-from lpvobs.report.load import load
 from lpvobs.report.names import distinct
 from lpvobs.report.outputs import RegionMean, ReportOutput, report_output
 
 
 def write_report(
     result: File,
-    further: File | Iterable[File] = (),
+    further: Files = (),
     *,
     html: File | None = None,
     gates: Sequence[str] = (),
@@ -68,7 +68,7 @@ class Reported:
 
 def make_report(
     result: File,
-    further: File | Iterable[File] = (),
+    further: Files = (),
     *,
     html: File | None = None,
     gates: Sequence[str] = (),
@@ -83,9 +83,7 @@ def make_report(
         raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
     paths = [as_path(result), *as_paths(further)]
     with ExitStack() as claims:
-        page, suite = (
-            None if target is None else claims.enter_context(writing(target, paths)) for target in (html, junit)
-        )
+        page, suite = (None if each is None else claims.enter_context(writing(each, paths)) for each in (html, junit))
         loaded = load(paths)
         results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
         found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]

@@ -20,6 +20,8 @@ from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Recording
 
+Floats = Sequence[float]
+Told = Callable[[float], None]  # takes the fraction done
 AMPLITUDES = (0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
 """Of the corrections, over those of `Component.deviation`: what is tried."""
 LEFT = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
@@ -74,25 +76,22 @@ def calibrated(air_path: AirPath, prior: Unknowns, tables: Sequence[Table]) -> C
     by_group = dict(zip(prior.groups(), amplitudes, strict=True))
     names = [kind.name for kind in rows.kind]
     z = np.array([before.get(mark, np.nan) for mark in _marks(rows)])
-    return Calibration(
-        found, prior, by_group, rows, z, dict(zip(names, left, strict=True)), held_out, error, rows.z - rows.J @ mean
-    )
+    shares = dict(zip(names, left, strict=True))
+    return Calibration(found, prior, by_group, rows, z, shares, held_out, error, rows.z - rows.J @ mean)
 
 
 def _marks(rows: Rows) -> list[tuple[int, int]]:
     return list(zip(rows.of.tolist(), rows.point.tolist(), strict=True))
 
 
-def spread_of(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]) -> Array:
+def spread_of(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> Array:
     """Return the covariance of the rows, shape (m, m)."""
     shares = np.array(left)[rows.of]
     own = np.diag(rows.error**2 + (shares * rows.reference) ** 2) + rows.shared @ rows.shared.T
     return rows.J @ unknowns.scaled(amplitudes) @ rows.J.T + own
 
 
-def likeliest(
-    unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]
-) -> tuple[list[float], list[float]]:
+def likeliest(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> tuple[list[float], list[float]]:
     """Return the amplitudes and the shares left that make the rows most likely, sought one after the other."""
     groups, away = len(amplitudes), rows.z - rows.J @ unknowns.mean
     if not rows.z.size:  # tables alone: they are smoothed, and say nothing of what an engine has beyond
@@ -112,9 +111,7 @@ def likeliest(
     return best[:groups], best[groups:]
 
 
-def posterior(
-    unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]
-) -> tuple[Array, Array]:
+def posterior(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> tuple[Array, Array]:
     """Return mean and covariance of the unknowns, given the rows."""
     C = unknowns.scaled(amplitudes)
     across = rows.J @ C
@@ -123,7 +120,7 @@ def posterior(
     return unknowns.mean + gain @ (rows.z - rows.J @ unknowns.mean), 0.5 * (covariance + covariance.T)
 
 
-def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Sequence[float], left: Sequence[float]) -> tuple[Array, Array]:
+def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -> tuple[Array, Array]:
     """Return each row less what all other points say of it, and the standard deviation of that, each of shape (m,)."""
     inverse = np.linalg.inv(spread_of(unknowns, rows, amplitudes, left))
     white = inverse @ (rows.z - rows.J @ unknowns.mean)
@@ -147,9 +144,7 @@ class Taught:
     amplitudes: dict[str, float]  # of the groups whose amplitude was not known before
 
 
-def taught(
-    start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], progress: Callable[[float], None]
-) -> Taught:
+def taught(start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], told: Told) -> Taught:
     """Return the engine as logs show it whose sensor makes no error, from what is known of it before."""
     # Sums are kept over the cells of the grid; each log is gone through once a pass.
     point = start
@@ -159,7 +154,7 @@ def taught(
         parts = []
         for count, log in enumerate(logs, 1):
             parts.append(inform(point.air_path, grid, gain, log, point.settings, unknowns))
-            progress((turn + count / len(logs)) / PASSES)
+            told((turn + count / len(logs)) / PASSES)
         total = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
         solution = solve(layout, total, Prior(NO_ERROR, unknowns, (NO_LEVEL,) * layout.balances))
         own = solution.engine

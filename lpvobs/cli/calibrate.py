@@ -14,7 +14,7 @@ def calibrate(
     ),
     healthy: list[Path] | None = option("LOG", "A log with the air flow sensor in order.", "--healthy"),
     reference: list[Path] | None = option(
-        "LOG", "A log with the channel W_reference, a meter in the sensor's place.", "--reference"
+        "LOG", "A log with W_reference, a meter in the sensor's place.", "--reference"
     ),
     maps: list[str] | None = option(
         "KIND=FILE",
@@ -22,9 +22,7 @@ def calibrate(
         "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
         "--map",
     ),
-    gain: Path | None = option(
-        "GAIN.h5", "For logs: a gain made by synth-gain; without it, one is made and proven first."
-    ),
+    gain: Path | None = option("GAIN.h5", "For logs: made by synth-gain; without it, one is made and proven first."),
     plan: bool = flag("--plan", "Say which further bench points would help most; needs no data yet."),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
@@ -68,6 +66,5 @@ def calibrate(
     points = f", {found.points} bench points" if found.points else ""
     say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:
-        say(
-            f"the air flow is uncertain by {100 * found.plan[0].before:.2g} % now, over all stationary points of the engine"
-        )
+        before = 100 * found.plan[0].before
+        say(f"the air flow is uncertain by {before:.2g} % now, over all stationary points of the engine")

@@ -12,9 +12,7 @@ def compare(
     second: Path = argument("B.h5", "Another result."),
     values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
     region: str | None = REGION,
-    gate: list[str] | None = option(
-        "EXPR", 'Such as "largest_change<=0.5 g/s"; also mean_change, p_value. Repeatable.'
-    ),
+    gate: list[str] | None = option("EXPR", '"largest_change<=0.5 g/s", say; also mean_change, p_value. Repeatable.'),
     figure: Path | None = option("FILE.svg", "Draw the change at every node; framed: more than its error."),
     as_json: bool = JSON,
 ) -> None:
@@ -26,9 +24,8 @@ def compare(
     from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
-    found = compare_maps(
-        first, second, values=values, region=None if region is None else region_of(region), figure=figure
-    )
+    over = None if region is None else region_of(region)
+    found = compare_maps(first, second, values=values, region=over, figure=figure)
     if figure is not None:
         say(f"{figure}: written")
     if as_json:
@@ -37,9 +34,8 @@ def compare(
         low, high = (grams(end) for end in found.mean.ci90)
         where = f"in {region}" if region else f"over the {found.nodes} nodes that both have"
         print(f"mean change {where}: {grams(found.mean.value)} g/s (90 %: {low} to {high})")
-        print(
-            f"no change at all: p = {found.p_value:.2g}; {len(found.significant)} nodes have changed by more than their errors"
-        )
+        many = len(found.significant)
+        print(f"no change at all: p = {found.p_value:.2g}; {many} nodes have changed by more than their errors")
         if found.significant:
             rows = [
                 [f"{node.speed:g}", f"{node.fuel:g}", *map(grams, (node.before, node.after, node.change, *node.ci90))]

@@ -9,9 +9,7 @@ WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
     "intervals. By default as the configuration says."
 )
-SIDE_BY_SIDE = (
-    "Logs done at the same time, in processes of this machine; by default one for a few logs, else one per processor."
-)
+SIDE_BY_SIDE = "Logs done at a time, in processes; by default one for a few logs, else one per processor."
 MOST_ROWS = 12
 """Logs that are shown one by one; of more, a summary and the unusual ones."""
 MOST_LINES = 5
@@ -24,7 +22,7 @@ def estimate(
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
     engine: Path | None = option(
-        "ENGINE.h5", "An engine made by calibrate from the same configuration; without it the engine is as configured."
+        "ENGINE.h5", "Made by calibrate from the same configuration; without it, as configured."
     ),
     method: str = option(
         "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
@@ -98,9 +96,8 @@ def estimate(
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
     for item in done.agreement:
         if item.disagrees:
-            say(
-                f"lpvobs: {item.name}: disagrees with the map of all logs by {1e3 * item.mean_difference:+.3g} g/s on average"
-            )
+            by = f"{1e3 * item.mean_difference:+.3g} g/s on average"
+            say(f"lpvobs: {item.name}: disagrees with the map of all logs by {by}")
     for line in done.doubts.says[:MOST_LINES]:
         say(f"lpvobs: {line}")
     if len(done.doubts.says) > MOST_LINES:

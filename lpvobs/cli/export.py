@@ -15,12 +15,8 @@ def export(
     result: Path = argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5."),
     file_format: str = needed("FORMAT", WHAT, "--format", offers=FORMATS),
     out: Path = needed("FILE", "The file to write; for c99 the folder."),
-    start: Path | None = argument(
-        "[RESULT.h5]", "For c99 and fmu: the map and the engine to start from.", default=None
-    ),
-    source: str = option(
-        "GROUP", "map or extrapolation; by default the latter if there is one.", "--values", default=""
-    ),
+    start: Path | None = argument("[RESULT.h5]", "For c99 and fmu: map and engine to start from.", default=None),
+    source: str = option("GROUP", "map or extrapolation; by default the latter if there.", "--values", default=""),
     only_estimated: bool = flag("--only-estimated", "Estimated nodes only; others keep their old value, if any."),
     old: Path | None = option("OLD.dcm", "The old map: its axes, units and kind are kept, and changes are listed."),
     name: str = option("LABEL", "Label of the map, also in the old file.", default="delta_W_c"),
@@ -33,9 +29,7 @@ def export(
         offers=UNITS,
         default="",
     ),
-    kind: str = option(
-        "KIND", "KENNFELD or GRUPPENKENNFELD; by default that of the old file, else KENNFELD.", default=""
-    ),
+    kind: str = option("KIND", "KENNFELD or GRUPPENKENNFELD; by default the old map's, else KENNFELD.", default=""),
     digits: int = option("N", "Significant digits in dcm and csv.", default=7),
     engine: Path | None = ENGINE,
     map_gain: str = option(
@@ -65,9 +59,8 @@ def export(
             print_json("export", said(values=made.start, digits=17, nodes={}, changes=None, widest=None, unit=made))
             return
         for number, size in made.bytes_of_state.items():
-            print(
-                f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {made.smallest_pivot[number]:.3g}"
-            )
+            pivot = made.smallest_pivot[number]
+            print(f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {pivot:.3g}")
         say(f"{out}: the observer, {made.map_gain} map gain, late by {made.delay:g} s and up to two samples")
         return
     if start is not None or engine is not None or map_gain:

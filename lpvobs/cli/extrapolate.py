@@ -24,12 +24,11 @@ def extrapolate(
     from lpvobs.report.tables import beside_paper, coefficient_tables, grams, percent
 
     stored, fitted, held = fill(result, method, smooth)
+    half = half_widths(fitted)
     if as_json:
         print_json(
             "extrapolate",
-            ExtrapolateOutput(
-                result=str(result), outer_coverage=held, half_widths=half_widths(fitted), **quadratic_fields(fitted)
-            ),
+            ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **quadratic_fields(fitted)),
         )
         return
     for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):
@@ -37,5 +36,5 @@ def extrapolate(
     more = f", {fitted.nodes} smoothed" if smooth else ""
     say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
     say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
-    if (half := half_widths(fitted)) is not None:
+    if half is not None:
         say(f"their 90 % intervals: +-{grams(half[0])} g/s or less for half of them, +-{grams(half[1])} g/s at most")

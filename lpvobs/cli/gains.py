@@ -9,9 +9,7 @@ from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 @guarded
 def synth_gain(
     out: Path = needed("GAIN.h5", "The gain to write."),
-    logs: list[Path] | None = argument(
-        "[LOG]...", "Logs, patterns or folders whose range the gain has to cover.", default=None
-    ),
+    logs: list[Path] | None = argument("[LOG]...", "Logs, patterns or folders whose range to cover.", default=None),
     published: str | None = option(
         "COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."
     ),
@@ -48,9 +46,8 @@ def synth_gain(
         )
         print_json("synth-gain", made)
         return
-    print(
-        f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {', '.join(stored.outputs)}, sensor"
-    )
+    outputs = ", ".join(stored.outputs)
+    print(f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {outputs}, sensor")
     rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
     print(table(["", *stored.outputs, "sensor"], rows))
     print()

@@ -8,8 +8,8 @@ from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, 
 from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument, needed, option
 
 if TYPE_CHECKING:
-    from lpvobs.api.pooled import Traced
-    from lpvobs.discovery.outcome import Finding, Leading, Trace
+    from lpvobs.api.closed_loop import Traced
+    from lpvobs.discovery.outcome import Finding, Trace
 
 WIDTH = 80
 MOST_SHOWN = 6
@@ -48,28 +48,26 @@ def trace(
 
 def show(found: "Trace", frozen: bool, refined: bool) -> None:
     """Print verdict, effects, errors and ranking, none wider than a terminal of 80 columns."""
-    from lpvobs.report.spoken import chance
+    from lpvobs.report.discovered import candidate_rows, error_rows, where
+    from lpvobs.report.spoken import chance, in_words
 
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
     if not found.findings:
         print(f"  probability that nothing is there: {chance(found.p_value)}")
+    content = found.as_json(refined)
     if found.verdict == "unexplained":
-        from lpvobs.report.discovered import where
-
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
-        if found.leading:
-            print(f"\n{table(*_candidates(found.leading))}")
+        if nearest := candidate_rows(content):
+            print("\n" + table(*nearest))
     if found.findings:
-        from lpvobs.report.spoken import in_words
-
-        said = in_words(found.as_json(refined)["effects"])
-        print(textwrap.fill(visible(said), WIDTH, initial_indent="  ", subsequent_indent="  "))
+        print(textwrap.fill(visible(in_words(content["effects"])), WIDTH, initial_indent="  ", subsequent_indent="  "))
     for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
             _show_likes(effects)
     if refined or len(found.logs) > 1:
-        print(f"\n{table(*_errors(found, refined))}")
+        header, rows = error_rows(content, refined)
+        print("\n" + table(header, [[textwrap.shorten(row[0], 28, placeholder="..."), *row[1:]] for row in rows]))
     for part in found.logs:
         for note in part.notes():
             print(textwrap.fill(visible(f"{part.log}: {note}"), WIDTH, subsequent_indent="  "))
@@ -92,44 +90,11 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
     return [title, "", "value", "5 %", "95 %", "unit", *(f"{edge} s" for edge in edges), "p"], rows
 
 
-def _candidates(leading: "tuple[Leading, ...]") -> tuple[list[str], list[list[str]]]:
-    from lpvobs.report.spoken import with_interval
-    from lpvobs.report.tables import percent
-
-    rows = [
-        [item.id, name, *with_interval(p.value, *p.ci90), p.unit, percent(item.explained, 1)]
-        for item in leading
-        for name, p in item.parameters.items()
-    ]
-    return ["comes nearest, not proven", "", "value", "5 %", "95 %", "unit", "explains"], rows
-
-
 def _show_likes(effects: "tuple[Finding, ...]") -> None:
     for effect in effects:
         if effect.indistinguishable:
             likes = f"What would tell {effect.id} from {', '.join(effect.indistinguishable)}: {effect.drive}."
             print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
-
-
-def _errors(found: "Trace", refined: bool) -> tuple[list[str], list[list[str]]]:
-    parts = [(part.log, part.comparison, part.own is None) for part in found.logs]
-    if found.held_out is not None:
-        parts = [("all logs held out", found.held_out, True), *parts]
-    if len(found.logs) > 1:
-        parts = [("all logs", found.comparison, False), *parts]
-    rows = []
-    for name, error, unseen in parts:
-        row = [
-            textwrap.shorten(name, 28, placeholder="..."),
-            "unseen" if unseen else "parts",
-            f"{1e3 * error.before:.3f}",
-        ]
-        if refined:
-            low, high = error.ratio_ci90
-            row += [f"{1e3 * error.after:.3f}", f"{error.ratio:.3f}", f"{low:.3f}", f"{high:.3f}"]
-        rows.append(row)
-    header = ["residual held out, g/s", "judged", "before"]
-    return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows
 
 
 @guarded
@@ -159,9 +124,8 @@ def refine(
     from lpvobs.api.refine import refine as refine_model
 
     with progress("refining") as report:
-        traced = refine_model(
-            result, logs, out, hold_out=hold_out or (), freeze_map=freeze_map, engine=engine, progress=report
-        )
+        held = hold_out or ()
+        traced = refine_model(result, logs, out, hold_out=held, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
         found = vars(traced.found.output(refined=True))
         print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))

@@ -13,9 +13,7 @@ if TYPE_CHECKING:
 @guarded
 def ingest(
     sources: list[Path] = argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
-    profile: str = needed(
-        "NAME|TOML", "liu-ice, kit-obd, or your own; `lpvobs profile SOURCE` drafts one.", offers=PROFILES
-    ),
+    profile: str = needed("NAME|TOML", "liu-ice, kit-obd, or one that `lpvobs profile` drafted.", offers=PROFILES),
     out: Path = needed("LOG.parquet", "The log to write."),
     vehicle: str | None = VEHICLE,
     date: str | None = DATE,
@@ -40,9 +38,7 @@ def ingest(
 def profile(
     source: Path = argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording."),
     out: Path | None = option("TOML", "The profile to write; else it is printed."),
-    names: Path | None = option(
-        "FILE", "Your own table of names, used first: CSV or INCA .lab with lines NAME;CHANNEL."
-    ),
+    names: Path | None = option("FILE", "Your own names, used first: CSV or INCA .lab with lines NAME;CHANNEL."),
     as_json: bool = JSON,
 ) -> None:
     """Draft a profile for ingest from names, units and ranges; doubtful channels are comments in it.

@@ -17,14 +17,12 @@ def track(
     by: str = option("KEY", "The field that names the vehicle of a log.", default="vehicle"),
     every: str = option("PERIOD", "day, week, month or year: a map for each.", offers=PERIODS, default="month"),
     path: str | None = option("PATTERN", 'Fields in the paths of logs, such as "{vehicle}/{month}.parquet".'),
-    origins: Path | None = option(
-        "TABLE", "CSV or Parquet with a column log, and others such as vehicle, engine, date."
-    ),
+    origins: Path | None = option("TABLE", "CSV or Parquet: a column log, others such as vehicle, engine, date."),
     gain: Path | None = GAIN,
     engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
     to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
     refined: list[Path] | None = option(
-        "REFINED.h5", "A refined result whose effects are added to the fleet. Repeatable.", "--refined"
+        "REFINED.h5", "A refined result whose effects to add. Repeatable.", "--refined"
     ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,

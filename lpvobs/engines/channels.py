@@ -64,9 +64,8 @@ class Recorded:
 @cache
 def recorded(*folders: str) -> Mapping[str, Recorded]:
     """Return how recordings hold the channels that `recorded.toml` lists in folders of `lpvobs.engines`; `` is that itself."""
-    tables = [
-        files("lpvobs.engines").joinpath(folder, "recorded.toml").read_text(encoding="utf-8") for folder in folders
-    ]
+    own = files("lpvobs.engines")
+    tables = [own.joinpath(folder, "recorded.toml").read_text(encoding="utf-8") for folder in folders]
     found = {name: how for table in tables for name, how in tomllib.loads(table).items()}
     lists = ("typical", "units")
     return {name: Recorded(**how | {key: tuple(how[key]) for key in lists}) for name, how in found.items()}

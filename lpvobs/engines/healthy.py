@@ -88,9 +88,8 @@ def slow(r: Array, chunk: Array) -> float:
         part = r[chunk == each]
         if part.size >= 5:
             medians.append(float(np.median(part)))
-            own.append(
-                1.57 * 3.0 * float(np.var(part)) / part.size
-            )  # of a median of errors, three of which count as one
+            # of a median of errors, three of which count as one
+            own.append(1.57 * 3.0 * float(np.var(part)) / part.size)
     if len(medians) < 3:
         return 0.0
     spread = 1.48 * float(np.median(np.abs(np.array(medians) - np.median(medians))))

@@ -143,9 +143,8 @@ class ResidualModel:
         """Return the model around other values of its unknowns: relative deviations, and their covariance around there, (q, q)."""
         moved = np.array([deviation.get(name, 0.0) for name in self.names])
         at, old = self.with_unknowns, moved
-        return replace(
-            self, constants=at(moved), covariance=covariance, with_unknowns=lambda beta: at(self.both(old, beta))
-        )
+        there = replace(self, constants=at(moved), covariance=covariance)
+        return replace(there, with_unknowns=lambda beta: at(self.both(old, beta)))
 
     def both(self, first: Array, second: Array) -> Array:
         """Return the deviation of the unknowns after two of them, the second counted from the first, shape (q,)."""

@@ -126,9 +126,7 @@ def _guesses(name: str, head: recordings.Head, seen: Clues) -> list[Guess]:
     values = seen.columns.get(name)
     if values is None:
         return []
-    return [
-        found for channel in known_channels() if (found := guess(channel, name, head, values, seen.own)) is not None
-    ]
+    return [found for channel in known_channels() if (found := guess(channel, name, head, values, seen.own))]
 
 
 def _sure(guesses: Sequence[Guess]) -> dict[str, Guess]:

@@ -46,15 +46,12 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     for name, item in profile.computed.items():
         absent = (other for other in profile.channels if other not in values)
         if lacking := [other for other in absent if re.search(rf"\b{re.escape(other)}\b", item.formula)]:
-            raise DataError(
-                f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave one of them out"
-            )
+            raise DataError(f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave one out")
         values[name], units[name] = item.values(values), item.unit
         count = int(np.count_nonzero(np.isfinite(values[name])))
         said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
-        channels[name] = ChannelDone(
-            "", said, item.unit, item.unit, item.unit, item.meaning, count, {}, rule="computed"
-        )
+        unit = item.unit
+        channels[name] = ChannelDone("", said, unit, unit, unit, item.meaning, count, {}, rule="computed")
     done = Done(
         schema=SCHEMA,
         description=profile.description,

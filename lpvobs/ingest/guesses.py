@@ -56,13 +56,9 @@ def own_names(path: Path) -> dict[str, str]:
         if channel is None or name is None or line.startswith(("[", "#", "*")):
             continue
         if found.setdefault(bare(name), channel) != channel:
-            raise UsageError(
-                f"{path}: '{name}' is {found[bare(name)]} and {channel}; expected one channel; mend the table"
-            )
+            raise UsageError(f"{path}: '{name}' is {found[bare(name)]} and {channel}; expected one; mend the table")
     if not found:
-        raise UsageError(
-            f"{path}: names no channel; expected lines NAME;CHANNEL with one of {', '.join(known_channels())}"
-        )
+        raise UsageError(f"{path}: names no channel; expected lines NAME;CHANNEL of {', '.join(known_channels())}")
     return found
 
 
@@ -101,9 +97,8 @@ def guess(
         return Guess(channel, column, strong and typical, True, head.unit, tuple(reasons))
     fitting = [unit for unit in known.units if _typical(known, middle, unit)]
     found = fitting[0] if len(fitting) == 1 else ""
-    reasons.append(
-        f"no unit in the file; the median {middle:.4g} is usual in {' or '.join(fitting) or 'no unit known for it'}"
-    )
+    usual = " or ".join(fitting) or "no unit known for it"
+    reasons.append(f"no unit in the file; the median {middle:.4g} is usual in {usual}")
     return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
 
 
@@ -145,9 +140,7 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     delimiter = max(DELIMITERS, key=lambda sign: _width(lines, sign)[1])
     width, _ = _width(lines, delimiter)
     if width < 2:
-        raise DataError(
-            f"{path}: the first lines are no table with , ; | or tab between columns; see [source] in a profile"
-        )
+        raise DataError(f"{path}: the first lines are no table with , ; | or tab in between; see [source] in a profile")
     rows = [_fields(line, delimiter) for line in lines]
     header = next(number for number, row in enumerate(rows) if len(row) == width)
     body = [row for row in rows[header + 1 :] if any(row)]

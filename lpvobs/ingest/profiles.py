@@ -134,9 +134,7 @@ def load_profile(name: str) -> tuple[Profile, str, str]:
     known = shipped()
     path = known.get(name, Path(name))
     if name not in known and path.suffix != ".toml" and not path.exists():
-        raise UsageError(
-            f"--profile {name}: no such profile; shipped: {', '.join(known)}; or name a TOML file of yours"
-        )
+        raise UsageError(f"--profile {name}: no such profile; shipped: {', '.join(known)}; or name your own TOML")
     text = read_text(path)
     return profile_of(text, path), path.stem, text
 
@@ -145,9 +143,7 @@ def profile_of(text: str, path: Path) -> Profile:
     """Return the profile in a text; `path` names it in errors."""
     profile = convert(path, parse(text, path), Profile, EXAMPLE)
     if profile.schema != SCHEMA:
-        raise UsageError(
-            f"{path}: schema = {profile.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
-        )
+        raise UsageError(f"{path}: schema = {profile.schema}, expected {SCHEMA}; the file is for another version")
     if not profile.channels:
         sensor = usual_engine().air_path.sensor
         raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.{sensor}]")

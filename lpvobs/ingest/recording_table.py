@@ -162,9 +162,7 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
     names = _fields(path, text, rules.header_row, rules.delimiter)
     units = _fields(path, text, rules.unit_row, rules.delimiter) if rules.unit_row else [""] * len(names)
     if len(names) != len(units):
-        raise DataError(
-            f"{path}: {len(names)} names and {len(units)} units; expected as many; check header_row and unit_row"
-        )
+        raise DataError(f"{path}: {len(names)} names, {len(units)} units, expected as many; mend header_row, unit_row")
     heads: dict[str, Head] = {}
     often = Counter(names)
     for number, (full, unit) in enumerate(zip(names, units, strict=True), 1):

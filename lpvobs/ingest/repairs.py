@@ -126,9 +126,7 @@ def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: 
     path = recording.path
     time, repairs = _seconds(recording, column, name, profile) if is_clock else (column.time, {})
     if time is None:
-        raise DataError(
-            f"{path}: the format keeps no time with each channel; name its column: source in the profile's [time]"
-        )
+        raise DataError(f"{path}: the format keeps no time with each channel; name its column, source in [time]")
     finite = np.isfinite(time)
     stamped = int(np.count_nonzero(finite))
     if stamped < 2:
@@ -153,9 +151,7 @@ def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Pr
     """Return a clock column in seconds, and what in it was repaired."""
     unit = profile.time.unit or recording.heads[name].unit
     if not unit:
-        raise DataError(
-            f"{recording.path}: time column '{name}' has no unit in the file; state unit in the profile's [time]"
-        )
+        raise DataError(f"{recording.path}: time column '{name}' has no unit; state unit in the profile's [time]")
     try:
         found = stamps(column.data, unit, profile.source.decimal)
     except ValueError as error:
@@ -226,9 +222,7 @@ def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelR
     """Return values in the unit of the log, the unit that they were read in, and what was repaired."""
     unit = canonical(rules.source_unit or file_unit)
     if not unit:
-        raise DataError(
-            f"{path}: channel '{name}' has no unit in the file; state source_unit in the profile's [channels.{name}]"
-        )
+        raise DataError(f"{path}: channel '{name}' has no unit in the file; state source_unit in [channels.{name}]")
     invalid = np.isin(raw, rules.invalid)
     try:
         values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)

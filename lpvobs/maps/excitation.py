@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.compiled import njit
-from lpvobs.maps.grid import Grid, local, locate
+from lpvobs.maps.grid import Grid
 from lpvobs.records import Array
 
 RIDGE = 1e-9  # share of a node's own time that keeps nodes which nothing tells apart at zero, instead of failing
@@ -75,27 +74,14 @@ def cell_numbers(grid: Grid, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tuple[tuple[int, int], ...]) -> Excitation:
     """Return the excitation of the map along N operating points, each array of shape (N,)."""
     p_2, p_1 = grid.shape
-    gram = np.zeros((grid.size, grid.size))
-    cell_gram = np.zeros((p_2 - 1, p_1 - 1, 4, 4))
+    step, cells = np.zeros(time.size), np.zeros(((p_2 - 1) * (p_1 - 1), 4, 4))
     for start, stop in segments:
-        part = slice(start, stop)
-        _accumulate(grid.fuel, grid.speed, fuel[part], speed[part], time[part], gram, cell_gram)
-    return Excitation(gram, cell_gram)
-
-
-@njit(cache=True)
-def _accumulate(u_nodes, n_nodes, fuel, speed, time, gram, cell_gram):  # type: ignore[no-untyped-def]
-    nodes, weights = np.empty(4, dtype=np.int64), np.empty(4)
-    for k in range(1, time.size):
-        h = time[k] - time[k - 1]
-        i, _ = locate(u_nodes, fuel[k])
-        j, _ = locate(n_nodes, speed[k])
-        local(u_nodes, n_nodes, fuel[k], speed[k], nodes, weights)
-        for a in range(4):
-            for b in range(4):
-                product = h * weights[a] * weights[b]  # Eq. (29)
-                gram[nodes[a], nodes[b]] += product
-                cell_gram[j, i, a, b] += product
+        step[start + 1 : stop] = np.diff(time[start:stop])
+    nodes, weights = grid.regressors(fuel, speed)
+    numbers = cell_numbers(grid, nodes)
+    for a, b in np.ndindex(4, 4):
+        cells[:, a, b] = np.bincount(numbers, step * weights[:, a] * weights[:, b], minlength=len(cells))  # Eq. (29)
+    return Excitation(over_nodes(grid, cells), cells.reshape(p_2 - 1, p_1 - 1, 4, 4))
 
 
 EVENLY = 36.0

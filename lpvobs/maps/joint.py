@@ -50,9 +50,7 @@ def combined(weights: Array, values: Array, covariance: Array) -> Joint:
     used = np.flatnonzero(np.any(weights != 0.0, axis=0))
     unknown = int(np.count_nonzero(~np.isfinite(values[used])))
     if unknown:
-        raise DataError(
-            f"map: {unknown} of the {used.size} nodes asked for have no value; run `lpvobs extrapolate` first"
-        )
+        raise DataError(f"map: {unknown} of {used.size} nodes asked for have no value; run `lpvobs extrapolate`")
     W = weights[:, used]
     return Joint(W @ values[used], W @ covariance[np.ix_(used, used)] @ W.T)
 

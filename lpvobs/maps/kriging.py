@@ -147,6 +147,7 @@ def krige(
     whole[np.ix_(filled, filled)] = values.covariance()
     map_values = np.where(supported, theta, 0.0).ravel()
     map_values[filled] = values.mean
+    code = quadratic.SMOOTHED if smooth else quadratic.ESTIMATED
     half_widths = 0.5 * np.array([np.ptp(grid.fuel), np.ptp(grid.speed)])
     return quadratic.Filled(
         method="kriging",
@@ -158,9 +159,7 @@ def krige(
         delta_W_c=map_values.reshape(grid.shape),
         covariance=whole,
         map_standard_error=quadratic.standard_errors(grid, whole),
-        support=np.where(
-            supported, quadratic.SMOOTHED if smooth else quadratic.ESTIMATED, quadratic.EXTRAPOLATED
-        ).astype(np.int8),
+        support=np.where(supported, code, quadratic.EXTRAPOLATED).astype(np.int8),
     )
 
 

@@ -1,15 +1,14 @@
 """How far a map is from a known error surface, and how close any map on the same grid could come."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.compiled import njit
-from lpvobs.maps.excitation import corners, node_values, over_nodes
-from lpvobs.maps.grid import Grid, local
+from lpvobs.maps.excitation import node_values
+from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 0.01  # samples whose reference is under this share of its maximum are left out of the mean relative error
@@ -30,9 +29,7 @@ class Metrics:
     rmse: Annotated[float, Item("kg/s", "rms of estimate - reference", gaps=True)]
     bias: Annotated[float, Item("kg/s", "mean of estimate - reference", gaps=True)]
     visited_cells: Annotated[int, Item("1", "cells of the grid with a compared sample")]
-    floor_mean_relative_error: Annotated[
-        float, Item("1", "the same of the best bilinear fit to the reference", gaps=True)
-    ]
+    floor_mean_relative_error: Annotated[float, Item("1", "the same of the best bilinear fit to it", gaps=True)]
     floor_rms_ratio: Annotated[float, Item("1", "rms ratio of the best bilinear fit to the reference", gaps=True)]
 
 
@@ -44,35 +41,43 @@ def compare(grid: Grid, theta: Array, fuel: Array, speed: Array, reference: Arra
 def compare_pieces(grid: Grid, theta: Array, pieces: Callable[[], Iterable[tuple[Array, Array, Array]]]) -> Metrics:
     """Return the same for operating points and references that come piece by piece, and are gone through twice."""
     # `pieces` returns fuel, speed and reference, piece by piece, each time from the beginning.
-    flat = np.ascontiguousarray(theta, dtype=float).reshape(-1)
-    cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-    gram, right, visited = np.zeros((cells, 4, 4)), np.zeros((cells, 4)), np.zeros(cells)  # Psi^T Psi, Psi^T reference
-    sums = np.zeros(5)  # samples, largest |reference|, sums of e, e^2, reference^2
-    for fuel, speed, reference in pieces():
-        _fit_sums(grid.fuel, grid.speed, flat, fuel, speed, reference, gram, right, visited, sums)
-    samples, largest = int(sums[0]), sums[1]
+    gram, right, visited = np.zeros((grid.size, grid.size)), np.zeros(grid.size), np.zeros(grid.size, dtype=bool)
+    samples, largest, sums, shares = 0, 0.0, np.zeros(3), np.zeros(4)
+    for fuel, speed, truth, error in _known(grid, theta, pieces()):
+        nodes, weights = grid.regressors(fuel, speed)
+        more = normal_equations(grid.size, nodes, weights, truth)
+        gram, right = gram + more[0], right + more[1]
+        visited[nodes[:, 0]] = True  # the first node of a cell tells it from the others
+        samples, largest = samples + truth.size, max(largest, float(np.abs(truth).max(initial=0.0)))
+        sums += (error.sum(), error @ error, truth @ truth)
     if samples == 0:
         nan = float("nan")
         return Metrics(0, nan, nan, nan, nan, nan, 0, nan, nan)
-    total = np.zeros(grid.size)
-    np.add.at(total, corners(*grid.shape), right)
-    best = node_values(over_nodes(grid, gram), total)
-    shares = np.zeros(4)
-    for fuel, speed, reference in pieces():
-        limit = max(NEGLIGIBLE * largest, np.finfo(float).tiny)
-        _relative_sums(grid.fuel, grid.speed, flat, best, fuel, speed, reference, limit, shares)
-    counted, relative, floor, floor_squares = shares
+    best, limit = node_values(gram, right), max(NEGLIGIBLE * largest, np.finfo(float).tiny)
+    for fuel, speed, truth, error in _known(grid, theta, pieces()):
+        floor, on = grid.interpolate(best, fuel, speed) - truth, np.abs(truth) >= limit
+        relative = (np.abs(each[on] / truth[on]).sum() for each in (error, floor))
+        shares += (np.count_nonzero(on), *relative, floor @ floor)
+    counted, relative_sum, floor_sum, floor_squares = shares
     return Metrics(
         samples=samples,
-        mean_relative_error=_over(relative, counted),
+        mean_relative_error=_over(relative_sum, counted),
         share_left_out=1.0 - counted / samples,
-        rms_ratio=float(np.sqrt(_over(sums[3], sums[4]))),
-        rmse=float(np.sqrt(sums[3] / samples)),
-        bias=float(sums[2] / samples),
+        rms_ratio=float(np.sqrt(_over(sums[1], sums[2]))),
+        rmse=float(np.sqrt(sums[1] / samples)),
+        bias=float(sums[0] / samples),
         visited_cells=int(np.count_nonzero(visited)),
-        floor_mean_relative_error=_over(floor, counted),
-        floor_rms_ratio=float(np.sqrt(_over(floor_squares, sums[4]))),
+        floor_mean_relative_error=_over(floor_sum, counted),
+        floor_rms_ratio=float(np.sqrt(_over(floor_squares, sums[2]))),
     )
+
+
+def _known(grid: Grid, theta: Array, pieces: Iterable[tuple[Array, Array, Array]]) -> Iterator[tuple[Array, ...]]:
+    """Yield fuel, speed, reference and error of the samples of each piece where all of them are known."""
+    for fuel, speed, truth in pieces:
+        error = grid.interpolate(np.asarray(theta, dtype=float), fuel, speed) - truth
+        on = np.isfinite(error)
+        yield fuel[on], speed[on], truth[on], error[on]
 
 
 def _over(total: float, count: float) -> float:
@@ -86,66 +91,8 @@ def best_fit(grid: Grid, nodes: NDArray[np.int64], weights: Array, values: Array
 
 def normal_equations(p: int, nodes: NDArray[np.int64], weights: Array, values: Array) -> tuple[Array, Array]:
     """Return the sums of Psi^T Psi, shape (p, p), and of Psi^T times each of N values, shape (p,), from `Grid.regressors`."""
-    pairs = (nodes[:, :, None] * p + nodes[:, None, :]).ravel()
-    gram = np.bincount(pairs, (weights[:, :, None] * weights[:, None, :]).ravel(), minlength=p * p).reshape(p, p)
+    gram = np.zeros(p * p)
+    for a, b in np.ndindex(4, 4):
+        gram += np.bincount(nodes[:, a] * p + nodes[:, b], weights[:, a] * weights[:, b], minlength=p * p)
     right = np.bincount(nodes.ravel(), (weights * values[:, None]).ravel(), minlength=p)
-    return gram.astype(float), right.astype(float)
-
-
-@njit(cache=True)
-def _fit_sums(  # type: ignore[no-untyped-def]
-    u_nodes, n_nodes, theta, fuel, speed, reference, gram, right, visited, sums
-):
-    nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
-    for k in range(reference.size):
-        cell = _place(u_nodes, n_nodes, fuel[k], speed[k], nodes, psi)
-        truth = reference[k]
-        error = _value(theta, nodes, psi) - truth
-        if not np.isfinite(error):
-            continue
-        visited[cell] = 1.0
-        for m in range(4):
-            right[cell, m] += psi[m] * truth
-            for o in range(4):
-                gram[cell, m, o] += psi[m] * psi[o]
-        sums[0] += 1.0
-        sums[1] = max(sums[1], abs(truth))
-        sums[2] += error
-        sums[3] += error * error
-        sums[4] += truth * truth
-
-
-@njit(cache=True)
-def _relative_sums(  # type: ignore[no-untyped-def]
-    u_nodes, n_nodes, theta, best, fuel, speed, reference, limit, shares
-):
-    nodes, psi = np.empty(4, dtype=np.int64), np.empty(4)
-    for k in range(reference.size):
-        _place(u_nodes, n_nodes, fuel[k], speed[k], nodes, psi)
-        truth = reference[k]
-        error = _value(theta, nodes, psi) - truth
-        if not np.isfinite(error):
-            continue
-        floor = _value(best, nodes, psi) - truth
-        shares[3] += floor * floor
-        if abs(truth) >= limit:
-            shares[0] += 1.0
-            shares[1] += abs(error / truth)
-            shares[2] += abs(floor / truth)
-
-
-@njit(cache=True)
-def _place(u_nodes, n_nodes, fuel, speed, nodes, psi):  # type: ignore[no-untyped-def]
-    """Fill nodes and weights of one operating point and return the number of its cell."""
-    local(u_nodes, n_nodes, fuel, speed, nodes, psi)
-    return nodes[0] // u_nodes.size * (u_nodes.size - 1) + nodes[0] % u_nodes.size
-
-
-@njit(cache=True)
-def _value(theta, nodes, psi):  # type: ignore[no-untyped-def]
-    """Return Psi theta; a node that takes no part may be unknown."""
-    total = 0.0
-    for m in range(4):
-        if psi[m] != 0.0:
-            total += psi[m] * theta[nodes[m]]
-    return total
+    return gram.reshape(p, p), right.astype(float)

@@ -24,7 +24,7 @@ LACK_PASSES = 3
 """Weights and lack of fit depend on each other; after three rounds the latter moves by less than its own uncertainty."""
 COEFFICIENTS = ("a2", "a1", "b2", "b1", "c2", "c1")
 """Order of Eq. (37): u^2, u, n^2, n, u n, 1."""
-BOTH = ("speed", "fuel")
+BOTH, NODES = ("speed", "fuel"), ("node", "other_node")
 
 ESTIMATED, EXTRAPOLATED, SMOOTHED = 1, 2, 4
 """Where a node comes from, as files number it; 3 is what an export keeps of an old map."""
@@ -48,11 +48,9 @@ class Filled:
     nodes: Annotated[int, Item("1", "estimated nodes behind it")]
     delta_W_c: Annotated[Array, Item("kg/s", "sensor error, every node filled", BOTH)]
     # of prediction, lack of fit included, where extrapolated
-    covariance: Annotated[
-        Array, Item("kg^2/s^2", "covariance of the nodes' errors", ("node", "other_node"), stored="f4")
-    ]
+    covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the nodes' errors", NODES, stored="f4")]
     map_standard_error: Annotated[
-        Array, Item("kg/s", "standard error; of prediction where extrapolated", BOTH, "standard_error")
+        Array, Item("kg/s", "standard error; of prediction if filled", BOTH, "standard_error")
     ]
     support: Annotated[NDArray[np.int8], Item("1", "where the value comes from", BOTH, meanings=SUPPORT)]
 

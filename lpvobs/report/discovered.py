@@ -59,9 +59,8 @@ def sentence(found: Discovered) -> str:
     content, error = found.content, found.content["error"]
     logs = ", ".join(part["log"] for part in content["logs"] if "residual" in part)
     if content["verdict"] == "none":
-        return (
-            f"{logs}: the residual shows nothing that the model lacks; held out it is {grams(error['before'])} g/s rms."
-        )
+        left = grams(error["before"])
+        return f"{logs}: the residual shows nothing that the model lacks; held out it is {left} g/s rms."
     if content["verdict"] == "unexplained":
         return (
             f"{logs}: something is left that no known effect explains, and nothing was named. The held-out residual is "
@@ -93,9 +92,7 @@ def where(left: Leftover | None) -> str:
         return ""
     times = ", ".join(f"from {part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
     when = f"It is largest {times}." if times else "It is spread evenly over the drive."
-    follows = (
-        ", ".join(f"{name} ({value:+.2f})" for name, value in left.follows.items()) or "none of the logged signals"
-    )
+    follows = ", ".join(f"{name} ({r:+.2f})" for name, r in left.follows.items()) or "none of the logged signals"
     slow = f" Half of the power of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
     return (
         f"{when} Most of it shows in the balance {left.balance}, and in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g} and "
@@ -120,32 +117,30 @@ def effect_rows(found: Discovered) -> Table | None:
     return (header, rows) if rows else None
 
 
-def candidate_rows(found: Discovered) -> Table | None:
+def candidate_rows(content: Mapping[str, Any]) -> Table | None:
     """Return what comes nearest to a residual without a name, None where there is none."""
-    header = ["candidate, not proven", "parameter", "value", "90 % from", "to", "unit", "would explain"]
     rows = [
         [item["id"], name, *with_interval(p["value"], *p["ci90"]), p["unit"], percent(item["explained"], 1)]
-        for item in found.content.get("candidates", [])
+        for item in content.get("candidates", [])
         for name, p in item["parameters"].items()
     ]
-    return (header, rows) if rows else None
+    return (["comes nearest, not proven", "", "value", "5 %", "95 %", "unit", "explains"], rows) if rows else None
 
 
-def error_rows(found: Discovered) -> Table:
-    """Return the held-out error of all logs and of each."""
-    header = ["log", "judged on", "before g/s"] + (["after g/s", "ratio", "90 % from", "to"] if found.refined else [])
-    content = found.content
+def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
+    """Return the held-out error of all logs and of each; `unseen` logs are judged whole, for nothing was fitted to them."""
     whole = content.get("error_on_held_out_logs")
     parts = [("all logs", content["error"], False)] if len(content["logs"]) > 1 else []
     parts += [("all logs held out", whole, True)] if whole else []
     parts += [(part["log"], part["error"], "residual" not in part) for part in content["logs"]]
     rows = []
     for name, error, unseen in parts:
-        row = [name, "all of it, nothing fitted" if unseen else "parts held out", grams(error["before"])]
-        if found.refined:
+        row = [name, "unseen" if unseen else "parts", grams(error["before"])]
+        if refined:
             row += [grams(error["after"]), f"{error['ratio']:.3f}", *(f"{edge:.3f}" for edge in error["ratio_ci90"])]
         rows.append(row)
-    return header, rows
+    header = ["residual held out, g/s", "judged", "before"]
+    return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows
 
 
 def ranking_rows(found: Discovered, most: int = 12) -> Table | None:

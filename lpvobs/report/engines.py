@@ -32,9 +32,7 @@ class ComponentOutput:
     unit: str
     largest: Annotated[Finite, Meta(description="Largest value of the correction, without sign.")]
     standard_error: Annotated[Finite, Meta(description="Median over its nodes.")]
-    before: Annotated[
-        Finite | None, Meta(description="Median standard deviation before the data; null where nothing was known.")
-    ]
+    before: Annotated[Finite | None, Meta(description="Median before the data; null where nothing was known.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,9 +50,7 @@ class PlannedPoint:
 
     point: Annotated[Mapping[str, Finite], Meta(description="What the bench sets, by channel.")]
     units: Mapping[str, str]
-    before: Annotated[
-        Finite, Meta(description="Uncertainty of the air flow over all points without it, rms over the flow.")
-    ]
+    before: Annotated[Finite, Meta(description="Uncertainty of the air flow over all points without it, rms.")]
     after: Annotated[Finite, Meta(description="The same with it, and with those before it.")]
 
 
@@ -116,9 +112,8 @@ def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
         return float(np.sqrt(np.nanmean([getattr(row, name) ** 2 for row in own])))
 
     flow = rms("reference")
-    return RowsOutput(
-        kind=kind, rows=len(own), configured=rms("before") / flow, held_out=rms("held_out") / flow, left=left
-    )
+    before, held_out = rms("before") / flow, rms("held_out") / flow
+    return RowsOutput(kind=kind, rows=len(own), configured=before, held_out=held_out, left=left)
 
 
 def calibration_tables(found: CalibrateOutput) -> list[Table]:
@@ -131,8 +126,6 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
     tables = [(["correction", "unit", "largest", "standard error", "before the data"], corrections)]
     if found.plan:
         header = [f"{name} {unit}" for name, unit in found.plan[0].units.items()]
-        rows = [
-            [*(f"{value:.5g}" for value in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan
-        ]
+        rows = [[*(f"{x:.5g}" for x in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan]
         tables.append(([*header, "then unknown"], rows))
     return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables

@@ -111,9 +111,8 @@ def excitation_map(figure: Figure, surface: SurfaceView, excitation: Array) -> N
     axes = figure.add_subplot()
     excited = np.where(excitation > 0, excitation, np.nan)
     grid = surface.grid
-    image = axes.pcolormesh(
-        grid.fuel, grid.speed, excited, cmap=SEQUENTIAL, norm=_log_scale(excited[np.isfinite(excited)])
-    )
+    scale = _log_scale(excited[np.isfinite(excited)])
+    image = axes.pcolormesh(grid.fuel, grid.speed, excited, cmap=SEQUENTIAL, norm=scale)
     figure.colorbar(image, ax=axes, label="excitation δ₁ of the cell [s]", pad=0.015)
     label_axes(axes, surface.axes)
     axes.grid(visible=True)

@@ -31,9 +31,8 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         values = np.where(known, each.mean, np.nan).reshape(fleet.grid.shape)
         view = SurfaceView(fleet.grid, (fuel, speed), values, np.zeros(fleet.grid.shape, dtype=bool))
         drawing = error_map(f"t{number}", f"map of type {each.kind}", view, error_limit([view]))
-        pictures.append(
-            picture(drawing, f"Type {each.kind}: what its vehicles have in common, where it is known within 1 g/s.")
-        )
+        caption = f"Type {each.kind}: what its vehicles have in common, where it is known within 1 g/s."
+        pictures.append(picture(drawing, caption))
     return rendered(
         BODY,
         name=name,

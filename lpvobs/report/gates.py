@@ -106,7 +106,7 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
     if metric in OF_RESULT and (words := OF_RESULT[metric].words):
         if relation not in ("==", "!=") or limit not in words:
             raise UsageError(
-                f"--gate '{expression}': {metric} is a word; expected == or !=, and one of {', '.join(words)}"
+                f"--gate '{expression}': {metric} is a word, expected == or != and one of {', '.join(words)}"
             )
         return Gate(metric, relation, limit)
     number = _number(limit)
@@ -136,9 +136,8 @@ class Verdict:
         place = f"{self.result}: log {self.log}" if self.log else self.result
         if self.value is None:
             needs = {**METRICS, **OF_RESULT}[self.gate.metric].needs
-            return f"{place} has no {self.gate.metric}, which the gate {self.gate} asks for" + (
-                needs and f"; it takes {needs}"
-            )
+            said = f"{place} has no {self.gate.metric}, which the gate {self.gate} asks for"
+            return f"{said}; it takes {needs}" if needs else said
         return f"{place} has {self.gate.metric} = {_said(self.value)}, the gate is {self.gate}"
 
 

@@ -14,9 +14,7 @@ from lpvobs.report.fit import ResidualFit
 from lpvobs.report.tables import Table, fit_rows
 
 MOST_LOGS = 6  # logs whose residual is drawn over time; the tables have all
-WHITENESS = (
-    "Whiteness of the residual: sums over blocks, their effective number, portmanteau test, cumulated periodogram"
-)
+WHITENESS = "Whiteness of sums over blocks: their effective number, portmanteau test, cumulated periodogram"
 TITLES = {"refine": "refined", "trace": "traced"}
 
 
@@ -73,8 +71,8 @@ def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
 def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
     for rows, title in (
         (discovered.effect_rows(found), "Effects, with 90 % intervals"),
-        (discovered.candidate_rows(found), "What comes nearest, each alone in the model"),
-        (discovered.error_rows(found), "Residual on data held out"),
+        (discovered.candidate_rows(found.content), "What comes nearest, each alone in the model"),
+        (discovered.error_rows(found.content, found.refined), "Residual on data held out"),
         (discovered.balance_rows(found), "Balances where the effects act: rms of the relative residual"),
         (
             discovered.day_rows(found),
@@ -119,11 +117,9 @@ def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Itera
     in_turn = "every part was left out in turn"
     for index, track in enumerate(seen.tracks[:MOST_LOGS]):
         effects = parts[track.log]["effects"]
-        judged = held if track.judged.any() else in_turn
+        judged, title = held if track.judged.any() else in_turn, f"residual over time, {track.log}"
         yield picture(
-            figures.residual_course(
-                f"{name}-time{index}", f"residual over time, {track.log}", track, seen.balances, effects
-            ),
+            figures.residual_course(f"{name}-time{index}", title, track, seen.balances, effects),
             f"Residual of every balance on {track.log}, before and after: smallest and largest value of each column of pixels; "
             f"{judged}.",
         )

@@ -26,9 +26,7 @@ WHITE: dict[str, Any] = {"color": INK, "alpha": 0.12, "linewidth": 0, "label": "
 
 
 @drawn()
-def residual_course(
-    figure: Figure, track: Track, balances: Sequence[str], effects: Sequence[Mapping[str, Any]]
-) -> None:
+def residual_course(figure: Figure, track: Track, balances: Sequence[str], found: Sequence[Mapping[str, Any]]) -> None:
     """Draw the residual of every balance along a log, before and after, with onset and end of the effects, [g/s]."""
     figure.set_figheight(1.4 + 1.15 * len(balances))
     rows = np.atleast_1d(figure.subplots(len(balances), 1, sharex=True))
@@ -37,7 +35,7 @@ def residual_course(
             band = GRAMS * low, GRAMS * high
             axes.fill_between(track.time, *band, color=colour, linewidth=0.0, alpha=0.75, label=label)
         _mark_judged(axes, track)
-        _mark_effects(axes, effects)
+        _mark_effects(axes, found)
         axes.set_ylabel(f"{balance}\n[g/s]", fontsize=7.5)
         axes.grid(visible=True)
     rows[-1].set_xlabel("time since the start of the log [s]")
@@ -56,9 +54,9 @@ def _mark_judged(axes: Axes, track: Track) -> None:
         axes.axvspan(track.time[begin], track.time[last], color=INK, alpha=0.09, linewidth=0, label=label)
 
 
-def _mark_effects(axes: Axes, effects: Sequence[Mapping[str, Any]]) -> None:
+def _mark_effects(axes: Axes, found: Sequence[Mapping[str, Any]]) -> None:
     first = True
-    for effect in effects:
+    for effect in found:
         for edge in ("onset", "end"):
             if effect[edge] is not None:
                 label = "onset, end" if first else None
@@ -73,12 +71,10 @@ def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     row = int(np.abs(second - surface["largest_at"][1]).argmin())
     factor, error = (100.0 * np.array(surface[name])[:, row] for name in ("factor", "standard_error"))
     axes = figure.add_subplot()
-    axes.fill_between(
-        first, factor - 100.0 - NINETY * error, factor - 100.0 + NINETY * error, color=AFTER, alpha=0.25, linewidth=0
-    )
-    axes.plot(
-        first, factor - 100.0, color=AFTER, label=f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
-    )
+    more, half = factor - 100.0, NINETY * error
+    axes.fill_between(first, more - half, more + half, color=AFTER, alpha=0.25, linewidth=0)
+    label = f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
+    axes.plot(first, more, color=AFTER, label=label)
     axes.axhline(0.0, color=INK, linewidth=0.7)
     axes.set_xlabel(f"{surface['inputs'][0]} [{surface['units'][0]}]")
     axes.set_ylabel("more than the model [%]")

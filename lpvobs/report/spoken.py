@@ -144,9 +144,8 @@ def headline(
         said.append(f"half of the {on.size} nodes are known to {known:.2g} g/s")
     if math.isfinite(disagreement):
         agree = disagreement <= DISAGREE
-        said.append(
-            "the balances agree" if agree else f"the balances differ by {disagreement:.1f} times what is allowed"
-        )
+        differ = f"the balances differ by {disagreement:.1f} times what is allowed"
+        said.append("the balances agree" if agree else differ)
     return "; ".join(said)
 
 

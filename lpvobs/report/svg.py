@@ -57,9 +57,8 @@ def render(name: str, alt: str, height: float, draw: Callable[[Figure], None]) -
     # cannot see it.
     stream = io.StringIO()
     with warnings.catch_warnings(), mpl.rc_context(cast(Any, STYLE | {"svg.hashsalt": name})):
-        warnings.filterwarnings(
-            "ignore", "Glyph .* missing from font"
-        )  # letters stay letters: the reader's fonts draw them
+        # letters stay letters: the reader's fonts draw them
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
         figure = Figure(figsize=(WIDTH, height), dpi=RASTER_DPI, layout="constrained")
         figure.patch.set_visible(False)
         draw(figure)
@@ -75,9 +74,8 @@ class _Power(LogFormatter):
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Return the label of a value, empty where matplotlib would leave it out."""
         mantissa, exponent = f"{x:.0e}".split("e")
-        plain = (
-            f"{x:g}" if 1e-4 < x < 1e6 else f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".removeprefix("1·")
-        )
+        power = f"{mantissa}·10{str(int(exponent)).translate(RAISED)}".removeprefix("1·")
+        plain = f"{x:g}" if 1e-4 < x < 1e6 else power
         return plain if super().__call__(x, pos) else ""
 
 
@@ -133,9 +131,8 @@ def clean(text: str, name: str, alt: str) -> str:
         text = less  # groups that say nothing of what they hold
     head = re.search(r'viewBox="[^"]*"', text)
     box = head[0] if head else ""
-    return re.sub(
-        r"^<svg[^>]*>", lambda _: f'<svg {box} role="img" aria-label="{html.escape(alt)}">', text.strip(), count=1
-    )
+    begin = f'<svg {box} role="img" aria-label="{html.escape(alt)}">'
+    return re.sub(r"^<svg[^>]*>", lambda _: begin, text.strip(), count=1)
 
 
 def _local_identifiers(text: str, name: str) -> str:

@@ -47,10 +47,10 @@ class CaseOutput:
 
 
 def row(
-    case: str, basis: str, expected: float, found: float, tolerance: float, unit: str = "1", note: str = ""
+    case: str, basis: str, expected: float, found: float, within: float, unit: str = "1", note: str = ""
 ) -> CaseOutput:
     """Return one line of the table."""
-    return CaseOutput(case, basis, expected, found, tolerance, unit, note, bool(abs(found - expected) <= tolerance))
+    return CaseOutput(case, basis, expected, found, within, unit, note, bool(abs(found - expected) <= within))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -128,9 +128,7 @@ def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
         except ValueError:
             values[row] = np.nan
         if not np.isfinite(values[row]):
-            raise UsageError(
-                f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is not a finite number; mend that row"
-            )
+            raise UsageError(f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is no finite number; mend it")
     return values
 
 
@@ -139,9 +137,7 @@ def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
     if time.size < 2 or not (np.diff(time) > 0).all():
         raise UsageError(f"{path}: column 'time_s' must rise from row to row over at least two rows; sort or mend it")
     if time[-1] - time[0] > LONGEST:
-        raise UsageError(
-            f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected at most {LONGEST:g}; is it in s?"
-        )
+        raise UsageError(f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected {LONGEST:g} at most; in s?")
     return np.asarray(time - time[0] <= end)
 
 

@@ -185,9 +185,7 @@ def _check_strength(name: str, form: str, strength: float) -> None:
 
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
-        raise UsageError(
-            f"unlogged: {len(episodes)} episodes, expected at least two: one alone is an effect with an onset"
-        )
+        raise UsageError(f"unlogged: {len(episodes)} episodes, expected at least two: one is an effect with an onset")
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):
@@ -222,9 +220,7 @@ def _unlogged_of(table: Mapping[str, Any]) -> UnloggedEffect:
 
 def _telegraph(table: Any) -> Telegraph:
     if not isinstance(table, Mapping) or type(table.get("seed")) is not int:  # a bool is an int to isinstance
-        raise UsageError(
-            "unlogged: telegraph needs a seed that is a whole number; write { seed = 1, on = 40.0, off = 60.0 }"
-        )
+        raise UsageError("unlogged: telegraph needs a whole number as seed; write { seed = 1, on = 40.0, off = 60.0 }")
     entry = catalogue.Entry("unlogged: telegraph", table)
     entry.refuse_others("seed", "on", "off")
     return Telegraph(table["seed"], entry.number("on"), entry.number("off"))

@@ -85,9 +85,7 @@ class CatalogueEffect(Timed):
             )
         check_span(self.id, self.onset, self.end)
         if self.bump and not (kind.bump and all(map(isfinite, self.bump)) and self.bump[1] > 0.0):
-            raise UsageError(
-                f"{self.id}: centre and width belong to a curve, and its width lies above zero; mend or drop them"
-            )
+            raise UsageError(f"{self.id}: centre and width belong to a curve, the latter above zero; mend or drop them")
         if self.id.endswith((".lag", ".delay")) and self.course is not None and self.course.name in GRADED:
             raise UsageError(
                 f"{self.id}: cannot be there in part, as in course {self.course.name}; "

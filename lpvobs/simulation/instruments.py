@@ -177,9 +177,8 @@ def record(
     readings = {}
     for name, values in shown.items():
         period = rasters.get(name, 0.0)
-        tick = (
-            np.floor((time + PHASE * period) / period) if period else stroke if name in STEPS else np.arange(time.size)
-        )
+        tick = stroke if name in STEPS else np.arange(time.size)
+        tick = np.floor((time + PHASE * period) / period) if period else tick
         new = np.concatenate([[True], np.diff(tick) > 0])
         taken = np.maximum.accumulate(np.where(new, np.arange(time.size), 0))[::fine]
         moments, again = np.unique(taken, return_inverse=True)

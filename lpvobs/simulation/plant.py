@@ -171,11 +171,11 @@ def egr_flow_function(plant: Plant, Pi: float) -> float:
 
 @njit(cache=True)
 def egr_flow(
-    plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float, factor: float = 1.0
+    plant: Plant, p_im: float, p_em: float, u_egr: float, T_im: float, T_em: float, wide: float = 1.0
 ) -> float:
-    """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+); `factor` multiplies the area of the valve."""
+    """Return W_egr [kg/s] of Eq. (2), negative where it flows backward (+); `wide` multiplies the area of the valve."""
     c = plant.engine
-    area = factor * plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
+    area = wide * plant.condition.egr_area * (c.A_egr_max * (c.c_egr1 * u_egr * u_egr + c.c_egr2 * u_egr))
     area = area * risen(plant.condition.egr_curve, u_egr) + plant.condition.egr_leak
     if p_em >= p_im:
         return area * p_em * egr_flow_function(plant, p_im / p_em) / sqrt(T_em * c.R_e)  # Eq. (2)

@@ -112,9 +112,7 @@ def simulate(
     Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
     """
     if not 0 < rate <= 1.0 / parameters.step:
-        raise UsageError(
-            f"--rate {rate:g}: expected more than 0 and at most {1.0 / parameters.step:g} Hz, a sample per step"
-        )
+        raise UsageError(f"--rate {rate:g}: expected more than 0, at most {1.0 / parameters.step:g} Hz, one per step")
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
     scene = scene_of(engine, parameters, cycle, auxiliary, seed)
@@ -157,17 +155,13 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
             f"or take a cycle that has it"
         )
     if isinstance(effect, CatalogueEffect | ChannelEffect) and (effect.onset or 0.0) >= scene.duration:
-        raise UsageError(
-            f"{effect.id}: onset = {effect.onset:g} s, expected before the drive ends at {scene.duration:g} s"
-        )
+        raise UsageError(f"{effect.id}: onset = {effect.onset:g} s, expected before the end at {scene.duration:g} s")
     if not isinstance(effect, CatalogueEffect):
         return
     if effect.id == "maf.drift":
         _check_drift(effect, scene)
     if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
-        raise UsageError(
-            f"{effect.id}: T_amb is {WARM:g} K throughout, where it does nothing; add an [auxiliary] table"
-        )
+        raise UsageError(f"{effect.id}: T_amb is {WARM:g} K always, where it does nothing; add an [auxiliary] table")
 
 
 def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:

@@ -21,9 +21,7 @@ from lpvobs.simulation.plant import (
 )
 
 RUNNER = 0.45  # m, intake runner from plenum to valve; 0.3 to 0.6 in passenger cars
-CROWDED = (
-    20.0  # kg/(s m^3), flow per displacement at which the charge is heated as the constants say: middle of the range
-)
+CROWDED = 20.0  # kg/(s m^3), at which the charge is heated as the constants say: middle of the range
 
 
 @njit(cache=True)

@@ -66,9 +66,7 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
     n, r = (len(matrix) for matrix in problem.at(vertices[0]))
     for name, value, shape in (("L", L, (n, r)), ("P", P, (n, n)), ("Q", Q, (n, n))):
         if np.shape(value) != shape:
-            raise DataError(
-                f"gain: {name} has the shape {np.shape(value)}, expected {shape}: use the gain of this system"
-            )
+            raise DataError(f"gain: {name} has the shape {np.shape(value)}, expected {shape}: use this system's gain")
         if not np.all(np.isfinite(value)):
             raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
     if not (isfinite(eps_1) and isfinite(eps_2)):

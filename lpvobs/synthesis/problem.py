@@ -78,7 +78,5 @@ def _exact(rows: Sequence[Sequence[Any]]) -> Matrix:
     for row in rows:
         for entry in row:
             if not isinstance(entry, Rational):
-                raise UsageError(
-                    f"system: {entry!r} is a {type(entry).__name__}, expected a fraction: make A and C without floats"
-                )
+                raise UsageError(f"system: {entry!r} is a {type(entry).__name__}, expected a fraction: use no floats")
     return [[Fraction(entry) for entry in row] for row in rows]

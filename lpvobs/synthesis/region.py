@@ -117,22 +117,18 @@ def _refuse_bad_bounds(region: Region) -> None:
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (isfinite(low) and isfinite(high) and low <= high):
-            raise UsageError(
-                f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, the lower one first"
-            )
+            raise UsageError(f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, lower first")
 
 
 def _refuse_bad_pairs(region: Region) -> None:
     paired = [name for pair in region.nonnegative_sums for name in pair]
     if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
         raise UsageError(
-            f"region: nonnegative_sums {region.nonnegative_sums} must pair names of {region.names}, each at most once"
+            f"region: nonnegative_sums {region.nonnegative_sums} pair names of {region.names}, each at most once"
         )
     for first, second in region.nonnegative_sums:
         if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
-            raise UsageError(
-                f"region: {first} + {second} is negative everywhere, expected room for a sum of zero or more"
-            )
+            raise UsageError(f"region: {first} + {second} is negative everywhere, expected room for zero or more")
 
 
 @dataclass(frozen=True)

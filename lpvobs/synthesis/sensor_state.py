@@ -46,9 +46,7 @@ def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float]
     the correction l [1/s] is not negative. Raises NotProven if the gain is no cascade, or no k makes V fall.
     """
     if np.any(gain.L[:, problem.map_output] != 0.0):
-        raise NotProven(
-            "gain: the sensor corrects the state, expected a cascade; synthesise with cascade = true in [gain]"
-        )
+        raise NotProven("gain: the sensor corrects the state, expected a cascade; set cascade = true in [gain]")
     n, r = gain.L.shape
     L = np.zeros((n + 1, r))
     L[:n], L[n, problem.map_output] = gain.L, correction

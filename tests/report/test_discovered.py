@@ -65,9 +65,9 @@ def test_nothing_and_something_without_a_name(refined):
     assert sentence(replace(refined, content=content("none"))).startswith("a: the residual shows nothing")
     leading = {"id": "maf.lag", "parameters": LAG["parameters"], "explained": 0.3, "proven": False}
     unexplained = replace(refined, content=content("unexplained") | {"candidates": [leading]}, left=LEFT)
-    header, rows = candidate_rows(unexplained)
-    assert (header[0], rows[0][0], rows[0][-1]) == ("candidate, not proven", "maf.lag", "30.0 %")
-    assert candidate_rows(refined) is None
+    header, rows = candidate_rows(unexplained.content)
+    assert (header[0], rows[0][0], rows[0][-1]) == ("comes nearest, not proven", "maf.lag", "30.0 %")
+    assert candidate_rows(refined.content) is None
     said = sentence(unexplained)
     assert "nothing was named" in said
     for part in ("40 to 80 s of a", "sensor-filling", "4 to 8 and speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
@@ -75,9 +75,9 @@ def test_nothing_and_something_without_a_name(refined):
 
 
 def test_tables_have_every_log_and_what_was_held_out(refined):
-    header, rows = error_rows(refined)
+    header, rows = error_rows(refined.content, True)
     assert [row[0] for row in rows] == ["all logs", "all logs held out", "a", "b"]
-    assert rows[3][1] == "all of it, nothing fitted"
+    assert rows[3][1] == "unseen"
     assert all(len(row) == len(header) for row in rows)
     header, rows = effect_rows(refined)
     assert rows[0][0] == "maf.lag"

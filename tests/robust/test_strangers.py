@@ -20,8 +20,7 @@ from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.hdf import changing
-from lpvobs.report.content import gather
-from lpvobs.report.load import load
+from lpvobs.report.content import gather, load
 from lpvobs.report.page import page
 
 EVIL = "<img src=x onerror=alert(1)>\"'&<script>alert(2)<\u0338script>]]>"

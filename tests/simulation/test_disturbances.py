@@ -181,10 +181,10 @@ def test_what_cannot_be_meant_is_refused(make, words):
         (ChannelEffect("humidity", "gain", 1e-3), None, "does not log humidity"),
         (ChannelEffect("humidity", "gain", 1e-3), Auxiliary(("T_coolant",)), "does not log humidity"),
         (ChannelEffect("v_veh", "gain", 1e-3), Auxiliary(), "does not log v_veh"),
-        (ChannelEffect("T_coolant", "gain", 1e-3, onset=500.0), Auxiliary(), "before the drive ends"),
+        (ChannelEffect("T_coolant", "gain", 1e-3, onset=500.0), Auxiliary(), "before the end"),
         (ChannelEffect("T_coolant", "gain", 1.0, reference=0.0), Auxiliary(), "check amplitude"),
         (UnloggedEffect("gain", 0.1, ((1.0, 2.0), (500.0, 600.0))), None, "at least two"),
-        (CatalogueEffect("maf.gain", 1.1, onset=500.0), None, "before the drive ends"),
+        (CatalogueEffect("maf.gain", 1.1, onset=500.0), None, "before the end"),
         (CatalogueEffect("maf.temperature", 1e-3), None, "add an [auxiliary] table"),
     ],
 )

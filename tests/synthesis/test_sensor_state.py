@@ -183,5 +183,5 @@ def test_a_single_entry_makes_it_no_cascade(row):
     problem = engine([3], [[1, 0], [2, 1]], 1)
     L = np.zeros((2, 2))
     L[row, 1] = 1e-12
-    with pytest.raises(NotProven, match="expected a cascade; synthesise with cascade = true"):
+    with pytest.raises(NotProven, match="expected a cascade; set cascade = true"):
         with_sensor_state(problem, made(problem, L, np.eye(2)), (0.1, 0.5), 5.0)

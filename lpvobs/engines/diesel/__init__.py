@@ -14,9 +14,7 @@ from lpvobs.engines.residual_model import DayToDay
 # 5 K below T_amb never; with the channels exchanged for 91 and 78 % at least. On a bench a cooler may hold T_im at T_amb.
 SUSPECTS = Suspects(
     checks=(below("p_em", "p_im", 0.5), below("T_im", "T_amb", 0.5, slack=5.0, unit="K")),
-    mix_ups=tuple(
-        exchanged(*pair) for pair in (("p_im", "p_em"), ("p_im", "p_amb"), ("T_im", "T_amb"), ("u_egr", "u_vgt"))
-    ),
+    mix_ups=tuple(exchanged(*pair.split()) for pair in ("p_im p_em", "p_im p_amb", "T_im T_amb", "u_egr u_vgt")),
 )
 ENGINE = EngineKind(
     air_path=Diesel,

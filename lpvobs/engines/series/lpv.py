@@ -88,9 +88,8 @@ class Series(AsKnown):
     def rate_bounds(self, temperatures: Mapping[str, tuple[float, float]]) -> Mapping[str, tuple[float, float]]:
         """Return the range of a_im = R_a T_im / V_im [J/(kg m^3)]."""
         low, high = temperatures["T_im"]
-        return {
-            "a_im": (self.constants.R_a * low / self.constants.V_im, self.constants.R_a * high / self.constants.V_im)
-        }
+        R_a, V_im = self.constants.R_a, self.constants.V_im
+        return {"a_im": (R_a * low / V_im, R_a * high / V_im)}
 
     def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
         """Return the LPV system along a log of N samples; `constant` holds a T_im [K] for a_im."""

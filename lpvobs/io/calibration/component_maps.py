@@ -65,9 +65,8 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
     if TOLERANCE not in found.column_names:
         return columns, known.tolerance
     tolerance = column_of(path, found, TOLERANCE, "1")
-    _refuse_impossible(
-        path, {TOLERANCE: tolerance}, {TOLERANCE: constants.Within(1e-4, 0.5, "1", "tolerance of a table")}
-    )
+    allowed = constants.Within(1e-4, 0.5, "1", "tolerance of a table")
+    _refuse_impossible(path, {TOLERANCE: tolerance}, {TOLERANCE: allowed})
     return columns, float(tolerance[0])
 
 
@@ -89,7 +88,7 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
         return columns, known.tolerance
     wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
     raise DataError(
-        f"{path}: map '{label}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected {wanted}"
+        f"{path}: map '{label}' is in X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected {wanted}"
     )
 
 

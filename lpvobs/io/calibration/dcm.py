@@ -159,9 +159,7 @@ def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, 
         x, y = np.array(body.x), np.array(body.y)
         values = np.array(body.rows)
         if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
-            raise ValueError(
-                f"{x.size} by {y.size} nodes instead of {across} by {down}, or lines of values of other lengths"
-            )
+            raise ValueError(f"{x.size} by {y.size} nodes instead of {across} by {down}, or lines of other lengths")
         if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
             raise ValueError("values that are not finite, or axes that do not increase")
     except (ValueError, IndexError) as error:

@@ -133,9 +133,7 @@ def config_of(text: str, path: Path) -> Config:
     kind = registry.ENGINES[name]
     config = convert(path, document, record_of(kind), f"configs/{kind.example}")
     if config.schema != SCHEMA:
-        raise UsageError(
-            f"{path}: schema = {config.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
-        )
+        raise UsageError(f"{path}: schema = {config.schema}, expected {SCHEMA}; the file is for another version")
     wanted = {axis.channel for axis in config.engine_path().axes}
     if set(config.map) != wanted:
         raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
@@ -166,9 +164,7 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     text = _read(path)
     document = _parse(text, path)
     if not document:
-        raise UsageError(
-            f"{path}: holds neither [surface], [[effect]] nor [auxiliary]; see configs/effects for examples"
-        )
+        raise UsageError(f"{path}: holds neither [surface], [[effect]] nor [auxiliary]; see configs/effects")
     listed = document.pop("effect", [])
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
@@ -216,8 +212,6 @@ def _check_names(path: Path, config: Config) -> None:
                 f"{path}: sensors.{name}.pulsation = {sensor.pulsation:g}: nothing is known of pulses there; leave it out"
             )
     if len(config.published.x_0) != len(states):
-        raise UsageError(
-            f"{path}: published.x_0: has {len(config.published.x_0)} values, expected one of {', '.join(states)} each"
-        )
+        raise UsageError(f"{path}: published.x_0: has {len(config.published.x_0)} values, expected {', '.join(states)}")
     if len(set(config.gain.outputs)) < len(config.gain.outputs):
         raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")

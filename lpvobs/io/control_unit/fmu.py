@@ -33,9 +33,7 @@ def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
 
 def _library(sources: Mapping[str, str]) -> bytes:
     if which("cc") is None:
-        raise UsageError(
-            "--format fmu: needs a C compiler, and there is no `cc`; install gcc or clang, or take --format c99"
-        )
+        raise UsageError("--format fmu: needs a C compiler, and `cc` is none; install gcc or clang, or take c99")
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -43,14 +41,12 @@ def _library(sources: Mapping[str, str]) -> bytes:
         command = ["cc", *FLAGS, *files_in_c, "-lm", "-o", f"{NAME}.so"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise UsageError(
-                f"--format fmu: the C compiler failed: {done.stderr.strip().splitlines()[-1]}; try another one"
-            )
+            raise UsageError(f"--format fmu: the compiler failed: {done.stderr.strip().splitlines()[-1]}; try another")
         return (Path(folder) / f"{NAME}.so").read_bytes()
 
 
 def _description(unit: Unit, version: str, sources: Mapping[str, str]) -> str:
-    path, grid = unit.air_path, unit.grid
+    path, grid, channels = unit.air_path, unit.grid, unit.channels.items()
     speed, fuel = path.axes[1].unit, path.axes[0].unit
     given = [(f"x_{name}", "state estimate, SI") for name in path.state_names]
     given += [("map_value", "kg/s: the map at the operating point"), ("innovation", "kg/s"), ("state_time", "s")]
@@ -59,9 +55,7 @@ def _description(unit: Unit, version: str, sources: Mapping[str, str]) -> str:
         for j, n in enumerate(grid.speed)
         for i, u in enumerate(grid.fuel)
     ]
-    variables = [
-        ("in_" + name, f"{c.unit}: {c.meaning}", "input", 'Real start="0"') for name, c in unit.channels.items()
-    ]
+    variables = [("in_" + name, f"{c.unit}: {c.meaning}", "input", 'Real start="0"') for name, c in channels]
     first = len(variables)
     variables += [(name, told, "output", "Real") for name, told in given]
     variables.append(("flags", "LPVOBS_BAD_CHANNEL and the following", "output", "Integer"))

@@ -32,9 +32,7 @@ class Unit:
 
     kind: EngineKind
     air_path: AirPath  # with the constants of the engine that the map goes with
-    corrections: Mapping[
-        str, Array
-    ]  # values by component, row by row over its axes; none where nothing is known of them
+    corrections: Mapping[str, Array]  # values by component, row by row over its axes, where something is known of them
     channels: Mapping[str, Channel]  # with their limits as configured
     grid: Grid  # p nodes
     stored: StoredGain
@@ -175,9 +173,8 @@ def _header(unit: Unit) -> str:
 
 
 def _tables(unit: Unit) -> str:
-    numbers = [
-        f"    {_initialiser(np.asarray(value, dtype=float))}, /* {name} */" for name, value in _numbers(unit).items()
-    ]
+    known = {name: _initialiser(np.asarray(value, dtype=float)) for name, value in _numbers(unit).items()}
+    numbers = [f"    {value}, /* {name} */" for name, value in known.items()]
     arrays = _arrays(unit)
     names = ", ".join(map(json.dumps, unit.channels))
     sizes = " + ".join(f"sizeof(lpvobs_{name})" for name in ("engine", *arrays))

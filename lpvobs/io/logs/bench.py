@@ -126,9 +126,7 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
     """Raise for values that are not there, or that no sensor reads."""
     lost = np.flatnonzero(~np.isfinite(values))
     if lost.size:
-        raise DataError(
-            f"{path}: {name} is no number at point {lost[0] + 1}; expected one in every row; leave the row out"
-        )
+        raise DataError(f"{path}: {name} is no number at point {lost[0] + 1}, expected one in every row; leave it out")
     if channel is None or not values.size:
         return
     low, high = channel.typical

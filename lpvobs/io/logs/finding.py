@@ -87,16 +87,12 @@ class Origins:
         if self.pattern is None:
             return {}
         if not FIELD.search(self.pattern):
-            raise UsageError(
-                f"--path {self.pattern}: names no field; expected for example {{vehicle}}/{{month}}.parquet"
-            )
+            raise UsageError(f"--path {self.pattern}: names no field; expected such as {{vehicle}}/{{month}}.parquet")
         parts = FIELD.split(re.escape(self.pattern).replace(r"\{", "{").replace(r"\}", "}"))
         shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
         found = re.search(f"(?:^|/){shape}$", path.as_posix())
         if found is None:
-            raise UsageError(
-                f"{path}: does not end as --path {self.pattern} says; mend the pattern, or name other logs"
-            )
+            raise UsageError(f"{path}: does not end as --path {self.pattern} says; mend the pattern or name others")
         return found.groupdict()
 
 

@@ -61,9 +61,7 @@ def usable_rows(
     return rows[keep[rows]], Defects(time.size, dropped, lost, repeated=repeated, findings=tuple(findings))
 
 
-def _usable(
-    time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
-) -> tuple[NDArray[np.bool_], dict[str, int]]:
+def _usable(time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> tuple[Mask, dict[str, int]]:
     """Return which rows are finite and physically possible in every channel, and how often each channel is not."""
     keep = np.isfinite(time)
     dropped = {"time": int(np.count_nonzero(~keep))}
@@ -171,9 +169,7 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
     """Refuse a channel whose median, or many of whose readings, no working engine shows: a wrong unit or sign."""
     finite = column[np.isfinite(column)]
     if finite.size == 0:
-        raise DataError(
-            f"{path}: channel '{name}' has no number in it; expected readings in {channel.unit}; record it again"
-        )
+        raise DataError(f"{path}: channel '{name}' has no number, expected readings in {channel.unit}; record it again")
     middle, (low, high) = float(np.median(finite)), channel.typical
     if not low <= middle <= high:
         raise DataError(

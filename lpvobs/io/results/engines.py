@@ -1,4 +1,7 @@
-"""`ENGINE.h5`: what is known of an engine, with the bench points behind it; and what a result says of the engine of its map."""
+"""`ENGINE.h5`: what is known of an engine, with the bench points behind it; and what a result says of the engine of its map.
+
+`/engine` is what healthy logs have taught of an engine and of its errors, so that `trace` needs none of them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,14 +12,79 @@ import h5py
 import numpy as np
 
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
+from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.learned import Learning, read_learned, write_learned
-from lpvobs.io.results.mapping import Contents, fields, read, read_rows, rows, values, write
+from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, expect_constants, read_provenance
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
+
+GROUP = "engine"
+ALL = ("deviation", "other_deviation")
+COVARIANCE = Layout(Knowledge, {"covariance": Item("1", "covariance of all relative deviations", ALL)})
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """What healthy logs have taught of an engine, and how wrong its balances are on parts of them that taught nothing."""
+
+    known: Knowledge
+    healthy: HealthyErrors
+    balances: tuple[str, ...]
+
+
+def _layout(name: str, unit: str, meaning: str, axes: tuple[str, ...]) -> Layout[LearnedCurve]:
+    """Return how a curve stands in its group, its values under their own name."""
+    items = {"values": Item(unit, meaning, axes, name)}
+    return Layout(LearnedCurve, items | {"relative_error": Item("1", "standard error over the value", axes)})
+
+
+def write_learned(file: h5py.File, learning: Learning) -> None:
+    """Write `/engine` into a file that has none."""
+    known = learning.known
+    group = file.create_group(GROUP)
+    group.attrs["logs"] = list(known.sources)
+    for name, curve in known.curves.items():
+        axes: Contents = {axis: Field(nodes.values, nodes.unit, nodes.meaning) for axis, nodes in curve.axes.items()}
+        write_group(group, name, axes | fields(_layout(curve.name, curve.unit, curve.meaning, tuple(axes)), curve))
+    every = np.arange(known.covariance.shape[0], dtype=np.int32)
+    meaning = "relative deviation of every node of the curves, then of the numbers that have one"
+    plain: Contents = {name: Field(item.value, item.unit, item.meaning) for name, item in known.numbers.items()}
+    plain |= {axis: Field(every, "1", meaning) for axis in ALL}
+    write_group(group, "numbers", plain | fields(COVARIANCE, known))
+    write(group, "healthy_errors", learning.healthy, {"balance": learning.balances})
+
+
+def read_learned(file: h5py.File) -> Learning:
+    """Return what `/engine` of an open file holds; raises DataError where there is none."""
+    if GROUP not in file:
+        raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs calibrate --healthy`")
+    group = file[GROUP]
+    own, errors = group["numbers"], group["healthy_errors"]
+    known = Knowledge(
+        curves={name: _curve(group[name]) for name in group if name not in ("numbers", "healthy_errors")},
+        numbers={name: LearnedNumber(float(item[()]), *_said(item)) for name, item in own.items() if item.ndim == 0},
+        sources=tuple(map(str, group.attrs["logs"])),
+        **values(own, COVARIANCE),
+    )
+    return Learning(known, read(errors, HealthyErrors), tuple(map(str, errors["balance"].asstr()[()])))
+
+
+def _said(item: h5py.Dataset) -> tuple[str, str]:
+    """Return unit and meaning of a dataset."""
+    return str(item.attrs["units"]), str(item.attrs["long_name"])
+
+
+def _curve(group: h5py.Group) -> LearnedCurve:
+    (name,) = (key for key, item in group.items() if item.ndim and not item.is_scale and key != "relative_error")
+    found = {dimension[0].name.rsplit("/", 1)[1]: dimension[0] for dimension in group[name].dims}
+    axes = {key: Nodes(axis[()], *_said(axis)) for key, axis in found.items()}
+    unit, meaning = _said(group[name])
+    return read(group, _layout(name, unit, meaning, tuple(axes)), axes=axes, name=name, unit=unit, meaning=meaning)
+
 
 KIND = "engine"
 REMEDY = "make it with `lpvobs calibrate`"
@@ -128,9 +196,7 @@ def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
     found = Unknowns(own, components, stored.mean, stored.covariance, learned=True)
     if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):
-        raise DataError(
-            f"{group.file.filename}: has unknowns that this version of lpvobs does not know; {REMEDY} again"
-        )
+        raise DataError(f"{group.file.filename}: has unknowns that this version does not know; {REMEDY} again")
     return found
 
 
@@ -177,14 +243,10 @@ class EngineOfMap:
     """The engine that a map goes with."""
 
     constants: Annotated[tuple[str, ...], Item("1", "uncertain constant of the engine", name="constant")]
-    deviation: Annotated[
-        Array, Item("1", "from the configured value; of a mode, from the calibrated one", ("constant",))
-    ]
+    deviation: Annotated[Array, Item("1", "from the configured, of a mode from the calibrated value", ("constant",))]
     covariance: Annotated[Array, Item("1", "covariance of the deviations", ("constant", "other_constant"))]
     groups: Annotated[tuple[str, ...], Item("1", "components whose corrections share an amplitude", name="group")]
-    amplitudes: Annotated[
-        tuple[float, ...], Item("1", "of these, over what is expected before any data", ("group",), "amplitude")
-    ]
+    amplitudes: Annotated[tuple[float, ...], Item("1", "of these, over what was expected", ("group",), "amplitude")]
 
 
 def stored_engine(found: EngineFound) -> EngineOfMap:
@@ -210,11 +272,6 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     group = write(file, ENGINE_FOUND, stored_engine(found))
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
     write_corrections(group, found.unknowns, found.mean, errors)
-
-
-def read_engine_before(file: h5py.File, air_path: AirPath) -> Unknowns | None:
-    """Return what was known of the engine before an open result's logs, None where that is the configuration alone."""
-    return read_unknowns(file[BEFORE], air_path) if BEFORE in file else None
 
 
 def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:

@@ -93,9 +93,8 @@ def read_fleet(path: Path) -> StoredFleet:
             read(file["map"], surfaces.grid_layout(axes)),
             read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect")),
         )
-        return StoredFleet(
-            path, str(file.attrs["air_path"]), axes, grid, kept, found, read_provenance(file), read_refused(file)
-        )
+        of = str(file.attrs["air_path"])
+        return StoredFleet(path, of, axes, grid, kept, found, read_provenance(file), read_refused(file))
 
 
 def expect_key(path: Path, kept: FleetSums, key: str) -> None:
@@ -143,9 +142,7 @@ def write_table(path: Path, fleet: StoredFleet) -> None:
         "delta_W_c": np.concatenate([each.theta for each in maps]),
         "standard_error": np.concatenate([each.standard_error for each in maps]),
     }
-    units = {name: item.unit for name, item in fleet.axes.items()} | dict.fromkeys(
-        ("delta_W_c", "standard_error"), "kg/s"
-    )
+    units = {name: item.unit for name, item in fleet.axes.items()} | {"delta_W_c": "kg/s", "standard_error": "kg/s"}
     kinds = [pa.array(column.tolist()).type for column in (values[:1] for values in columns.values())]
     metadata = [{"unit": units[name]} if name in units else None for name in columns]
     schema = pa.schema([pa.field(*item) for item in zip(columns, kinds, [True] * len(columns), metadata, strict=True)])

@@ -92,9 +92,7 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
 def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
     """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
     if stored.air_path != config.air_path:
-        raise DataError(
-            f"{path}: gain for air path '{stored.air_path}', the configuration has '{config.air_path}'; {REMEDY} again"
-        )
+        raise DataError(f"{path}: gain for a {stored.air_path}, the configuration has a {config.air_path}; {REMEDY}")
     expect_constants(path, "gain for", stored.engine, config.engine_path().engine_constants(), REMEDY)
     for name, (low, high) in stored.temperatures.items():
         if low < high and (low, high) != config.gain.temperatures.get(name):

@@ -40,9 +40,8 @@ def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -
     fields = {key: field for key, field in contents.items() if isinstance(field, Field)}
     scales = {axis for field in fields.values() for axis in field.axes}
     for key, field in fields.items():
-        dataset = group.create_dataset(
-            key, data=field.values, compression="gzip" if _mostly_empty(field.values) else None
-        )
+        packed = "gzip" if _mostly_empty(field.values) else None
+        dataset = group.create_dataset(key, data=field.values, compression=packed)
         dataset.attrs["units"] = field.units
         dataset.attrs["long_name"] = field.long_name
         for attribute, value in (field.attributes or {}).items():

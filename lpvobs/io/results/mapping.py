@@ -172,9 +172,7 @@ def read_rows(group: h5py.Group | None, record: type[Record], row: str) -> tuple
     if group is None or row not in group:
         return ()
     layout = _rowwise(layout_of(record), row)
-    columns = [
-        [_as_field(value, layout.kind(key)) for value in _loaded(group, layout, key, row)] for key in layout.datasets
-    ]
+    columns = [[_as_field(x, layout.kind(key)) for x in _loaded(group, layout, key, row)] for key in layout.datasets]
     return tuple(record(**dict(zip(layout.datasets, line, strict=True))) for line in zip(*columns, strict=True))
 
 
@@ -217,9 +215,8 @@ def _hints(record: Any) -> dict[str, Any]:
 @cache
 def _layout_of(record: Any) -> Layout[Any]:
     hints = get_type_hints(record, include_extras=True)
-    said = {
-        key: item for key, hint in hints.items() for item in getattr(hint, "__metadata__", ()) if isinstance(item, Item)
-    }
+    every = [(key, item) for key, hint in hints.items() for item in getattr(hint, "__metadata__", ())]
+    said = {key: item for key, item in every if isinstance(item, Item)}
     plain = (key for key, kind in _hints(record).items() if record_in(kind) is None and not _is_array(kind))
     return Layout(record, said, tuple(key for key in plain if key not in said))
 

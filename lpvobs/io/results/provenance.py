@@ -15,12 +15,11 @@ from lpvobs import __version__
 from lpvobs.errors import DataError
 from lpvobs.io.results.mapping import read, write
 
+Constants = Mapping[str, float]
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
 
-def expect_constants(
-    path: Path, what: str, found: Mapping[str, float], configured: Mapping[str, float], remedy: str
-) -> None:
+def expect_constants(path: Path, what: str, found: Constants, configured: Constants, remedy: str) -> None:
     """Raise DataError unless a stored gain or engine was made for the configured constants; `what` says so of the file."""
     for name, value in configured.items():
         if found.get(name) != value:

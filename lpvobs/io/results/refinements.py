@@ -65,9 +65,8 @@ def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:
     group["value"].attrs["long_name"] = f"{effect.parameter} of {effect.id}"
     if effect.curve is not None:
         own = group["curve"]
-        own["knot"].attrs["long_name"] = (
-            f"{effect.curve.of} of {effect.curve.channel}, in the log's unit, rates per second"
-        )
+        along = f"{effect.curve.of} of {effect.curve.channel}, in the log's unit, rates per second"
+        own["knot"].attrs["long_name"] = along
         own["deviation"].attrs["long_name"] = f"deviation of {effect.curve.carrier} at amplitude one"
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
     hdf.write_fields(group, {"acts": hdf.Field(acts, "1", "on the log", ("log",), hdf.flags(hdf.NO_YES))})

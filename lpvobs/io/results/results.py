@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import fields as fields_of
 from math import nan
 from pathlib import Path
 from typing import Annotated, Any
@@ -126,9 +127,7 @@ def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
 def refuse_replaced(stored: StoredResult) -> None:
     """Raise DataError if another program has written to a result since it was read: what was found does not belong to it now."""
     if state_of(stored.path) != stored.state:
-        raise DataError(
-            f"{stored.path}: was replaced while this verb worked on it; it stays as it is now; run the verb again"
-        )
+        raise DataError(f"{stored.path}: was replaced while this verb worked on it, and stays so; run the verb again")
 
 
 def read_result(path: Path) -> StoredResult:
@@ -179,9 +178,7 @@ def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
             "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
             "supported": Item("1", surfaces.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
         },
-        "excitation": {
-            "excitation": Item("s", "persistency of excitation of the cell, delta_1 of Eq. (29)", both, "delta_1")
-        },
+        "excitation": {"excitation": Item("s", "persistency of excitation, delta_1 of Eq. (29)", both, "delta_1")},
         "nodes": {
             "covariance": Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True),
             "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
@@ -213,24 +210,9 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> N
 
 def summary_of(run: log_run.LogRun, metrics: Metrics | None, balance_ratio: float = nan) -> LogSummary:
     """Return what a result keeps of a log."""
-    return LogSummary(
-        name=run.name,
-        sha256=run.sha256,
-        samples=run.samples,
-        samples_read=run.defects.samples_read,
-        dropped_rows=run.defects.dropped_rows,
-        gaps=run.defects.gaps,
-        repeated=run.defects.repeated,
-        duration=run.duration,
-        dropped=run.defects.dropped,
-        found={f"{item.kind} {item.channel}": item.samples for item in run.defects.findings},
-        share_certified=run.share_certified,
-        lower=run.lower,
-        upper=run.upper,
-        balance_ratio=balance_ratio,
-        mean_flow=run.mean_flow,
-        metrics=metrics,
-    )
+    known = {**vars(run.defects), **vars(run), "balance_ratio": balance_ratio, "metrics": metrics}
+    known["found"] = {f"{item.kind} {item.channel}": item.samples for item in run.defects.findings}
+    return LogSummary(**{item.name: known[item.name] for item in fields_of(LogSummary)})
 
 
 def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
@@ -240,19 +222,18 @@ def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_
         write(metrics, log.name, log.metrics)
 
 
+def write_doubts(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str], grid: Grid, reading: Array) -> None:
+    """Write how far the balances agree, what speaks against logs and engine, and the mean reading of the sensor around each node.
+
+    The reading, shape (p_2, p_1) [kg/s], is what a share of the flow is taken of.
+    """
+    write(file, "balance_agreement", found).attrs["doubts"] = "\n".join(doubts)
+    axes = surfaces.axes_of(file)
+    mean = Field(reading, "kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1])
+    write_group(file, "readings", fields(surfaces.grid_layout(axes), grid) | {"reading": mean})
+
+
 def write_agreement(file: h5py.File, scatter: float, logs: tuple[disagreement.Agreement, ...]) -> None:
     """Write how far each log's own map is from the common one."""
     between = Field(scatter, "kg/s", "standard deviation of a node between logs, beyond noise")
     write_group(file, "agreement", rows(logs, "log") | {"scatter": between})
-
-
-def write_balance_agreement(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]) -> None:
-    """Write how far the balances agree, and what speaks against logs and engine, a line each."""
-    write(file, "balance_agreement", found).attrs["doubts"] = "\n".join(doubts)
-
-
-def write_readings(file: h5py.File, grid: Grid, reading: Array) -> None:
-    """Write the mean reading of the sensor around each node, shape (p_2, p_1) [kg/s]: what a share of the flow is taken of."""
-    axes = surfaces.axes_of(file)
-    mean = Field(reading, "kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1])
-    write_group(file, "readings", fields(surfaces.grid_layout(axes), grid) | {"reading": mean})

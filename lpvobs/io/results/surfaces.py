@@ -154,9 +154,8 @@ class Surface:
         return joint.combined(weights, self.values.ravel(), self.covariance)
 
     def _ends(self) -> str:
-        return " and ".join(
-            f"{axis.name} from {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}" for axis in (self.x, self.y)
-        )
+        axes = (self.x, self.y)
+        return " and ".join(f"{axis.name} from {axis.nodes[0]:g} to {axis.nodes[-1]:g} {axis.unit}" for axis in axes)
 
 
 def read_surface(path: Path, source: str = "") -> Surface:

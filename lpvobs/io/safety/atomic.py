@@ -36,9 +36,7 @@ def replacing(target: Path) -> Iterator[Path]:
                 temporary.chmod(0o666 & ~_umask())
                 temporary.replace(regular)
         except OSError as error:
-            raise DataError(
-                f"{regular}: writing failed ({error.strerror or error}); the file is as it was before"
-            ) from None
+            raise DataError(f"{regular}: writing failed ({error.strerror or error}); it is as it was before") from None
 
 
 @contextmanager
@@ -60,16 +58,11 @@ def _claim(target: Path) -> None:
     try:
         _claims[target] = _locked(lock)
     except BlockingIOError:
-        raise DataError(
-            f"{target}: another process is writing this file; wait until it has ended, or name another file"
-        ) from None
+        raise DataError(f"{target}: another process is writing this file; wait, or name another file") from None
     except OSError as error:
-        raise DataError(
-            f"{target}: cannot be written ({error.strerror}); name a folder that exists and is writable"
-        ) from None
-    ours = re.compile(
-        re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part"
-    )  # `map` sweeps nothing that `map.h5` writes
+        raise DataError(f"{target}: cannot be written ({error.strerror}); name a writable folder") from None
+    # `map` sweeps nothing that `map.h5` writes
+    ours = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part")
     with suppress(OSError):
         for left in target.parent.iterdir():
             if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
@@ -162,6 +155,4 @@ def state_of(path: Path) -> tuple[int, ...]:
 def refuse_changed(path: Path, before: tuple[int, ...]) -> None:
     """Raise DataError if somebody has written to a file since its state was `before`."""
     if state_of(path) != before:
-        raise DataError(
-            f"{path}: changed while it was read; expected a finished file; wait for the recorder and try again"
-        )
+        raise DataError(f"{path}: changed while it was read, expected a finished file; wait for the recorder")

@@ -72,9 +72,7 @@ def _probe(path: str) -> str:
     """Return why a process of its own could not read the whole file, or nothing."""
     line = call("lpvobs.io.safety.seal", path, str(SECONDS), str(BYTES))
     try:
-        done = subprocess.run(
-            line, env=environment(), capture_output=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, check=False
-        )
+        done = subprocess.run(line, env=environment(), capture_output=True, timeout=PATIENCE, input=b"", check=False)
     except subprocess.TimeoutExpired:
         return "HDF5 does not come to an end with it"
     if done.returncode == 0:

@@ -242,7 +242,7 @@ def test_points_and_means_have_the_covariance_of_all_nodes(result):
             "1000 to 4000, expected two rising values from 500 to 3000",
         ),
         (lambda map_: map_.mean({"n_e": (2000.0, 1000.0)}), "expected two rising values"),
-        (lambda map_: map_.mean({}), "6 of the 30 nodes asked for have no value"),
+        (lambda map_: map_.mean({}), "6 of 30 nodes asked for have no value"),
         (lambda map_: map_.at([(100.0, 10.0)]), "points: expected n_e from 500"),
     ],
 )

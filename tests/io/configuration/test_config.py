@@ -316,7 +316,7 @@ def test_a_surface_is_read_as_strictly(tmp_path):
         ("[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\nepisodes = 5", "no list of pairs"),
         (
             "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\ntelegraph = { seed = true, on = 9, off = 9 }",
-            "seed that is a whole number",
+            "a whole number as seed",
         ),
         (
             "[[effect]]\nid = 'unlogged'\nform = 'gain'\namplitude = 0.1\ntelegraph = { seed = 1, on = 9, of = 9 }",

@@ -9,7 +9,7 @@ import pytest
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.throttled.constants import Learned, knowledge_of, learned_of
 from lpvobs.errors import DataError
-from lpvobs.io.results.learned import Learning, read_learned, write_learned
+from lpvobs.io.results.engines import Learning, read_learned, write_learned
 
 
 def test_a_learned_engine_comes_back(tmp_path):
