@@ -8,6 +8,8 @@ from typing import Any
 
 import msgspec
 
+from lpvobs.io.arrow import pa, pq
+
 SCHEMA = "lpvobs/ingest/1"
 KEY = "lpvobs.ingest"
 Repairs = Mapping[str, int | str]  # what was repaired: how many samples, or how
@@ -103,9 +105,6 @@ class IngestOutput(IngestRecord):
 
 def stored_record(path: Path) -> dict[str, Any] | None:
     """Return what `ingest` did to make a log as plain data, None for a log that it did not make; files come from strangers."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         record = json.loads((pq.read_schema(path).metadata or {}).get(KEY.encode(), b"null"))
         found = msgspec.convert(record, IngestRecord)

@@ -18,6 +18,7 @@ from typing import IO, Any
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head, check_samples, opened
+from lpvobs.io.arrow import pa
 from lpvobs.io.safety.sandbox import call, environment
 
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
@@ -50,8 +51,6 @@ class ApartRecording(ForeignRecording):
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
-        import pyarrow as pa
-
         check_samples(self.path, [self.heads[name].size for name in names])
         columns = []
         with _asked(self.path, self.library, [self.places[name] for name in names], self.notes) as (lines, stream):
@@ -93,8 +92,6 @@ def _asked(
     path: Path, library: Library, wanted: Sequence[Any] | None, notes: dict[str, str]
 ) -> Iterator[tuple[Iterator[dict[str, Any]], IO[bytes]]]:
     """Yield the lines that the reading process says of a file, and the stream in which samples follow them."""
-    import pyarrow as pa
-
     size = path.stat().st_size
     seconds = SECONDS + size // PER_SECOND
     arguments = (str(path.absolute()), str(seconds), str(BYTES + size))

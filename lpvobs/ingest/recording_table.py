@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lpvobs.errors import DataError
 from lpvobs.ingest.profiles import SourceRules
@@ -22,10 +22,7 @@ from lpvobs.ingest.recordings import (
     opened,
     split_unit,
 )
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+from lpvobs.io.arrow import pa, pq
 
 LONGEST_LINE = 1 << 20
 ANY_BYTE = "latin-1"
@@ -42,7 +39,6 @@ class CsvRecording(ForeignRecording):
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as text, empty where the file has nothing; lines that were cut off are left out and noted."""
-        import pyarrow as pa
         from pyarrow import csv as arrow
 
         survey = _survey(self.path, self.encoding)
@@ -217,8 +213,6 @@ class ParquetRecording(ForeignRecording):
 
 def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
     """Return a Parquet file with the names and units of its flat columns."""
-    import pyarrow as pa
-
     with _parquet(path) as file:
         schema, metadata = file.schema_arrow, file.metadata
         sizes = dict.fromkeys(schema.names, 0)
@@ -242,9 +236,6 @@ def _head(item: "pa.Field", rows: int) -> Head:
 @contextmanager
 def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
     """Yield an open file, or say why it cannot be read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         with pq.ParquetFile(path) as file:
             yield file

@@ -7,15 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.arrow import pa, pc
 from lpvobs.records import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MOST_BYTES = 2 << 30  # what one source may take in memory; checked before it is read
 PER_SAMPLE, PER_ROW = 32.0, 64.0
@@ -139,9 +137,6 @@ def check_size(path: Path, needed: float) -> None:
 
 def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Numbers:
     """Return a column as floats, NaN for what is no number; raises ValueError if it holds neither numbers nor text."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if pa.types.is_dictionary(data.type):
         data = data.cast(data.type.value_type)
     if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
@@ -154,9 +149,6 @@ def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Number
 
 
 def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Numbers:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     data = pc.fill_null(pc.utf8_trim_whitespace(data), "")
     mended = pc.replace_substring(data, ",", ".") if decimal == "," else data
     good = pc.match_substring_regex(mended, _NUMBER)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,9 @@ from lpvobs.ingest.guesses import refreshed
 from lpvobs.ingest.profiles import ChannelRules, Profile
 from lpvobs.ingest.record import ChannelDone, Repairs
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
+from lpvobs.io.arrow import pa
 from lpvobs.io.logs.units import canonical, convert, is_broken
 from lpvobs.records import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 DAY = 86400.0
 SLAB = 1 << 16
@@ -38,7 +35,6 @@ class Stamps:
 def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") -> Stamps:
     """Return a time column as seconds; raises ValueError for another unit, or if the column holds something else."""
     # The unit is one of time, `clock` for h:mm:ss.sss, or `datetime` for ISO 8601 text or Arrow time stamps.
-    import pyarrow as pa
 
     if unit in ("clock", "datetime"):
         if pa.types.is_integer(data.type) or pa.types.is_floating(data.type):

@@ -5,19 +5,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvobs.calibration.bench import DEVIATION, METER, REFERENCE, Rows, bench_table, rows_of
 from lpvobs.engines import base, channels, unknowns
 from lpvobs.errors import DataError
+from lpvobs.io.arrow import pa
 from lpvobs.io.logs.parquet import column_of, expect, metadata_of, refuse_huge, schema_of, tables_of, write_log
 from lpvobs.io.safety.atomic import file_digest, replacing
 from lpvobs.records import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 FUEL, LAMBDA = "W_f", "lambda"
 HEAD = re.compile(r"#\s*(\w+)\s*=\s*([-+.\deE]+)\s*(\S*)")
@@ -90,8 +87,6 @@ def from_parquet(path: Path, names: Sequence[str]) -> "pa.Table":
 
 def from_csv(path: Path) -> "pa.Table":
     """Return the columns as Parquet would have them, units in metadata; a line `# NAME = VALUE UNIT` is a column of one value."""
-    import pyarrow as pa
-
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             lines = [[cell.strip() for cell in line] for line in csv.reader(stream) if any(map(str.strip, line))]
@@ -114,8 +109,6 @@ def from_csv(path: Path) -> "pa.Table":
 
 
 def _numbers(cells: Sequence[str]) -> "pa.Array":
-    import pyarrow as pa
-
     try:
         return pa.array([float(cell) if cell else None for cell in cells], pa.float64())
     except ValueError:

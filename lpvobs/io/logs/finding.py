@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.arrow import pq
 from lpvobs.io.logs.parquet import metadata_of, schema_of
 from lpvobs.io.logs.remote import RemotePath, log_path
 
@@ -107,8 +108,6 @@ def _own(path: Path) -> dict[str, str]:
 def _rows(table: Path) -> dict[Path, dict[str, str]]:
     try:
         if table.suffix == ".parquet":
-            import pyarrow.parquet as pq
-
             rows = [{key: str(value) for key, value in row.items()} for row in pq.read_table(table).to_pylist()]
         else:
             with table.open(encoding="utf-8", newline="") as stream:

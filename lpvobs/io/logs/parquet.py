@@ -4,19 +4,15 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.arrow import pa, pc, pq
 from lpvobs.io.logs.remote import end_of, footer_of, parquet_file
 from lpvobs.io.logs.units import convert
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.records import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
 MOST_FOOTER = 64 * 2**20
 """[bytes] of a Parquet file's own description; a log of a hundred channels and a thousand hours has less."""
@@ -29,9 +25,6 @@ BATCH = 1 << 16  # rows that are decoded at a time
 
 def metadata_of(path: Path) -> "pq.FileMetaData":
     """Return what a Parquet file says of itself, if that is not too much to be read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     if not path.is_file():
         raise DataError(f"{path}: no such log; name a Parquet file")
     try:
@@ -55,8 +48,6 @@ def _refuse_long_footer(path: Path) -> None:
 
 def schema_of(path: Path, metadata: "pq.FileMetaData") -> "pa.Schema":
     """Return the columns with their units; raises DataError where there are too many, or a name is not UTF-8."""
-    import pyarrow as pa
-
     if metadata.num_columns > MOST_COLUMNS:
         raise DataError(
             f"{path}: has {metadata.num_columns} columns, expected at most {MOST_COLUMNS}; export only the channels of the engine"
@@ -90,8 +81,6 @@ def unreadable(path: Path, error: Exception) -> DataError:
 
 def tables_of(path: Path, columns: list[str], most: int, threads: bool = True) -> "Iterator[pa.Table]":
     """Yield the columns of a Parquet file as tables of at most so many rows, of equal length up to rounding."""
-    import pyarrow as pa
-
     try:
         with parquet_file(path) as file:
             rows = file.metadata.num_rows
@@ -119,9 +108,6 @@ def write_log(
     path: Path, channels: Mapping[str, Array], units: Mapping[str, str], metadata: Mapping[str, str] | None = None
 ) -> None:
     """Write channels of equal length to a Parquet log, their units in their fields' metadata, and further metadata of the file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
     table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields, metadata=metadata))
     with replacing(path) as temporary:
@@ -176,8 +162,6 @@ def _unit(field: "pa.Field") -> str:
 
 def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
     """Return one channel as floats in the wanted unit, NaN where the file has null."""
-    import pyarrow as pa
-
     field = table.schema.field(name)
     try:
         if not _is_numeric(field.type):
@@ -204,8 +188,6 @@ def further_channels(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str
 
 def _is_numeric(kind: "pa.DataType") -> bool:
     """Return whether a column of this type holds numbers; text that looks like numbers does not."""
-    import pyarrow as pa
-
     value = kind.value_type if pa.types.is_dictionary(kind) else kind
     tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean)
     return any(test(value) for test in tests)
@@ -213,13 +195,9 @@ def _is_numeric(kind: "pa.DataType") -> bool:
 
 def as_floats(table: "pa.Table", name: str) -> Array:
     """Return a column as floats, NaN for null; by DLPack, for pyarrow's own way imports pandas, which takes longer than reading."""
-    import pyarrow as pa
-
     column = table.column(name)
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)  # large whole numbers are rounded
     if column.null_count:
-        import pyarrow.compute as pc  # takes a while to load, and few logs need it
-
         column = pc.fill_null(column, float("nan"))
     return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in column.chunks)])

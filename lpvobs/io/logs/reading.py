@@ -10,21 +10,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
+from lpvobs.io.arrow import pa
 from lpvobs.io.logs import parquet, plausibility
 from lpvobs.io.logs.policies import LogPolicies, SlabCounts
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.safety.atomic import refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SLAB = 1 << 19  # rows that are held in memory at a time
 

@@ -15,11 +15,11 @@ from types import SimpleNamespace
 from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from lpvobs.errors import DataError, UsageError
+from lpvobs.io.arrow import pq
 from lpvobs.io.safety.atomic import file_digest
 
 if TYPE_CHECKING:
     import fsspec
-    import pyarrow.parquet as pq
 
 Answer = TypeVar("Answer")
 PROTOCOL = re.compile(r"[a-z][a-z0-9+.-]+:")
@@ -94,8 +94,6 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
 
     def digest(self) -> str:
         """Return what a log is known by."""
-        import pyarrow.parquet as pq
-
         footer = self.footer()
         metadata, size = pq.read_metadata(io.BytesIO(footer)), self.stat().st_size
         groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
@@ -132,8 +130,6 @@ def footer_of(path: Path) -> Any:
 
 def parquet_file(path: Path) -> "pq.ParquetFile":
     """Return an open log, of which whole columns are read at a time from a store, and a piece of them from a disk."""
-    import pyarrow.parquet as pq
-
     if isinstance(path, RemotePath):
         return pq.ParquetFile(path.open(), metadata=pq.read_metadata(footer_of(path)), pre_buffer=False)
     return pq.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.arrow import pa, pq
 from lpvobs.io.results import hdf, results, surfaces
 from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
@@ -128,9 +129,6 @@ def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
 
 def write_table(path: Path, fleet: StoredFleet) -> None:
     """Write the maps as a Parquet file in long form: a row for each vehicle, period and node; units are in the metadata."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     maps, nodes = fleet.found.maps, fleet.grid.size
     speed, fuel = (axis.ravel() for axis in np.meshgrid(fleet.grid.speed, fleet.grid.fuel, indexing="ij"))
     types = {each.vehicle: each.type for each in fleet.found.vehicles}
