@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import scipy
 from msgspec import Meta
 from numpy.typing import NDArray
 
@@ -162,8 +163,6 @@ def _in_units(gate: str) -> tuple[str, float]:
 
 def _significant(change: Surface, after: Surface, nodes: Joint, on: NDArray[np.int64]) -> list[NodeChange]:
     """Return the nodes whose change is beyond its error, however many are looked at; the largest first."""
-    import scipy.special
-
     least = scipy.special.ndtri(1.0 - 0.5 * FAMILY / on.size) * nodes.standard_error
     found = [i for i in np.argsort(-np.abs(nodes.values), kind="stable") if abs(nodes.values[i]) > least[i]]
     speed, fuel = np.unravel_index(on, change.values.shape)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvobs.ingest import formats, profiles, recordings, repairs, words
+from lpvobs.ingest import foreign, profiles, recordings, repairs, words
 from lpvobs.ingest.guesses import Guess, csv_layout, guess, kind_of, known_channels, own_names, polled
 from lpvobs.ingest.resample import median_step
 from lpvobs.records import Array
@@ -60,9 +60,9 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
 
 
 def _look(path: Path, own: Mapping[str, str]) -> Clues:
-    kind = formats.sniff(path)
+    kind = foreign.sniff(path)
     rules, layout = csv_layout(path) if kind == "csv" else (profiles.SourceRules(format=kind), ["its first bytes"])
-    recording = formats.open_recording(path, rules)
+    recording = foreign.open_recording(path, rules)
     names = _worth_reading(recording, kind, own)
     columns = recording.read(names)
     clocks = (

@@ -1,7 +1,7 @@
-"""Foreign recordings to a log: names, units, stamps and raster, with every repair counted."""
+"""Foreign recordings, of whatever format, to a log: names, units, stamps and raster, with every repair counted."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.ingest import formats, profiles, resample
+from lpvobs.ingest import profiles, recordings, resample
 from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, SourceDone, TimeDone
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, TimeBase, forward, samples_of, time_base, time_column
@@ -31,9 +31,9 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
 
     Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
     """
-    recordings = [formats.open_recording(path, profile.source) for path in sources]
-    wanted = _find_all(recordings, profile)
-    read = [_read(recording, profile, names) for recording, names in zip(recordings, wanted, strict=True)]
+    opened = [open_recording(path, profile.source) for path in sources]
+    wanted = zip(opened, _find_all(opened, profile), strict=True)
+    read = [_read(recording, profile, names) for recording, names in wanted]
     samples = {}
     for name in profile.channels:
         if parts := [pieces[name] for _, pieces in read if name in pieces]:
@@ -64,24 +64,24 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     return Ingested({"time": time} | values, units, asdict(done))
 
 
-def _find_all(recordings: Sequence[ForeignRecording], profile: profiles.Profile) -> list[dict[str, str]]:
+def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) -> list[dict[str, str]]:
     """Return for each source under which full names it has which channels."""
-    found: list[dict[str, str]] = [{} for _ in recordings]
+    found: list[dict[str, str]] = [{} for _ in sources]
     for name, rules in profile.channels.items():
-        for recording, names in zip(recordings, found, strict=True):
+        for recording, names in zip(sources, found, strict=True):
             full = find(recording, rules.names, f"channel '{name}'")
             if full is not None:
                 names[name] = full
         if not rules.optional and not any(name in names for names in found):
-            hints = "; ".join(nearest(recording.heads, rules.names) for recording in recordings)
+            hints = "; ".join(nearest(recording.heads, rules.names) for recording in sources)
             raise DataError(
-                f"{', '.join(str(recording.path) for recording in recordings)}: channel '{name}' is missing, expected "
+                f"{', '.join(str(recording.path) for recording in sources)}: channel '{name}' is missing, expected "
                 f"{' or '.join(repr(item) for item in rules.names)}; {hints}; mend the name in the profile or set optional = true"
             )
-    for recording, names in zip(recordings, found, strict=True):
+    for recording, names in zip(sources, found, strict=True):
         _refuse_twice(recording.path, names)
     if not any(found):
-        raise DataError(f"{recordings[0].path}: holds no channel of the profile; {nearest(recordings[0].heads, [])}")
+        raise DataError(f"{sources[0].path}: holds no channel of the profile; {nearest(sources[0].heads, [])}")
     return found
 
 
@@ -135,3 +135,44 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     values = np.concatenate([part.values for part in parts])[keep]
     count = int(np.count_nonzero(np.isfinite(values)))
     return RecordedSamples(time[keep], values, replace(parts[0].done, file=files, samples=count, repairs=repairs))
+
+
+def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
+    """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
+    found = sniff(path)
+    recording = _opener(rules.format or found)(path, rules)
+    if len(recording.heads) > recordings.MOST_COLUMNS:
+        raise DataError(
+            f"{path}: has {len(recording.heads)} columns, expected at most {recordings.MOST_COLUMNS}; export fewer channels"
+        )
+    return recording
+
+
+def sniff(path: Path) -> str:
+    """Return the format of a file by its first bytes; what no other format begins with is taken for CSV."""
+    if not path.is_file():
+        raise DataError(f"{path}: no such recording; name a CSV, Parquet, MAT or MDF4 file")
+    with recordings.opened(path) as stream:
+        first = stream.read(8)
+    if first[:4] == b"PAR1":
+        return "parquet"
+    if first[:8] in (b"MDF     ", b"UnFinMF "):
+        return "mdf"
+    if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
+        return "mat"
+    return "csv"
+
+
+def _opener(kind: str) -> Callable[[Path, profiles.SourceRules], recordings.ForeignRecording]:
+    """Return what opens a format; the libraries of the others are not loaded."""
+    if kind == "parquet":
+        from lpvobs.ingest.recording_table import open_parquet
+
+        return open_parquet
+    if kind == "csv":
+        from lpvobs.ingest.recording_table import open_csv
+
+        return open_csv
+    from lpvobs.ingest.recording_apart import open_mat, open_mdf
+
+    return open_mat if kind == "mat" else open_mdf

@@ -7,6 +7,7 @@ W C W^T.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from lpvobs.errors import DataError
 from lpvobs.records import Array
@@ -37,8 +38,6 @@ class Joint:
 
     def nothing(self) -> float:
         """Return how probable values as far from zero are if all are zero in truth: chi-square along the known directions."""
-        import scipy.stats
-
         variances, axes = np.linalg.eigh(self.covariance)
         kept = variances > DIRECTIONS * variances[-1]
         squares = (axes.T @ self.values)[kept] ** 2 / variances[kept]

@@ -12,6 +12,7 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.maps import quadratic
@@ -78,8 +79,6 @@ class Weighted:
     """The map under one process and amplitude; both sides are whitened by the covariance of process and noise."""
 
     def __init__(self, data: KnownNodes, process: Process, amplitude: float, correlation: Array):
-        import scipy.linalg  # takes as long to load as estimating a map
-
         self.data, self.process, self.power = data, process, amplitude**2
         covariance = self.power * correlation + data.noise
         covariance[np.diag_indices_from(covariance)] *= 1.0 + ROUNDING

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
@@ -162,8 +163,6 @@ def outer_coverage(
 
 def interval_factor(nodes: int, level: float) -> float:
     """Return how many standard deviations of prediction make an interval of the given level: Student's t."""
-    import scipy.special
-
     return float(scipy.special.stdtrit(max(nodes - 6, 1), 0.5 + level / 2.0))
 
 
@@ -173,8 +172,6 @@ def _scale(nodes: Array) -> tuple[float, float]:
 
 def _fit_operator(X: Array, variances: Array) -> Array:
     """Return the matrix that turns node values into weighted least-squares coefficients, shape (6, nodes)."""
-    import scipy.linalg  # takes as long to load as estimating a map
-
     weights = 1.0 / variances if np.all(variances > 0) else np.ones_like(variances)
     return np.asarray(scipy.linalg.solve(X.T @ (weights[:, None] * X), X.T * weights, assume_a="pos"))
 
