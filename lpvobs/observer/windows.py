@@ -181,45 +181,54 @@ def _mirror(products):  # type: ignore[no-untyped-def]
 def _add_rows(products, slow, columns, group, weight, Psi, J, z, terms, reading):  # type: ignore[no-untyped-def]
     """Add the products of the rows of n windows in some columns, and those of sums of rows over a group."""
     n, B = z.shape
-    p, q, C = Psi.shape[1], J.shape[2], columns.size
-    at, value = np.empty((B, C), dtype=np.int64), np.empty((B, C))
-    row, summed = np.zeros((B, C)), np.zeros((B, C))
+    p, q = Psi.shape[1], J.shape[2]
+    columns = columns.astype(np.uintp)  # no negative ones, for which each access would look
+    at, value, count = (
+        np.empty((B, columns.size), dtype=np.uintp),
+        np.empty((B, columns.size)),
+        np.zeros(B, dtype=np.int64),
+    )
+    rest, summed = np.zeros(columns.size - p - q), np.zeros((B, columns.size))
     for r in range(n):
         for b in range(B):
-            w = weight[r, b]
-            if w == 0.0:
-                row[b] = 0.0
-                continue
-            row[b, :p] = w * Psi[r]
-            row[b, p : p + q] = w * J[r, b]
-            row[b, p + q + b] = w
-            row[b, p + q + B] = w * z[r, b]
-            row[b, p + q + B + 1 : C - 1] = w * terms[r]
-            row[b, C - 1] = w * (reading[r] - z[r, b])
-        _add_products(products, columns, row, at, value)
-        summed += row
+            rest[:B] = 0.0
+            rest[b], rest[B], rest[-1] = 1.0, z[r, b], reading[r] - z[r, b]
+            rest[B + 1 : -1] = terms[r]
+            count[b], w, first = 0, weight[r, b], 0
+            for part in (Psi[r], J[r, b], rest):
+                if w != 0.0:
+                    count[b] = _list(part, w, columns[first:], at[b], value[b], count[b], summed[b, first:])
+                first += part.size
+        _add_products(products, count, at, value)
         if r == n - 1 or group[r + 1] != group[r]:
             summed /= np.sqrt(GROUP)
-            _add_products(slow, columns, summed, at, value)
+            for b in range(B):
+                count[b] = _list(summed[b], 1.0, columns, at[b], value[b], 0, rest[:0])
+            _add_products(slow, count, at, value)
             summed[:] = 0.0
 
 
 @njit(cache=True)
-def _add_products(products, columns, row, at, value):  # type: ignore[no-untyped-def]
-    """Add the products of the rows of every balance, (B, C), with those of later ones, and half of those with itself."""
-    B, C = row.shape
-    count = np.zeros(B, dtype=np.int64)
-    for a in range(B):  # a row is mostly zeros
-        for i in range(C):
-            if row[a, i] != 0.0:
-                at[a, count[a]], value[a, count[a]] = columns[i], row[a, i]
-                count[a] += 1
-    for a in range(B):
-        for b in range(a, B):
+def _list(given, w, columns, at, value, count, summed):  # type: ignore[no-untyped-def]
+    """List w times what is not zero, behind the first `count`, add it to `summed`, and return how many are listed."""
+    for i in range(given.size):
+        if given[i] != 0.0:
+            at[count], value[count] = columns[i], w * given[i]
+            if summed.size:
+                summed[i] += value[count]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _add_products(products, count, at, value):  # type: ignore[no-untyped-def]
+    """Add the products of the rows of every balance, as listed, with those of later ones, and half of those with itself."""
+    for a in range(count.size):
+        for b in range(a, count.size):
             for k in range(count[a]):
-                i, x = at[a, k], value[a, k]
+                row, x = products[a, b, at[a, k]], value[a, k]
                 for m in range(k if a == b else 0, count[b]):
-                    products[a, b, i, at[b, m]] += x * value[b, m]
+                    row[at[b, m]] += x * value[b, m]
 
 
 @njit(cache=True)
@@ -257,8 +266,18 @@ def _add(sums, gram, u_nodes, n_nodes, row, steps, fuel, speed, terms, z, signal
 
 @njit(cache=True)
 def _sum_up(sums, values, steps, start, stop):  # type: ignore[no-untyped-def]
-    for s in range(values.shape[0]):
-        total = sums[s]
+    """Add to the sums of signals; four at a time, for each sum waits for its last sample."""
+    for s in range(0, values.shape[0] - 3, 4):
+        a, b, c, d = sums[s], sums[s + 1], sums[s + 2], sums[s + 3]
         for k in range(start, stop):
-            total += steps[k] * values[s, k]
-        sums[s] = total
+            h = steps[k]
+            a, b, c, d = (
+                a + h * values[s, k],
+                b + h * values[s + 1, k],
+                c + h * values[s + 2, k],
+                d + h * values[s + 3, k],
+            )
+        sums[s], sums[s + 1], sums[s + 2], sums[s + 3] = a, b, c, d
+    for s in range(values.shape[0] - values.shape[0] % 4, values.shape[0]):
+        for k in range(start, stop):
+            sums[s] += steps[k] * values[s, k]
