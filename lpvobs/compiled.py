@@ -6,6 +6,7 @@ what is over zero is infinite, and no loop waits to ask.
 """
 
 import sys
+import threading
 from collections.abc import Callable
 from functools import update_wrapper
 from typing import TYPE_CHECKING, Any
@@ -47,10 +48,29 @@ def _compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     return numba.njit(error_model="numpy", **options)(function)
 
 
+def _load_numba() -> None:
+    """Load Numba without SciPy's linear algebra and without cffi, which it looks for although no kernel of a verb needs them.
+
+    That search takes as long as estimating a map. A kernel that does multiply matrices finds SciPy later, when it is compiled.
+    """
+    looked_for = [name for name in ("scipy.linalg.cython_blas", "cffi") if name not in sys.modules]
+    if threading.active_count() == 1:  # no other thread may miss them meanwhile
+        sys.modules.update(dict.fromkeys(looked_for))  # type: ignore[arg-type]
+    try:
+        import numba.core.typing.cffi_utils  # noqa: PLC0415
+        import numba.np.arraymath  # noqa: F401, PLC0415
+    finally:
+        for name in looked_for:
+            if sys.modules.get(name, ...) is None:
+                del sys.modules[name]
+
+
 def _load() -> None:
     """Compile what waits, and put it in its place in every module."""
     if not _waiting:
         return
+    if "numba" not in sys.modules:
+        _load_numba()
     for each in _waiting:
         each.compiled = _compiled(each.function, each.options)
     _waiting.clear()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lpvobs.cli.common import chosen_config, guarded, load_compiler, print_json, progress, say, table
+from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say, table
 from lpvobs.cli.options import CONFIG, JSON, flag, needed, option
 
 
@@ -34,7 +34,6 @@ def calibrate(
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
-    load_compiler()
     from lpvobs.api.calibrate import calibrate as find_engine
     from lpvobs.api.calibrate import plan_bench
     from lpvobs.report.engines import calibration_tables, told

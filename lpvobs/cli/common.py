@@ -14,7 +14,7 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
-import typer
+from click.exceptions import Exit
 
 from lpvobs.cli.signals import Stopped, ignore_signals, received
 from lpvobs.errors import DataError, LpvobsError, UsageError
@@ -39,7 +39,7 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
         try:
             _expect_surroundings()
             return verb(*args, **kwargs)
-        except typer.Exit:
+        except Exit:
             raise
         except Stopped as stop:
             fail(str(stop), stop.exit_code)
@@ -95,22 +95,7 @@ def _fault(error: BaseException) -> NoReturn:
 def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
     say("lpvobs: " + " ".join(message.split()))
-    raise typer.Exit(code)
-
-
-def load_compiler() -> None:
-    """Load Numba without SciPy's linear algebra and without cffi, which it looks for although no kernel of a verb needs them.
-
-    That search takes as long as estimating a map. A kernel that does multiply matrices finds SciPy later, when it is compiled.
-    """
-    looked_for = [name for name in ("scipy.linalg.cython_blas", "cffi") if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(looked_for))  # type: ignore[arg-type]
-    try:
-        import numba.core.typing.cffi_utils
-        import numba.np.arraymath  # noqa: F401
-    finally:
-        for name in looked_for:
-            del sys.modules[name]
+    raise Exit(code)
 
 
 def chosen_config(given: Path | None) -> Path:
@@ -241,4 +226,4 @@ def leave(refused: Iterable[str]) -> None:
     for message in messages:
         say(f"lpvobs: left out: {message}")
     if messages:
-        raise typer.Exit(DataError.exit_code)
+        raise Exit(DataError.exit_code)

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-import typer
+from click.exceptions import Exit
 
 from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
 from lpvobs.cli.options import JSON, REGION, argument, flag, option
 from lpvobs.cli.track import show_fleet
 
 
-def _list_metrics(asked: bool) -> None:
+def _list_metrics(context: object, option: object, asked: bool) -> None:
     """Print what a gate may ask for, and leave."""
     if asked:
         from lpvobs.report.gates import METRICS, OF_RESULT
@@ -20,7 +20,7 @@ def _list_metrics(asked: bool) -> None:
             for name, item in metrics.items()
         ]
         print(table(["metric", "unit", "of a", "meaning"], rows, left=4))
-        raise typer.Exit
+        raise Exit
 
 
 @guarded
