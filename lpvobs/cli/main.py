@@ -2,7 +2,6 @@
 
 import gc
 import os
-import re
 import sys
 from importlib import import_module
 
@@ -115,7 +114,7 @@ def _misused(error: Exception) -> int:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "lpvobs"
     if not context or context.get_help() != says():  # without any argument the message is the help
-        words = re.sub(r"Input should be (a valid \w+),.*", r"not \1", " ".join(visible(says()).split()))
+        words = " ".join(visible(says()).split())
         print(f"lpvobs: {words.rstrip('.')}; see `{command} --help`", file=sys.stderr)
     else:
         print(says(), file=sys.stderr)

@@ -26,7 +26,7 @@ from lpvobs.discovery.outcome import (
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
-VERBS = tuple(command.name for command in app.registered_commands)
+VERBS = tuple(app.commands)
 PROFILE = 'schema = 1\n[time]\nsource = "t"\nunit = "s"\n[channels.p_im]\nsource = "map"\nunit = "Pa"\n'
 
 

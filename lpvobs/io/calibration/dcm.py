@@ -4,7 +4,6 @@ X runs along a line of values, Y from line to line. A map is a KENNFELD with axe
 shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` name.
 """
 
-import difflib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -104,6 +103,8 @@ def read_dcm_map(path: Path, name: str) -> DcmMap:
         seen.append(words[1])
         if words[1] == name:
             return _parsed(path, number, words, lines)
+    import difflib
+
     near = difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]
     raise DataError(
         f"{path}: has no map '{name}'; {'has ' + ', '.join(near) if near else 'has no map at all'}; name one: --name"

@@ -3,7 +3,6 @@
 What the record does not know is refused with the nearest key that exists; what the file lacks is named.
 """
 
-import difflib
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -110,6 +109,8 @@ def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where
     hints = get_type_hints(record)
     for key, value in document.items():
         if key not in known:
+            import difflib
+
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
             hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
             raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")

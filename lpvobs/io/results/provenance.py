@@ -6,7 +6,6 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -31,6 +30,8 @@ def expect_constants(path: Path, what: str, found: Constants, configured: Consta
 
 def versions() -> dict[str, str]:
     """Return the version of the package, of Python, and of the libraries that numbers depend on."""
+    from importlib.metadata import version  # loads what reads mail
+
     return {"lpvobs": __version__, "python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
 
 
