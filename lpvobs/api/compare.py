@@ -140,7 +140,7 @@ def _draw(figure: File, maps: tuple[File, File], change: Surface, found: Compare
 def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
     """Raise NotProven where a gate fails, UsageError where one cannot be understood."""
     known = {"largest_change": found.largest_change, "mean_change": abs(found.mean.value), "p_value": found.p_value}
-    parsed = [parse_gate(*_in_units(gate), METRICS) for gate in gates]
+    parsed = [parse_gate(*_in_units(gate), METRICS) for gate in ([gates] if isinstance(gates, str) else gates)]
     failed = [gate for gate in parsed if not gate.holds(known[gate.metric])]
     if failed:
         gate = failed[0]

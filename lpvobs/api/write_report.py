@@ -76,7 +76,7 @@ def make_report(
     region: Mapping[str, tuple[float, float]] | None = None,
 ) -> Reported:
     """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for."""
-    conditions = list(dict.fromkeys(parse_gate(expression) for expression in gates))
+    conditions = list(dict.fromkeys(map(parse_gate, [gates] if isinstance(gates, str) else gates)))
     if junit is not None and not conditions:
         raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
     if junit is not None and html is not None and as_path(junit).resolve() == as_path(html).resolve():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import lpvobs as package
+from lpvobs.errors import DataError
 from lpvobs.io.results.surfaces import ORIGINS
 
 
@@ -45,6 +46,11 @@ def test_xarray_has_axes_and_units(surface):
     assert found.n_e.attrs["units"] == "rpm"
     near = found.delta_W_c.interp(n_e=1600.0, u_delta=9.0).item()
     assert near == pytest.approx(surface.at([(1600.0, 9.0)]).values[0])
+
+
+def test_other_values_than_those_of_a_map_are_refused(chain):
+    with pytest.raises(DataError, match="no values 'metrics'; expected map or extrapolation"):
+        package.read_map(chain.result, "metrics")
 
 
 def test_plot_draws_in_grams(surface):

@@ -41,6 +41,7 @@ addEventListener("load", () => {
     drawn: all("figure.course canvas").filter(e => e.width).map(e => {
       const d = e.getContext("2d").getImageData(0, 0, e.width, e.height).data;
       let n = 0; for (let i = 3; i < d.length; i += 4) n += d[i] > 0; return n; }),
+    broken: all(".scroll, tr, figure").filter(e => getComputedStyle(e).breakInside !== "avoid").length,
     painted: all("figure svg").filter(e => e.querySelectorAll("path, use, image, text").length > 10).length,
   };
   document.body.innerHTML = "";
@@ -67,8 +68,8 @@ def page(lpvobs, chain, tmp_path_factory):
 def opened(page, tmp_path_factory):
     """Return what a browser shows of the page, asked for by a script that is added for the purpose, and what it complains of."""
 
-    def look(*options, printed=False, before=""):
-        text = page.read_text(encoding="utf-8")
+    def look(*options, printed=False, before="", shown=page):
+        text = shown.read_text(encoding="utf-8")
         folder = tmp_path_factory.mktemp("profile")
         asked = folder / "asked.html"
         text = text.replace("@media print", "@media all") if printed else text
@@ -109,9 +110,10 @@ def test_no_formula_stands_where_a_number_belongs(light):
     assert light[0]["formulas"] == []
 
 
-def test_no_table_is_cut_on_paper(opened):
+def test_no_table_is_cut_or_broken_on_paper(opened):
     """A4 has 718 pixels between Chromium's margins. What holds for print is made to hold for the screen."""
-    assert opened("--window-size=718,1000", printed=True)[0]["hidden"] == 0
+    found, _ = opened("--window-size=718,1000", printed=True)
+    assert (found["hidden"], found["broken"]) == (0, 0)
 
 
 def test_it_can_be_used_by_keyboard_and_read_aloud(light):
@@ -135,6 +137,16 @@ def test_nothing_runs_off_a_screen(opened, width):
     found, complaints = opened(f"--window-size={width},900")
     assert found["wide"] <= 0
     assert complaints == []
+
+
+def test_the_page_of_an_engine_fits_screens_and_paper(opened, lpvobs, other_engine, tmp_path):
+    shown = tmp_path / "engine.html"
+    assert lpvobs("report", other_engine.known, "--html", shown).code == 0
+    for width, printed in ((500, False), (1600, False), (718, True)):
+        found, complaints = opened(f"--window-size={width},900", printed=printed, shown=shown)
+        assert (found["wide"], complaints) == (0, [])
+        assert len(found["figures"]) >= 5
+    assert (found["hidden"], found["broken"]) == (0, 0)  # on paper
 
 
 ZOOM = """

@@ -100,7 +100,10 @@ class Surface:
 
         Raises DataError where the map has no value, or ends.
         """
-        x, y = np.asarray(points, dtype=float).reshape(-1, 2).T
+        pairs = np.asarray(points, dtype=float)
+        if pairs.ndim != 2 or pairs.shape[1] != 2:
+            raise DataError(f"points: expected a list of pairs, {self._ends()}")
+        x, y = pairs.T
         weights = joint.at_weights(self.x.nodes, x)[:, :, None] * joint.at_weights(self.y.nodes, y)[:, None, :]
         if not np.all(weights.sum((1, 2)) > 0.0):
             raise DataError(f"points: expected {self._ends()}")
@@ -162,6 +165,8 @@ def read_surface(path: Path, source: str = "") -> Surface:
     """Return `map` or `extrapolation` of a result, by default the latter if there; raises DataError where it is not."""
     with reading(path, "result", "make it with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
+        if source not in ("map", "extrapolation"):
+            raise DataError(f"{path}: has no values '{source}'; expected map or extrapolation")
         if source not in file:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
         group, (fuel, speed) = file[source], axes_of(file).items()

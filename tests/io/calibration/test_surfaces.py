@@ -244,6 +244,8 @@ def test_points_and_means_have_the_covariance_of_all_nodes(result):
         (lambda map_: map_.mean({"n_e": (2000.0, 1000.0)}), "expected two rising values"),
         (lambda map_: map_.mean({}), "6 of 30 nodes asked for have no value"),
         (lambda map_: map_.at([(100.0, 10.0)]), "points: expected n_e from 500"),
+        (lambda map_: map_.at([(1000.0, 10.0, 3.0)]), "points: expected a list of pairs, n_e from 500"),
+        (lambda map_: map_.at([]), "points: expected a list of pairs"),
     ],
 )
 def test_what_a_map_does_not_know_is_refused(result, ask, words):
