@@ -90,7 +90,7 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
     reads = _reads(sums)
     if not READS <= reads <= 1.0 / READS:
         yield (
-            f"{config.kind.air_path.sensor} reads {reads:.2g} times the flow of the balances; see to its unit: g/s called kg/h "
+            f"{config.kind.air_path.sensor} reads {reads:.2g} times the flow of the balances; check its unit: g/s called kg/h "
             f"reads 0.28 times, kg/h called g/s 3.6 times"
         )
     mistake = sums.mended_by()
@@ -127,7 +127,7 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
             which = "larger" if off > 0.0 else "smaller"
             yield (
                 f"{name}: the transients ask for one that is {100 * abs(off):.0f} % {which}, by {sure:.0f} times what noise and "
-                f"tolerance allow; see to it in [engine]"
+                f"tolerance allow; check it in [engine]"
             )
 
 
@@ -140,7 +140,7 @@ def refuse_too_large(estimate: MapEstimate, sums: BalanceSums, most: float, says
     size = float(np.abs(error).sum())
     if not size > most * air:
         return
-    why = "no sensor is that wrong: see to its unit, and to the constants in [engine], the volumes first"
+    why = "no sensor is that wrong: check its unit, and the constants in [engine], the volumes first"
     if abs(float(sums.reading[known].sum())) < NEXT_TO_NOTHING * air:
         why = "the sensor reads next to nothing, as if it were unplugged: connect it and drive again"
     elif says:

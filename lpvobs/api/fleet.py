@@ -240,7 +240,7 @@ def refuse_empty(estimate: MapEstimate) -> None:
     if not estimate.supported.any():
         names = ", ".join(run.name for run in estimate.runs)
         raise DataError(
-            f"{names}: no node of the map is informed for least_information in [estimate]; "
+            f"{names}: no operating point was driven for long enough (least_information in [estimate]); "
             f"drive longer and over more operating points"
         )
     if not np.isfinite(estimate.theta[estimate.supported]).all():

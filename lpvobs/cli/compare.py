@@ -35,7 +35,7 @@ def compare(
         where = f"in {region}" if region else f"over the {found.nodes} nodes that both have"
         print(f"mean change {where}: {grams(found.mean.value)} g/s (90 %: {low} to {high})")
         many = len(found.significant)
-        print(f"no change at all: p = {found.p_value:.2g}; {many} nodes have changed by more than their errors")
+        print(f"p = {found.p_value:.2g} if nothing has changed; {many} nodes have changed by more than their errors")
         if found.significant:
             rows = [
                 [f"{node.speed:g}", f"{node.fuel:g}", *map(grams, (node.before, node.after, node.change, *node.ci90))]

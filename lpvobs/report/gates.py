@@ -109,8 +109,11 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
                 f"--gate '{expression}': {metric} is a word, expected == or != and one of {', '.join(words)}"
             )
         return Gate(metric, relation, limit)
-    number = _number(limit)
-    if number is None:
+    try:
+        number = float(limit)
+    except ValueError:
+        number = math.nan
+    if math.isnan(number):
         raise UsageError(f"--gate '{expression}': {NO_GATE}")
     return Gate(metric, relation, unit * number)
 
@@ -171,14 +174,6 @@ def _finite(value: float | str | None) -> float | str | None:
 
 def _said(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.6g}"
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return None if math.isnan(value) else value
 
 
 def _first_of(messages: Sequence[str]) -> str:

@@ -19,6 +19,7 @@ from lpvobs.report.outputs import RegionMean, log_fields
 Table = tuple[list[str], list[list[str]]]
 NONE = "-"
 MUCH = 0.1  # share of its rows that are dropped, from which a log is unusual
+_range = "{:.4g} .. {:.4g}".format
 METRIC_COLUMNS = ("floor", "rms ratio", "rmse g/s", "bias g/s", "cells", "stability certified")
 
 
@@ -183,10 +184,6 @@ def state_bound_table(gain: StoredGain) -> Table:
         return header, []
     rows = np.hstack([bound.of_outputs[:, :-1], bound.of_rates])
     return header, [[state, *(f"{value:.3g}" for value in row)] for state, row in zip(gain.states, rows, strict=True)]
-
-
-def _range(low: float, high: float) -> str:
-    return f"{low:.4g} .. {high:.4g}"
 
 
 def ingest_rows(record: Mapping[str, Any]) -> Table:

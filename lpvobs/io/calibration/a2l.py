@@ -55,13 +55,17 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
         text = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); name an A2L file") from None
+    if b"/begin" not in text:  # the library would print words of its own
+        raise DataError(f"{path}: is no A2L file; name the control unit's description")
     if len(text) > LARGEST:
         raise DataError(f"{path}: {len(text) >> 20} MiB, expected an A2L file of {LARGEST >> 20} at most")
     try:
         with A2lParser() as parser:
             modules = parser.tree_from_a2l(text).PROJECT.MODULE
     except Exception as error:  # whatever the library raises, the file is why
-        raise DataError(f"{path}: is no A2L file that pya2l can read ({' '.join(str(error).split())[:200]})") from None
+        line = str(error).strip().partition(":")[0]
+        at = f" (line {line})" if line.isdecimal() else ""
+        raise DataError(f"{path}: is a damaged A2L file{at}; export it again") from None
     for module in modules:
         found = {item.Name.Value: item for item in module.CHARACTERISTIC}
         if name in found:

@@ -114,8 +114,8 @@ def _rows(table: Path) -> dict[Path, dict[str, str]]:
                 rows = [dict(row) for row in csv.DictReader(stream)]
         named = [(log_path(Path(row.pop("log"))), row) for row in rows]
         return {(path if isinstance(path, RemotePath) else table.parent / path).resolve(): row for path, row in named}
-    except (OSError, ValueError, KeyError, csv.Error) as error:
-        raise DataError(f"{table}: no table of logs ({error!r}); expected columns log, vehicle, date") from None
+    except (OSError, ValueError, KeyError, csv.Error):
+        raise DataError(f"{table}: no table of logs; expected CSV or Parquet with columns log, vehicle, date") from None
 
 
 def day_of(path: Path, origin: Mapping[str, str]) -> float:

@@ -123,7 +123,8 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
         try:
             schema = str(file.attrs.get("schema", ""))
             if schema != f"lpvobs/{kind}/1":
-                its = f"a {schema.split('/')[1]}" if schema.count("/") == 2 else "something that lpvobs did not write"
+                its = schema.split("/")[1] if schema.count("/") == 2 else "file that lpvobs did not write"
+                its = f"an {its}" if its == "engine" else f"a {its}"
                 raise DataError(f"{path}: not a {kind} file but {its}; {remedy}")
             yield file
         except DAMAGE as error:
