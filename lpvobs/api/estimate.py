@@ -9,7 +9,7 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api import fleet, healthy, known_engine, verify
+from lpvobs.api import fleet, known_engine, verify
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import processors
@@ -196,7 +196,9 @@ def estimate_logs(
     results.write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
     if method == "observer":
-        healthy.learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
+        from lpvobs.api.healthy import learn_healthy  # loads the search for effects
+
+        learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
     return replace(done, headline=says)
 

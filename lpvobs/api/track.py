@@ -122,11 +122,10 @@ def track(
     with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
-        before = read_fleet(target) if target.is_file() else None
-        known = frozenset() if before is None else frozenset(log.sha256 for log in before.kept.logs)
+        sums = read_fleet(target).kept if target.is_file() else None
+        known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
         whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
-        sums = None if before is None else before.kept
         if whose:
             stored = gain_for(configuration, found, given, "observer")
             state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
@@ -143,7 +142,7 @@ def track(
         result = _solved(configuration, sums, periods)
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
-        provenance = Provenance({log.name: log.sha256 for log in sums.logs}, text)
+        provenance = Provenance({f"{log.vehicle}/{log.name}": log.sha256 for log in sums.logs}, text)
         fleet = StoredFleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, tuple(refused))
         write_fleet(fleet)
         PartsFolder(target, "", KeptLog).remove()
@@ -155,13 +154,12 @@ def track(
 def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutput:
     """Return what is printed of a fleet."""
     found = fleet.found
-    periods = sorted({each.period for each in found.maps})
     return TrackOutput(
         fleet=str(fleet.path),
         logs=len(fleet.kept.logs),
         new=new,
         refused=tuple(refused),
-        periods=periods,
+        periods=sorted({each.period for each in found.maps}),
         vehicles=found.worst_first(),
         changes=found.changes,
         effects=fleet.kept.effects,
@@ -267,9 +265,8 @@ class _Adding:
                     return None, refused
             else:
                 basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
+                expect_key(self.out, before, self.key(task.point))
             key = self.key(task.point)
-            if before is not None:
-                expect_key(self.out, before, key)
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
             task = replace(task, done=folder.found())
 

@@ -66,7 +66,9 @@ def contents(path):
 def test_names_alike_are_no_obstacle_and_whose_they_are_stands_in_the_path(whole):
     out, done = whole
     assert "2 vehicles, 8 logs, 2025-01 to 2025-04" in done.out
-    kept = contents(out)
+    kept, digests = contents(out), read_fleet(out).provenance.inputs_sha256
+    assert sorted(digests) == [f"{vehicle}/2025-0{month}" for vehicle in "ab" for month in range(1, 5)]
+    assert sorted(name.decode() for name in kept["sums/log"]) == sorted(digests.values())
     assert sorted(name.decode() for name in kept["sums/name"]) == sorted([f"2025-0{m}" for m in range(1, 5)] * 2)
 
 

@@ -12,7 +12,6 @@ from lpvobs.io.arrow import pa, pq
 from lpvobs.io.results import hdf, results, surfaces
 from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write
 from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
-from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
@@ -109,6 +108,8 @@ def expect_key(path: Path, kept: FleetSums, key: str) -> None:
 
 def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
     """Return the effects of a refined result in the time of the fleet; raises DataError if none of its logs is in it."""
+    from lpvobs.io.results.refinements import StoredRefinement  # loads the search for effects
+
     with hdf.reading(refined, results.KIND, "make it with `lpvobs refine`") as file:
         stored = read_if_there(file.get("refinement"), StoredRefinement)
     known, found = {log.sha256: log for log in logs}, []
