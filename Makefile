@@ -6,6 +6,9 @@ CONFIG ?= configs/diesel.toml
 SEED   ?= 1
 BUILD  ?= build
 
+# What does not wait for each other is made side by side, on as many processors as there are.
+MAKEFLAGS += --jobs=$(shell $(PYTHON) -c 'import os; print(os.cpu_count())')
+
 VENV   := .venv
 LPVOBS := $(VENV)/bin/lpvobs
 LOGS   := $(BUILD)/logs

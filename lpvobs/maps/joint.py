@@ -41,7 +41,7 @@ class Joint:
         variances, axes = np.linalg.eigh(self.covariance)
         kept = variances > DIRECTIONS * variances[-1]
         squares = (axes.T @ self.values)[kept] ** 2 / variances[kept]
-        return float(scipy.stats.chi2.sf(squares.sum(), kept.sum()))
+        return float(scipy.special.chdtrc(kept.sum(), squares.sum()))
 
 
 def combined(weights: Array, values: Array, covariance: Array) -> Joint:

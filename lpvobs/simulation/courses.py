@@ -7,7 +7,6 @@ from math import exp, expm1, isfinite
 from typing import Self
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
@@ -134,7 +133,16 @@ def lagged(W: Array, step: float, tau: float) -> Array:
     mean = tau / step * -expm1(-step / tau)
     if W.size == 0:
         return W
-    return np.asarray(scipy.signal.lfilter([1.0 - mean, mean - left], [1.0, -left], W, zi=[mean * W[0]])[0])
+    return np.asarray(_lagged(W, 1.0 - mean, mean - left, left, mean * W[0]))
+
+
+@njit(cache=True)
+def _lagged(W: Array, now: float, past: float, left: float, held: float) -> Array:
+    y = np.empty(W.size)
+    for k in range(W.size):
+        y[k] = now * W[k] + held
+        held = past * W[k] + left * y[k]
+    return y
 
 
 def blended(before: Array, changed: Array, share: Array) -> Array:

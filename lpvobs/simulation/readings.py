@@ -245,5 +245,5 @@ def _behind(sensor: Sensor, values: Array, step: float) -> Array:
     width = round(sensor.filter / step)
     if width > 1:
         mean = np.concatenate(([0.5], np.ones(width - 1), [0.5])) / width
-        slow = scipy.signal.lfilter(mean, 1.0, slow - slow[0]) + slow[0]
+        slow = np.convolve(mean, slow - slow[0])[: slow.size] + slow[0]
     return delayed(slow, step, sensor.delay) if sensor.delay else np.asarray(slow)

@@ -109,7 +109,9 @@ def write_log(
 ) -> None:
     """Write channels of equal length to a Parquet log, their units in their fields' metadata, and further metadata of the file."""
     fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
-    table = pa.table([pa.array(column) for column in channels.values()], schema=pa.schema(fields, metadata=metadata))
+    columns = [pa.py_buffer(np.ascontiguousarray(column, dtype=float)) for column in channels.values()]  # see `floats`
+    arrays = [pa.Array.from_buffers(pa.float64(), column.size // 8, [None, column]) for column in columns]
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata))
     with replacing(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", row_group_size=1 << 16)
 
