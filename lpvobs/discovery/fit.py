@@ -46,7 +46,7 @@ def linearised(
     raw[0] -= problem.by_reading * imbalances.map_along(theta, nodes)
     derivatives = imbalances.by_unknowns(problem, scenes, terms, beta, each) if near is None else near.by_unknowns
     known = near is not None and near.noise is noise and near.problem is problem
-    white = near.columns[: beta.size] if near is not None and known else noise.whiten(derivatives)
+    white = near.columns[: len(derivatives)] if near is not None and known else noise.whiten(derivatives)
     if terms:
         white = np.concatenate([white, noise.whiten(_by_terms(problem, terms, beta, theta, nodes))])
     straight = raw.copy()
@@ -92,7 +92,7 @@ def _gram(bare: Linear, near: Linear | None) -> Array:
     gram = np.zeros((n, n))
     gram[:known, :known] = near.gram[:known, :known]
     for i in range(known, n):
-        gram[i] = gram[:, i] = bare.products(bare.columns[i - bare.p])
+        gram[i] = gram[:, i] = bare.products(bare.columns[bare.u + i - known])
     return gram
 
 
@@ -179,22 +179,34 @@ def pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
 
 def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:
     """Return the products of all columns with each other over some instants, shape (n, n)."""
-    J = np.ascontiguousarray(linear.columns[..., instants]).reshape(linear.columns.shape[0], 2, -1)
+    J = linear.columns[..., instants]
+    J = np.ascontiguousarray(J).reshape(*J.shape[:2], J.shape[2] * J.shape[3])
     if linear.dense is not None:
         D = -np.ascontiguousarray(linear.dense[..., instants]).reshape(linear.p, -1)
         both = np.vstack([D, J[:, 0]])
         return np.asarray(both @ both.T)
-    column = linear.mapped[:, instants]
-    nodes = linear.nodes[0][instants], linear.nodes[1][instants]
+    column, nodes = linear.mapped[:, instants], (linear.nodes[0][instants], linear.nodes[1][instants])
     H = map_normal(linear.p, *nodes, (column**2).sum(0))
-    between = np.zeros((J.shape[0], linear.p))
-    one = np.zeros(column.shape[1], dtype=np.int64)
-    for i in range(J.shape[0]):
-        scatter(between[i : i + 1], one, *nodes, -(column * linear.columns[i, 0][:, instants]).sum(0))
-    moving = linear.twofold
-    dense = J[:, 0] @ J[:, 0].T
-    dense[np.ix_(moving, moving)] -= J[moving, 1] @ J[moving, 1].T
-    return np.block([[H, between.T], [between, dense]])
+    between = _on_nodes(linear.p, nodes, -(column * linear.columns[:, 0][..., instants]).sum(1))
+    own = np.block([[H, between.T], [between, J[:, 0] @ J[:, 0].T - J[:, 1] @ J[:, 1].T]])
+    if not isinstance(linear.noise, Scatter) or not len(linear.problem.patterns):
+        return own
+    patterns, back = linear.problem.patterns.at(instants), linear.noise.dual
+    on_map = _on_nodes(linear.p, nodes, patterns.times(back(linear.mapped)[:, instants]))
+    with_own = [-patterns.sums(row) for row in back(linear.columns[:, 0])[..., instants]]
+    across = np.hstack([on_map, np.reshape(with_own, (len(with_own), len(patterns))).T])
+    whole = np.block([[own, across.T], [across, patterns.gram(linear.noise.precision[..., instants])]])
+    begin, end = linear.p + linear.u, len(own)
+    order = np.r_[:begin, end : len(whole), begin:end]  # effects come last
+    return np.asarray(whole[np.ix_(order, order)])
+
+
+def _on_nodes(p: int, nodes: imbalances.Nodes, rows: Array) -> Array:
+    """Return rows of values along the places, summed over the nodes of their cells, shape (n, p)."""
+    found, one = np.zeros((len(rows), p)), np.zeros(rows.shape[1], dtype=np.int64)
+    for own, row in zip(found, rows, strict=True):
+        scatter(own[None], one, *nodes, row)
+    return found
 
 
 def cholesky(matrix: Array) -> Array:

@@ -274,4 +274,4 @@ def _lot(linear: Linear, effect: Effect) -> _Lot:
     places = np.repeat(np.arange(linear.problem.K), nodes.shape[1])
     sparse = scipy.sparse.csr_array((on_map.ravel(), (places, nodes.ravel())), shape=(linear.problem.K, linear.p))
     residual, power = (signed * linear.residual).sum((0, 1)), (signed * white).sum((0, 1))
-    return _Lot(linear, residual, power, np.einsum("qvbk,vbk->kq", linear.columns, signed), sparse)
+    return _Lot(linear, residual, power, linear.along(white).T, sparse)

@@ -22,6 +22,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
+from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
@@ -86,7 +87,7 @@ class HealthyDrive:
     def taken_off(self, problem: Problem) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows."""
         expected, wider = self.expected(problem)
-        patterns = np.concatenate([self._slow(problem, b, wider[b]) for b in range(len(self.balances))])
+        patterns = Patterns(tuple(self._slow(problem, b, wider[b]) for b in range(len(self.balances))))
         found = replace(
             problem,
             offset=problem.offset - expected,
@@ -107,16 +108,13 @@ class HealthyDrive:
         return found | {curve.id: found.get(curve.carrier.id, 0.0) for curve in problem.model.curves}
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
-        """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, B, K)."""
+        """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
         features = np.mean([self.features(view) for view in self.inputs(problem)], axis=0)
         each = zip(self.slow[b], (_logs(problem), _minutes(problem)), strict=True)
         every = np.hstack([features @ self.unsure[b], *(size * columns for size, columns in each)])
         every = every * problem.shown[b][:, None]
         strength, modes = np.linalg.eigh(every.T @ (every / (self.scale[b] ** 2 * wider)[:, None]))
-        told = strength > thresholds.TOLD
-        found = np.zeros((int(told.sum()), *problem.shown.shape))
-        found[:, b] = (every @ modes[:, told]).T
-        return found
+        return np.ascontiguousarray((every @ modes[:, strength > thresholds.TOLD]).T)
 
     def unchanged(self, model: ResidualModel) -> ResidualModel:
         """Return the engine as it was on the healthy drives: nothing of it is unknown."""

@@ -16,6 +16,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.fit import cholesky, normal_of
 from lpvobs.discovery.imbalances import Nodes, by_unknowns, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array, Item
 
@@ -184,15 +185,25 @@ def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, wei
         scenes = scenes_with(unseen, terms, beta)
         nodes = operating_nodes(unseen, scenes)
         each = imbalances_at(unseen, scenes, beta)
-        columns = (weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]).reshape(beta.size - q, -1)
-        raw = (weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]).ravel()
+        columns = weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]
+        raw = weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]
+        gram, product = _with_patterns(columns, raw, weight, unseen.patterns)
         prior = np.diag(unseen.spread[q:] ** -2.0)
         shared = thresholds.LEVEL_SHARE  # neighbouring places share their errors
-        step = np.linalg.solve(shared * columns @ columns.T + prior, shared * columns @ raw + prior @ beta[q:])
+        step = np.linalg.solve(shared * gram + prior, shared * product + prior @ beta[q:])
         beta[q:] -= step
     scenes = scenes_with(unseen, terms, beta)
     nodes = operating_nodes(unseen, scenes)
     return residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
+
+
+def _with_patterns(columns: Array, raw: Array, weight: Array, patterns: Patterns) -> tuple[Array, Array]:
+    """Return the products of weighted columns, shape (n, B, K), and of patterns, (n + m, n + m), and theirs with a residual."""
+    flat = columns.reshape(-1, raw.size)
+    across = -np.reshape([patterns.sums(weight * row) for row in columns], (len(columns), len(patterns)))
+    own = patterns.gram(np.eye(len(weight))[:, :, None] * weight**2)
+    gram = np.block([[flat @ flat.T, across], [across.T, own]])
+    return gram, np.concatenate([flat @ raw.ravel(), -patterns.sums(weight * raw)])
 
 
 def pooled_losses(parts: Sequence[Losses]) -> Losses:

@@ -75,7 +75,7 @@ def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Arr
 
 def level_shift(problem: Problem, beta: Array) -> Array:
     """Return by how much the levels of the day and the errors of a healthy engine shift the balances, shape (B, K)."""
-    out = np.tensordot(beta[beta.size - len(problem.patterns) :], problem.patterns, 1)
+    out = problem.patterns.along(beta[beta.size - len(problem.patterns) :])
     for log, level, size in problem.on_days(beta):
         if level.name in problem.model.balances:
             out[problem.model.balances.index(level.name), problem.of_log == log] += size
@@ -142,14 +142,14 @@ def map_along(theta: Array, nodes: Nodes) -> Array:
 
 
 def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term], beta: Array, at: Array) -> Array:
-    """Return the derivatives of the residual by constants or curves, and by the levels of the day, shape (q, 2, B, K).
+    """Return the derivatives of the residual by constants or curves, and by the levels of the day, shape (u, 2, B, K).
 
     `at` are the balances at `beta`, as `imbalances_at` gives them.
     """
     model, K = problem.model, problem.K
     q, spread = len(model.names), problem.spread
     B = len(model.balances)
-    found = np.zeros((beta.size, 2, B, K))
+    found = np.zeros((q + len(problem.levels), 2, B, K))
     quotients = q
     if model.by_unknowns is not None:
         for on, s in scenes:
@@ -174,5 +174,4 @@ def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term]
                 moved[i] += step
                 ends.append(imbalances_at(problem, scenes_with(problem, terms, moved), moved))
             found[i] = views((ends[0] - ends[1]) / (2.0 * spread[i]), K)
-    found[beta.size - len(problem.patterns) :, 0] = -problem.patterns
     return found

@@ -5,7 +5,7 @@ views: mean times mean minus difference times difference. The noise that a regre
 sum. A regressor built from noisy signals is therefore not attenuated, and a clean log shows no lag.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,8 +36,9 @@ class Linear:
     noise: Noise  # whitened values are zero at places that are not used
     raw: Array  # (2, B, K) in the model's unit
     residual: Array  # (2, B, K) whitened, with what `curvature_bias` adds
-    by_unknowns: Array  # (q, 2, B, K) derivatives of the residual by the unknowns, perhaps taken at a nearby point
-    columns: Array  # (q + terms, 2, B, K) whitened derivatives of the residual by constants and effects
+    # (u, 2, B, K) derivatives of the residual by the u unknowns that are no errors of a healthy engine, perhaps taken nearby
+    by_unknowns: Array
+    columns: Array  # (u + terms, 2, B, K) whitened derivatives of the residual by these and by effects
     mapped: Array  # (B, K) whitened derivative of the residual by a shift of the map, with opposite sign
     # (p, B, K) The same for every node. It is needed where noise that is correlated in time spreads a node over all
     # places; None where a place sees the nodes of its cell alone.
@@ -54,11 +55,9 @@ class Linear:
         return self.theta.size
 
     @property
-    def twofold(self) -> NDArray[np.int64]:
-        """The columns that the two views see differently: all but those of a healthy engine's errors."""
-        q = self.beta.size
-        still = range(q - len(self.problem.patterns), q)
-        return np.array([i for i in range(len(self.columns)) if i not in still], dtype=np.int64)
+    def u(self) -> int:
+        """The number of unknowns that are neither nodes nor errors of a healthy engine."""
+        return len(self.by_unknowns)
 
     def pinned_wrongly(self) -> NDArray[np.bool_]:
         """Return which pinned constants the gradient now pushes back into their tolerance, shape (q,)."""
@@ -75,12 +74,33 @@ class Linear:
 
     def products(self, y: Array) -> Array:
         """Return the products of a whitened vector with every unknown's column, shape (n,)."""
-        one = np.zeros(self.problem.K, dtype=np.int64)
-        return np.asarray(_products(self, y, one, one[:1])[0])
+        flat = self.columns.reshape(len(self.columns), 2, y[0].size)
+        own = flat[:, 0] @ y[0].ravel() - flat[:, 1] @ y[1].ravel()
+        whole = np.zeros(self.problem.K, dtype=np.int64)
+        return np.concatenate([self._on_map(y, whole, whole[:1])[0], self._ordered(own, self.problem.patterns.sums, y)])
 
     def products_by_block(self, y: Array) -> Array:
         """Return the same, block by block, shape (blocks, n)."""
-        return _products(self, y, self.problem.block, self.problem.first)
+        first = self.problem.first
+        return np.hstack([self._on_map(y, self.problem.block, first), np.add.reduceat(self.along(y), first, axis=1).T])
+
+    def along(self, y: Array) -> Array:
+        """Return the same at every place, without those of the map, shape (q + terms, K)."""
+        own = np.einsum("ibk,bk->ik", self.columns[:, 0], y[0]) - np.einsum("ibk,bk->ik", self.columns[:, 1], y[1])
+        return self._ordered(own, self.problem.patterns.times, y)
+
+    def _ordered(self, own: Array, of_patterns: Callable[[Array], Array], y: Array) -> Array:
+        """Return products in the order of the unknowns, those with the errors of a healthy engine in their place."""
+        if not len(self.problem.patterns):
+            return own
+        return np.concatenate([own[: self.u], -of_patterns(self.noise.dual(y[0])), own[self.u :]])
+
+    def _on_map(self, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
+        if self.dense is not None:
+            return -np.add.reduceat(np.einsum("pbk,bk->pk", self.dense, y[0]), first, axis=1).T
+        found = np.zeros((first.size, self.p))
+        scatter(found, block, *self.nodes, -(self.mapped * y[0]).sum(0))
+        return found
 
     def along_stretches(self, direction: Array, whitened: Array) -> tuple[Array, Array]:
         """Return the products of a direction, stretch by stretch, with every column, (stretches, n), and with the residual.
@@ -102,7 +122,10 @@ class Linear:
 
     def moved(self, y: Array, step: Array) -> Array:
         """Return a whitened residual after a step of all unknowns."""
-        out = y - np.tensordot(step[self.p :], self.columns, 1)
+        begin, end = self.p + self.u, self.p + self.beta.size
+        out = y - np.tensordot(np.concatenate([step[self.p : begin], step[end:]]), self.columns, 1)
+        if end > begin:
+            out[0] += self.whiten(self.problem.patterns.along(step[begin:end]))
         if self.dense is None:
             out[0] += self.mapped * map_along(step[: self.p], self.nodes)
         else:
@@ -119,23 +142,6 @@ def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
     """Return the residual with other terms, map and unknowns as they are, shape (2, B, K), not whitened."""
     problem, scenes = linear.problem, scenes_with(linear.problem, terms, linear.beta)
     return residual_of(problem, scenes, linear.beta, linear.theta, operating_nodes(problem, scenes))
-
-
-def _products(linear: Linear, y: Array, block: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
-    if linear.dense is None:
-        on_map = np.zeros((first.size, linear.p))
-        scatter(on_map, block, *linear.nodes, -(linear.mapped * y[0]).sum(0))
-    else:
-        on_map = -np.add.reduceat(np.einsum("pbk,bk->pk", linear.dense, y[0]), first, axis=1).T
-    if first.size == 1:
-        flat, half = linear.columns.reshape(linear.columns.shape[0], -1), y[0].size
-        dense = (flat[:, :half] @ y[0].ravel())[None]
-        dense[0, linear.twofold] -= flat[linear.twofold, half:] @ y[1].ravel()
-    else:
-        each = np.einsum("ibk,bk->ik", linear.columns[:, 0], y[0])
-        each[linear.twofold] -= np.einsum("ibk,bk->ik", linear.columns[linear.twofold, 1], y[1])
-        dense = np.add.reduceat(each, first, axis=1).T
-    return np.hstack([on_map, dense])
 
 
 def _one_view(values: Array) -> Array:

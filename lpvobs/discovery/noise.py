@@ -58,6 +58,11 @@ class Scatter:
         """The product of whitened values with the transposed root."""
         return lambda whitened: np.einsum("kab,...ak->...bk", self.root, whitened)
 
+    @cached_property
+    def precision(self) -> Array:
+        """Inverse covariance of the balances at every place, zero where it does not count, shape (B, B, K)."""
+        return np.asarray(np.einsum("kab,kac->bck", self.root, self.root) * self.used)
+
 
 @dataclass(frozen=True)
 class Remembered:

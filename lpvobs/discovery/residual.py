@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
@@ -67,7 +68,7 @@ class Problem:
     # (B, K) added to the residual: the difference between an engine learned without the place and the one in use
     offset: Array
     lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
-    patterns: Array  # (m, B, K) what the errors of a healthy engine may look like, each of size one before any data
+    patterns: Patterns  # what the errors of a healthy engine may look like
     # the rms size of an effect that a healthy engine seems to have
     seeming: Mapping[str, float] = field(default_factory=dict)
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
@@ -235,7 +236,7 @@ def lay_out(
         flow=1.0 if model.unit == "kg/s" else float(np.mean(np.maximum(places.signals[SENSOR], 0.0))),
         wider=lambda: lay_out(model, grid, prior, logs, coarse, thresholds.WIDER).with_all(),
         lasting=np.ones(shown.shape),
-        patterns=np.zeros((0, *shown.shape)),
+        patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
 

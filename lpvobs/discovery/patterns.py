@@ -1,0 +1,42 @@
+"""What the errors of a healthy engine may look like: shapes along the places of a problem, each in one balance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lpvobs.records import Array
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """The m shapes of B balances along K places, each of size one before any data."""
+
+    each: tuple[Array, ...]  # of every balance, (m_b, K)
+
+    def __len__(self) -> int:
+        """Return the number of shapes."""
+        return sum(len(shapes) for shapes in self.each)
+
+    def along(self, sizes: Array) -> Array:
+        """Return their sum with sizes of shape (m,), shape (B, K)."""
+        parts = np.split(sizes, np.cumsum([len(shapes) for shapes in self.each])[:-1])
+        return np.stack([size @ shapes for size, shapes in zip(parts, self.each, strict=True)])
+
+    def times(self, values: Array) -> Array:
+        """Return the product with values of shape (B, K) at every place, shape (m, K)."""
+        return np.concatenate([shapes * row for shapes, row in zip(self.each, values, strict=True)])
+
+    def sums(self, values: Array) -> Array:
+        """Return the sum of that product over the places, shape (m,)."""
+        return np.concatenate([shapes @ row for shapes, row in zip(self.each, values, strict=True)])
+
+    def gram(self, precision: Array) -> Array:
+        """Return the products with each other, shape (m, m); `precision` is that of the balances at a place, (B, B, K)."""
+        return np.block(
+            [[(a * precision[i, j]) @ b.T for j, b in enumerate(self.each)] for i, a in enumerate(self.each)]
+        )
+
+    def at(self, instants: NDArray[np.int64] | slice) -> "Patterns":
+        """Return the same at some of the places."""
+        return Patterns(tuple(shapes[:, instants] for shapes in self.each))
