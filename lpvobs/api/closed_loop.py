@@ -13,6 +13,7 @@ from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.refined_map import expect_cascade
 from lpvobs.api.search_start import Start, free_start, known_from, nominal_start
+from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import StoredOutcome, Trace, plain
@@ -167,7 +168,7 @@ def close(
     known = () if refined is None else refined.effects
     healthy = healthy_drive(path) if frozen else None
     found = refine(start.model, engine.config.grid(), start.prior, logs, progress, known, hold_out, healthy)
-    if found.trace.verdict == "unexplained":
+    if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)
     return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
 
@@ -182,13 +183,13 @@ def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
 
 
 def _refuse_slow(logs: Sequence[Log]) -> None:
-    """Raise where a residual without a name may be what slow sampling leaves of fast transients."""
+    """Raise where a residual without a name, or with a formula, may be what slow sampling leaves of fast transients."""
     for log in logs:
         step = float(np.median(np.diff(log.time)))
         if step > SLOWEST:
             raise DataError(
-                f"{log.name}: a sample every {step:.3g} s; what is left without a name cannot be told from what such slow sampling "
-                f"leaves of fast transients; record at least 20 samples a second"
+                f"{log.name}: a sample every {step:.3g} s; what is left beside listed effects cannot be told from what such slow "
+                f"sampling leaves of fast transients; record at least 20 samples a second"
             )
 
 
