@@ -199,7 +199,7 @@ schemas: $(VENV)/.ready
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: $(VENV)/.docs-ready
 	@mkdir -p build
-	$(VENV)/bin/python tools/verbs.py > build/verbs.md
+	$(VENV)/bin/python -m typer lpvobs.cli.main utils docs --name lpvobs --title Verbs --output build/verbs.md
 	$(VENV)/bin/python tools/equations.py > build/equations.md
 	$(VENV)/bin/python tools/notebook.py examples/notebook.ipynb > build/notebook.md
 	$(VENV)/bin/mkdocs build --strict --site-dir $(BUILD)/docs

@@ -161,7 +161,7 @@ def test_the_numerical_core_knows_no_files(module):
         "pyarrow",
         "h5py",
         "matplotlib",
-        "click",
+        "typer",
         "jinja2",
         "msgspec",
         "pathlib",

@@ -14,7 +14,7 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
-from click.exceptions import Exit
+import typer
 
 from lpvobs.cli.signals import Stopped, ignore_signals, received
 from lpvobs.errors import DataError, LpvobsError, UsageError
@@ -39,7 +39,7 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
         try:
             _expect_surroundings()
             return verb(*args, **kwargs)
-        except Exit:
+        except typer.Exit:
             raise
         except Stopped as stop:
             fail(str(stop), stop.exit_code)
@@ -95,7 +95,7 @@ def _fault(error: BaseException) -> NoReturn:
 def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
     say("lpvobs: " + " ".join(message.split()))
-    raise Exit(code)
+    raise typer.Exit(code)
 
 
 def chosen_config(given: Path | None) -> Path:
@@ -226,4 +226,4 @@ def leave(refused: Iterable[str]) -> None:
     for message in messages:
         say(f"lpvobs: left out: {message}")
     if messages:
-        raise Exit(DataError.exit_code)
+        raise typer.Exit(DataError.exit_code)

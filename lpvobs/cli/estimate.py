@@ -3,19 +3,7 @@
 from pathlib import Path
 
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.options import (
-    AT_LEAST_ONE,
-    CONFIG,
-    CONSTANTS,
-    GAIN,
-    JSON,
-    LOGS,
-    METHODS,
-    SCHEDULER,
-    flag,
-    needed,
-    option,
-)
+from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
@@ -40,7 +28,7 @@ def estimate(
         "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
     ),
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
-    jobs: int | None = option("N", SIDE_BY_SIDE, type=AT_LEAST_ONE),
+    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", f"Print a row for each log even if there are more than {MOST_ROWS}."),
     config: Path | None = CONFIG,

@@ -2,19 +2,27 @@
 
 import gc
 import os
+import re
 import sys
 from importlib import import_module
+from typing import Annotated
 
-import click
-from click.shell_completion import get_completion_class
+import typer
 
 from lpvobs import __version__
 from lpvobs.cli.common import visible
-from lpvobs.cli.options import command, flag, option
 from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
 from lpvobs.cli.streams import Outlet, take_streams
 from lpvobs.errors import DataError, UsageError
 
+app = typer.Typer(
+    name="lpvobs",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
+    epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
+)
 VERBS = {
     "simulate": "Drive the nonlinear engine over a cycle and record a log.",
     "ingest": "Make a log of a foreign recording.",
@@ -39,48 +47,25 @@ SHARED = {
     "loop": ("trace", "refine"),
 }
 """Modules of several verbs; the others have one of their own name."""
-
-
-class _InOrder(click.Group):
-    """Verbs in the order in which they are used."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return their names."""
-        return list(self.commands)
-
-
-def _version(context: click.Context, option: object, wanted: bool) -> None:
-    if wanted:
-        print(__version__)
-        context.exit()
-
-
-def _show_completion(context: click.Context, option: object, shell: str | None) -> None:
-    if shell is not None:
-        found = get_completion_class(shell)
-        if found is None:
-            raise click.BadParameter(f"'{shell}' is not one of {', '.join(SHELLS)}")
-        print(found(app, {}, "lpvobs", "_LPVOBS_COMPLETE").source())
-        context.exit()
-
-
-SHELLS = ("bash", "zsh", "fish")
-TOLD = "Print what teaches your shell to complete verbs, options and names: " + ", ".join(SHELLS) + "."
-app = _InOrder(
-    "lpvobs",
-    params=[
-        flag("--version", "Print the version and leave.", callback=_version, is_eager=True)("version", bool),
-        option("SHELL", TOLD, offers=SHELLS, callback=_show_completion, is_eager=True)("show_completion", str),
-    ],
-    callback=lambda **taken: None,
-    no_args_is_help=True,
-    help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
-    epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
-)
 for verb, told in VERBS.items():
     name = verb.replace("-", "_")
     module = next((module for module, verbs in SHARED.items() if name in verbs), name)
-    app.add_command(command(verb, told, getattr(import_module(f"lpvobs.cli.{module}"), name)))
+    app.command(verb, short_help=told)(getattr(import_module(f"lpvobs.cli.{module}"), name))
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Take the options that belong to no verb."""
 
 
 def run() -> None:
@@ -114,7 +99,7 @@ def _misused(error: Exception) -> int:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "lpvobs"
     if not context or context.get_help() != says():  # without any argument the message is the help
-        words = " ".join(visible(says()).split())
+        words = re.sub(r"Input should be (a valid \w+),.*", r"not \1", " ".join(visible(says()).split()))
         print(f"lpvobs: {words.rstrip('.')}; see `{command} --help`", file=sys.stderr)
     else:
         print(says(), file=sys.stderr)

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from click.exceptions import Exit
+import typer
 
 from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
 from lpvobs.cli.options import JSON, REGION, argument, flag, option
 from lpvobs.cli.track import show_fleet
 
 
-def _list_metrics(context: object, option: object, asked: bool) -> None:
+def _list_metrics(asked: bool) -> None:
     """Print what a gate may ask for, and leave."""
     if asked:
         from lpvobs.report.gates import METRICS, OF_RESULT
@@ -20,7 +20,7 @@ def _list_metrics(context: object, option: object, asked: bool) -> None:
             for name, item in metrics.items()
         ]
         print(table(["metric", "unit", "of a", "meaning"], rows, left=4))
-        raise Exit
+        raise typer.Exit
 
 
 @guarded
@@ -28,7 +28,7 @@ def report(
     result: Path = argument("RESULT.h5", "A result of estimate, or an engine of calibrate."),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
-        "Logs that the results were made from (for time series and fit), and further results.",
+        "Logs that the results were made from (for courses over time and fit), and further results.",
         default=None,
     ),
     html: Path | None = option("FILE", "Write one self-contained page."),

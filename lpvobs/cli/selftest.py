@@ -1,6 +1,6 @@
 """`lpvobs selftest`."""
 
-from click.exceptions import Exit
+import typer
 
 from lpvobs.cli.common import guarded, print_json, progress, say, table
 from lpvobs.cli.options import JSON
@@ -40,4 +40,4 @@ def selftest(as_json: bool = JSON) -> None:
             say(f"{row.case}: {row.note or 'a wrong answer'}")
         say(f"{len(rows) - len(failed)} of {len(rows)} passed")
     if failed:
-        raise Exit(NotProven.exit_code)
+        raise typer.Exit(NotProven.exit_code)

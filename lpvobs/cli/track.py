@@ -5,7 +5,7 @@ from typing import Any
 
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
 from lpvobs.cli.estimate import SIDE_BY_SIDE
-from lpvobs.cli.options import AT_LEAST_ONE, CONFIG, GAIN, JSON, PERIODS, SCHEDULER, argument, flag, needed, option
+from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, SCHEDULER, argument, flag, needed, option
 
 
 @guarded
@@ -24,7 +24,7 @@ def track(
     refined: list[Path] | None = option(
         "REFINED.h5", "A refined result whose effects to add. Repeatable.", "--refined"
     ),
-    jobs: int | None = option("N", SIDE_BY_SIDE, type=AT_LEAST_ONE),
+    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),
     config: Path | None = CONFIG,

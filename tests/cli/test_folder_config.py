@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from click.testing import CliRunner
+from typer.testing import CliRunner
 
 from lpvobs.cli.common import folder_config
 from lpvobs.cli.main import app

@@ -6,7 +6,7 @@ import shutil
 
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from typer.testing import CliRunner
 
 import lpvobs.selftest.cases
 from lpvobs.cli.main import app
@@ -26,7 +26,7 @@ from lpvobs.discovery.outcome import (
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 
-VERBS = tuple(app.commands)
+VERBS = tuple(command.name for command in app.registered_commands)
 PROFILE = 'schema = 1\n[time]\nsource = "t"\nunit = "s"\n[channels.p_im]\nsource = "map"\nunit = "Pa"\n'
 
 

@@ -4,7 +4,7 @@ import errno
 import os
 
 import pytest
-from click.exceptions import Exit
+import typer
 
 import lpvobs
 from lpvobs.cli.common import guarded
@@ -32,7 +32,7 @@ def test_what_the_system_refuses_is_no_fault_of_the_program(code, capsys):
     def verb():
         raise OSError(code, os.strerror(code), "some.parquet")
 
-    with pytest.raises(Exit) as end:
+    with pytest.raises(typer.Exit) as end:
         verb()
     assert end.value.exit_code == 3
     said = capsys.readouterr().err
@@ -43,7 +43,7 @@ def test_what_the_system_refuses_is_no_fault_of_the_program(code, capsys):
 def test_too_little_memory_for_the_libraries_is_one_line_before_they_are_loaded(monkeypatch, capsys):
     monkeypatch.setattr("resource.getrlimit", lambda which: (300 << 20, -1))
     ran = []
-    with pytest.raises(Exit) as end:
+    with pytest.raises(typer.Exit) as end:
         guarded(lambda: ran.append(1))()
     assert end.value.exit_code == 3
     assert "ulimit -v) is 300 MiB; expected at least 1024" in capsys.readouterr().err

@@ -82,7 +82,7 @@ LOADING = """
     class Slow:
         @staticmethod
         def find_spec(name, path=None, target=None):
-            if name == "click":
+            if name == "typer":
                 print("ready", flush=True)
                 time.sleep(200)
 
