@@ -61,7 +61,7 @@ class EffectCourse:
         if not self.input:
             return self
         if self.input not in inputs:
-            raise UsageError(f"course {self.name}: no input '{self.input}' here; expected one of {', '.join(inputs)}")
+            raise UsageError(f"course {self.name}: no input '{self.input}'; expected one of {', '.join(inputs)}")
         values = np.asarray(inputs[self.input], dtype=float)
         if self.name == "hysteresis":
             share = relay(values, self.low, self.high)

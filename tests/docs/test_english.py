@@ -1,4 +1,4 @@
-"""Sentences that people read are short, begin with their subject, and use words that people use: help, messages, pages.
+"""Sentences that people read are short, begin with their subject, and use words that people use: help, messages, pages, reports.
 
 A sentence that a colleague would not say is easier to write than to notice. This finds the usual ways: too long, turned
 round (`Of 30 pairs 12 were found`), and words that only this project used.
@@ -39,7 +39,14 @@ def from_sources():
     for path in sorted((ROOT / "lpvobs").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
-            for text in map(text_of, node.args if name in ERRORS + HELP else ()):
+            said = (
+                node.args
+                if name in ERRORS + HELP
+                else [node.value]
+                if isinstance(node, ast.Yield) and node.value
+                else ()
+            )
+            for text in map(text_of, said):
                 if text and " " in text:
                     yield f"{path.name}:{node.lineno}", "help" if name in HELP else "message", text
             if isinstance(node, ast.FunctionDef) and any(ast.unparse(d) == "guarded" for d in node.decorator_list):
@@ -54,9 +61,20 @@ def from_pages():
             yield path.name, "page", paragraph
 
 
+def from_reports():
+    """Yield the place, kind and text of every paragraph that stands in the HTML pages of `report`."""
+    for path in sorted((ROOT / "lpvobs" / "report" / "templates").glob("*.j2")):
+        for paragraph in re.findall(r"<p\b[^>]*>(.*?)</p>", path.read_text(encoding="utf-8"), flags=re.DOTALL):
+            yield (
+                path.name,
+                "page",
+                re.sub(r"\{%.*?%\}|<[^>]*>", "", re.sub(r"\{\{.*?\}\}", "X", paragraph), flags=re.DOTALL),
+            )
+
+
 def sentences():
     """Yield place, kind and words of every sentence."""
-    for place, kind, text in (*from_sources(), *from_pages()):
+    for place, kind, text in (*from_sources(), *from_pages(), *from_reports()):
         whole = " ".join(MARKUP.sub(" ", text).split())
         for sentence in re.split(r"(?<=[.!?])\s+(?=[A-Z`0-9])", whole):
             yield place, kind, sentence
