@@ -146,14 +146,18 @@ def _simulated(folder: Path) -> dict[str, tuple[float, float, float]]:
         lpvobs.track(CONFIG, last, out=out, gain=gain, jobs=1)
     lpvobs.track(CONFIG, logs[: len(logs) // 4], out=quarter, gain=gain, jobs=1)
     shutil.copy(out, whole)  # which keeps no parts
-    _measured("track", "--config", CONFIG, "--out", quarter)  # compiles what is not compiled yet
     with TemporaryDirectory() as short:
         cut(folder, Path(short))
         many = _measured("track", *given, "--jobs", 2, short, "--out", Path(short) / "fleet.h5")
+
+    def more() -> tuple[float, float, float]:
+        shutil.copy(month, folder / "more.h5")
+        return _measured("track", *given, "--jobs", 1, *last, "--out", folder / "more.h5")
+
     return {
-        "quarter": _measured("track", "--config", CONFIG, "--out", quarter),
-        "sums": _measured("track", "--config", CONFIG, "--out", whole),
-        "month": _measured("track", *given, "--jobs", 1, *last, "--out", month),
+        "quarter": min(_measured("track", "--config", CONFIG, "--out", quarter) for _ in range(3)),
+        "sums": min(_measured("track", "--config", CONFIG, "--out", whole) for _ in range(3)),
+        "month": min(more() for _ in range(3)),
         "short": many,
     }
 
@@ -348,7 +352,9 @@ def _page(
                 ["of the drift stated", "found", "others accused"],
                 [[f"{share:g}", f"{c.found} of {c.changes}", f"{c.accused} of {c.healthy}"] for share, c in powers],
             ),
-            "Time and memory of `lpvobs track`, started afresh, reading and writing the file included:",
+            "Time and memory of `lpvobs track`, started afresh, reading and writing the file included; the quickest of three, and "
+            f"the {SHORT} logs once. Other work was done on the machine meanwhile. Memory grows with the fleet that is kept, not "
+            "with the logs that are read.",
             markdown(
                 ["", "processor [s]", "by the clock [s]", "memory at most [MB]"],
                 [
