@@ -32,7 +32,7 @@ def fleet(folder: Path) -> None:
 
 
 PAGES = ("README.md", "docs/tutorial.md", "docs/own-engine.md", "docs/control-unit.md", "docs/fleet.md")
-GIVEN = {"drive.mf4": recording, "logs/": fleet}
+GIVEN = {"drive.mf4": recording, "logs/ more/": fleet}
 """What a page takes as there, and who puts it there before the first block that names it."""
 
 
