@@ -67,73 +67,32 @@ def observe(
     reading, steady = y[-1], trajectory.steady
     if np.isnan(y.sum()):
         C, y, steady = np.where(np.isnan(y)[:, None], 0.0, C), np.where(np.isnan(y), 0.0, y), 0
+    system, nodes, L = (A, E, C, y, reading, steady), (grid.fuel, grid.speed), np.ascontiguousarray(L, dtype=float)
     x, innovation, theta = np.empty((C.shape[1], time.size)), np.empty(time.size), theta_0.copy()
     for (start, stop), first in zip(segments, x_0, strict=True):
-        _recursion(
-            time[start] if before is None or start > 0 else before,
-            start,
-            stop,
-            time,
-            A,
-            E,
-            C,
-            y,
-            reading,
-            steady,
-            *operating_point,
-            grid.fuel,
-            grid.speed,
-            np.ascontiguousarray(L, dtype=float),
-            gamma,
-            tuple(first.tolist()),
-            theta,
-            x,
-            innovation,
-        )
+        begin = time[start] if before is None or start > 0 else before
+        state = tuple(first.tolist())
+        _recursion(begin, start, stop, time, system, operating_point, nodes, L, gamma, state, theta, x, innovation)
     return ObserverRun(x.T, theta, innovation)
 
 
 @njit(cache=True)
 def _recursion(  # type: ignore[no-untyped-def]
-    before,
-    start,
-    stop,
-    time,
-    A,
-    E,
-    C,
-    y,
-    reading,
-    steady,
-    fuel,
-    speed,
-    u_nodes,
-    n_nodes,
-    L,
-    gamma,
-    first,
-    theta,
-    x,
-    innovation,
+    before, start, stop, time, system, point, nodes, L, gamma, first, theta, x, innovation
 ):
     """Fill x and innovation and move theta in place along one segment.
 
     The four nodes stay out of memory as long as their cell, so that a sample waits less for the one before it. Where the sensor
     does not correct the state, the state does not wait for the map either.
     """
+    (A, E, C, y, reading, steady), (fuel, speed), (u_nodes, n_nodes) = system, point, nodes
     n, last = len(first), L.shape[1] - 1
     cascade = not L[:, last].any()
-    h, t, M, T, spare = (
-        np.empty(ROW),
-        np.empty(ROW),
-        np.empty((n, n, ROW)),
-        np.empty((n, n, ROW)),
-        np.empty((n, n, ROW)),
-    )
+    h, t = np.empty(ROW), np.empty(ROW)
+    M, T, spare = np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW))
     drive, push, lent, b = np.empty((n, ROW)), np.empty((n, ROW)), np.empty((n, ROW)), np.ones(ROW)
     old, new = np.array(first), np.empty(n)
-    p_1 = u_nodes.size
-    i_u, j_n, node = 0, 0, 0
+    p_1, i_u, j_n, node = u_nodes.size, 0, 0, 0
     u_low, u_high, n_low, n_high = np.inf, -np.inf, np.inf, -np.inf  # no cell yet
     u_first, u_share, n_first, n_share = 0.0, 0.0, 0.0, 0.0
     t0, t1, t2, t3 = theta[0], theta[1], theta[p_1], theta[p_1 + 1]
