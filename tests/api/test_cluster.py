@@ -122,6 +122,12 @@ def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path
     assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
 
+def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, fleet, tmp_path, monkeypatch):
+    backwards = lambda _, function, tasks: list(enumerate(map(function, tasks)))[::-1]  # noqa: E731
+    monkeypatch.setattr(jobs.Workers, "finished", backwards)
+    assert followed(logs, tmp_path / "f.h5", jobs=1) == fleet
+
+
 def test_a_scheduler_that_is_not_there_is_said_in_one_line():
     pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
     with pytest.raises(UsageError, match="cannot be reached") as failure:
