@@ -44,9 +44,7 @@ def simulate(
     if bench is not None:
         of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate, "--vehicle": vehicle, "--date": date}
         if given := [name for name, value in of_cycle.items() if value is not None]:
-            raise UsageError(
-                f"--bench: {' and '.join(given)} belong to a cycle, and bench points are stationary; leave them out"
-            )
+            raise UsageError(f"--bench: its points are stationary, no cycle is driven; drop {' and '.join(given)}")
         with progress(f"simulating {bench} points") as report:
             points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
         channels, samples, duration, told = tuple(points.channels), bench, points.duration, f"{bench} stationary points"

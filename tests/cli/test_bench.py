@@ -41,8 +41,8 @@ def test_json_tells_points_and_columns(lpvobs, folder):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--bench", 2, "--cycle", "nedc"), "without --cycle"),
-        (("--bench", 2, "--rate", 20, "--effects", "some.toml"), "without --effects and --rate"),
+        (("--bench", 2, "--cycle", "nedc"), "drop --cycle"),
+        (("--bench", 2, "--rate", 20, "--effects", "some.toml"), "drop --effects and --rate"),
         (("--bench", 0), "expected 1 to 1000"),
         ((), "neither --cycle nor --bench"),
     ],
