@@ -138,7 +138,9 @@ def _falls(stored: StoredGain, map_gain: str) -> bool:
     if map_gain not in ("", *MAP_GAINS):
         raise UsageError(f"--map-gain {map_gain}: expected {' or '.join(MAP_GAINS)}")
     if map_gain == "falling" and not cascade:
-        raise UsageError("--map-gain falling: the sensor corrects the state by this gain, unproven; use constant")
+        raise UsageError(
+            "--map-gain falling: nothing is proven where the sensor corrects the state by this gain; use constant"
+        )
     return cascade if not map_gain else map_gain == "falling"
 
 
