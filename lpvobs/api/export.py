@@ -163,9 +163,7 @@ def _refuse_contradictions(
     if kind and file_format != "dcm":
         raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
     if file_format in ("dcm", "cdfx") and only_estimated and old is None:
-        raise UsageError(
-            f"--only-estimated: a {file_format.upper()} has a value everywhere; say by --old OLD.dcm what stays"
-        )
+        raise UsageError(f"--only-estimated: {file_format.upper()} has a value everywhere; give --old OLD.dcm")
 
 
 def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list[str]:

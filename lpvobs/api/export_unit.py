@@ -159,9 +159,7 @@ def unit_of(
             air_path = air_path.knowing(known.learned.known) if known.learned else air_path.deviating(known.deviation)
             corrections = known.corrections()
         elif air_path.learns:
-            raise UsageError(
-                f"a {air_path.name} engine is known from healthy logs alone; name the RESULT.h5 or --engine ENGINE.h5 they made"
-            )
+            raise UsageError(f"a {air_path.name} engine is known from healthy logs alone; name RESULT.h5 or --engine")
     elif engine is not None:
         raise UsageError(f"--engine {engine}: {result} has the engine of its map; name one of the two")
     else:

@@ -83,7 +83,7 @@ def _in_processes(
         yield from _side_by_side(partial(_submitted, pool, function), enumerate(tasks), lambda: ahead)
     except BrokenProcessPool:
         raise DataError(
-            "a worker process died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
+            "a worker died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
         ) from None
 
 

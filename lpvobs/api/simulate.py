@@ -94,7 +94,7 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
         raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
     if configuration.simulation is None:
         raise UsageError(
-            f"{config}: has no [simulation] tables, which simulate needs; see configs/{configuration.kind.example}"
+            f"{config}: has no [simulation] tables, simulate needs them; see configs/{configuration.kind.example}"
         )
     calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
     if calibrated is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from lpvobs.api import files, known_engine
+from lpvobs.api.files import File, Files
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
@@ -40,9 +41,7 @@ class SynthGainOutput(GainOutput):
     ]
 
 
-def synth_gain(
-    config: files.File, logs: files.Files = (), *, out: files.File, published: str | None = None
-) -> gains.StoredGain:
+def synth_gain(config: File, logs: Files = (), *, out: File, published: str | None = None) -> gains.StoredGain:
     """Find the observer gain from the linear matrix inequalities of Theorem 1, prove it, and write it.
 
     Raises NotProven if no gain can be proven; UsageError, DataError if the configuration or a log cannot be used.

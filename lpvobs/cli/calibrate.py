@@ -13,9 +13,7 @@ def calibrate(
         "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
     ),
     healthy: list[Path] | None = option("LOG", "A log with the air flow sensor in order.", "--healthy"),
-    reference: list[Path] | None = option(
-        "LOG", "A log with W_reference, a meter in the sensor's place.", "--reference"
-    ),
+    reference: list[Path] | None = option("LOG", "A log with W_reference, a meter beside the sensor.", "--reference"),
     maps: list[str] | None = option(
         "KIND=FILE",
         "A table of one component, of a kind that the engine has; a CSV with a second line of units, Parquet, or "

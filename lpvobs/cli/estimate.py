@@ -21,9 +21,7 @@ def estimate(
     logs: list[Path] = LOGS,
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
-    engine: Path | None = option(
-        "ENGINE.h5", "Made by calibrate from the same configuration; without it, as configured."
-    ),
+    engine: Path | None = option("ENGINE.h5", "Made by calibrate from this configuration; without it, as configured."),
     method: str = option(
         "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
     ),

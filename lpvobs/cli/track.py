@@ -21,9 +21,7 @@ def track(
     gain: Path | None = GAIN,
     engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
     to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
-    refined: list[Path] | None = option(
-        "REFINED.h5", "A refined result whose effects to add. Repeatable.", "--refined"
-    ),
+    refined: list[Path] | None = option("REFINED.h5", "A refined result, its effects to add. Repeatable.", "--refined"),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),

@@ -143,7 +143,7 @@ def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.Foreig
     recording = _opener(rules.format or found)(path, rules)
     if len(recording.heads) > recordings.MOST_COLUMNS:
         raise DataError(
-            f"{path}: has {len(recording.heads)} columns, expected at most {recordings.MOST_COLUMNS}; export fewer channels"
+            f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
         )
     return recording
 

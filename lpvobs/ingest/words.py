@@ -23,9 +23,8 @@ def bare(name: str) -> str:
     """
     text = re.sub(r"([\\@;][^\\]*|_?\[\d+\]|_\d+ms|\.(MCD|UserAvg|Avg))+$", "", name.strip(), flags=re.IGNORECASE)
     text = text.replace("(from vehicle)", "").strip()  # Torque
-    return re.sub(
-        r"^((S\d_)?(SPN|PR|PID|IDE|MAS|0x)[ _:]?[0-9A-F]{2,5}|\[?0x[0-9A-F]{2}\]?|\d{1,3} ?[-:])[ _:-]+(?=\D)", "", text
-    )
+    number = r"^((S\d_)?(SPN|PR|PID|IDE|MAS|0x)[ _:]?[0-9A-F]{2,5}|\[?0x[0-9A-F]{2}\]?|\d{1,3} ?[-:])[ _:-]+(?=\D)"
+    return re.sub(number, "", text)
 
 
 def normalised(name: str) -> str:

@@ -51,7 +51,7 @@ class Filled:
     # of prediction, lack of fit included, where extrapolated
     covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the nodes' errors", NODES, stored="f4")]
     map_standard_error: Annotated[
-        Array, Item("kg/s", "standard error; of prediction if filled", BOTH, "standard_error")
+        Array, Item("kg/s", "standard error; of prediction where extrapolated", BOTH, "standard_error")
     ]
     support: Annotated[NDArray[np.int8], Item("1", "where the value comes from", BOTH, meanings=SUPPORT)]
 

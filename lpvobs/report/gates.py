@@ -14,6 +14,7 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
+Logs = Sequence[ReportedLog]
 TRUTH, SOUGHT, GIVEN = "a log with reference channels", "trace or refine on the result", "the log beside the result"
 
 
@@ -106,7 +107,7 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
     if metric in OF_RESULT and (words := OF_RESULT[metric].words):
         if relation not in ("==", "!=") or limit not in words:
             raise UsageError(
-                f"--gate '{expression}': {metric} is a word, expected == or != and one of {', '.join(words)}"
+                f"--gate '{expression}': {metric} is a word; expected == or !=, and one of {', '.join(words)}"
             )
         return Gate(metric, relation, limit)
     try:
@@ -144,9 +145,7 @@ class Verdict:
         return f"{place} has {self.gate.metric} = {_said(self.value)}, the gate is {self.gate}"
 
 
-def judge(
-    gates: Sequence[Gate], logs: Sequence[ReportedLog], results: Sequence[ReportedResult] = ()
-) -> tuple[Verdict, ...]:
+def judge(gates: Sequence[Gate], logs: Logs, results: Sequence[ReportedResult] = ()) -> tuple[Verdict, ...]:
     """Return the verdict of every gate on every log; of a metric that a result has as a whole, on every result."""
     return tuple(
         Verdict(gate, item.result, getattr(item, "log", ""), _finite(getattr(item, gate.metric)))

@@ -160,6 +160,5 @@ def _classes(text: str, name: str) -> str:
 def _short(numbers: str) -> str:
     """Return a path with one decimal, less than its line is wide, and no command that says what the one before said."""
     short = re.sub(r"-?\d+\.\d+", lambda found: f"{float(found[0]):.1f}".rstrip("0").rstrip("."), numbers)
-    return re.sub(
-        r"(?<=L )([^A-Z]*)(?:L ([^A-Z]*))+", lambda found: found[0].replace("L ", ""), " ".join(short.split())
-    )
+    again = r"(?<=L )([^A-Z]*)(?:L ([^A-Z]*))+"
+    return re.sub(again, lambda found: found[0].replace("L ", ""), " ".join(short.split()))

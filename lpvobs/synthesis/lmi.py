@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from lpvobs.records import Array
 
 cp: Any = cvxpy
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +37,7 @@ class LmiSolution:
     beta: float
 
 
-def free_gain(
-    A: Array, C: Array, map_output: int, k: float, linked: NDArray[np.bool_], cascade: bool
-) -> LmiSolution | str:
+def free_gain(A: Array, C: Array, map_output: int, k: float, linked: Mask, cascade: bool) -> LmiSolution | str:
     """Return a gain for balanced matrices A, shape (N, n, n), and C, (N, r, n), or the solver's word where it has none.
 
     k is eps_1 eps_2. Entries of P and L may differ from zero where they are `linked`, shape (n, n + r): between parts of a

@@ -124,7 +124,7 @@ def _refuse_bad_pairs(region: Region) -> None:
     paired = [name for pair in region.nonnegative_sums for name in pair]
     if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
         raise UsageError(
-            f"region: nonnegative_sums {region.nonnegative_sums} pair names of {region.names}, each at most once"
+            f"region: nonnegative_sums {region.nonnegative_sums} must pair names of {region.names}, each at most once"
         )
     for first, second in region.nonnegative_sums:
         if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:

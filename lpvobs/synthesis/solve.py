@@ -12,6 +12,7 @@ from lpvobs.synthesis.balance import BalancedUnits, balance
 from lpvobs.synthesis.certificate import Gain, check, prove_bound, state_bound
 from lpvobs.synthesis.problem import GainProblem
 
+Pair = tuple[float, float]
 EPSILON = 0.49
 """eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much."""
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
@@ -27,9 +28,7 @@ class Shrunk:
     gain: Gain
 
 
-def synthesise(
-    problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsilon: tuple[float, float] | None = None
-) -> Gain:
+def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsilon: Pair | None = None) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
     Raises NotProven if no gain was found for this region, or the one found does not pass the exact check; UsageError for an epsilon
@@ -64,7 +63,7 @@ def synthesise(
     return _proven(problem, units, found, L, (eps_1, eps_2))
 
 
-def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: tuple[float, float] | None = None) -> Gain:
+def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = None) -> Gain:
     """Return a given gain, shape (n, r), with P and Q that prove it on the whole region; options as for `synthesise`.
 
     Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the
@@ -98,7 +97,7 @@ def largest_feasible(
     *,
     cascade: bool,
     decay: float = 0.0,
-    epsilon: tuple[float, float] | None = None,
+    epsilon: Pair | None = None,
     resolution: float = 0.01,
 ) -> Shrunk:
     """Return the largest part of the region, drawn towards `centre`, with a gain, by bisection; NotProven if not even there."""
@@ -120,9 +119,7 @@ def largest_feasible(
     return Shrunk(low, high, *best)
 
 
-def _proven(
-    problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, L: Array, epsilon: tuple[float, float]
-) -> Gain:
+def _proven(problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, L: Array, epsilon: Pair) -> Gain:
     """Return the gain in the problem's units, with the certificate of exactly these floats."""
     eps_1, eps_2 = epsilon
     # c = 1 / (beta eps_2) of `lmi`, and what y = S w and the time unit make of it.

@@ -204,7 +204,7 @@ def test_a_sum_that_can_just_be_zero_is_room_enough():
         (("x",), (-float("inf"),), (1.0,), (), "x has the bounds"),
         (("x",), (0.0,), (float("nan"),), (), "x has the bounds"),
         (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "x"),), "each at most once"),
-        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "z"),), "pair names"),
+        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "z"),), "must pair names"),
     ],
 )
 def test_the_refusal_of_a_region_says_why(names, lower, upper, sums, words):

@@ -87,9 +87,7 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
         _refuse_impossible(path, columns, known.forms[0])
         return columns, known.tolerance
     wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
-    raise DataError(
-        f"{path}: map '{label}' is in X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected {wanted}"
-    )
+    raise DataError(f"{path}: map '{label}' is in '{item.unit_x}', '{item.unit_y}', '{item.unit}'; expected {wanted}")
 
 
 def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, constants.Within]) -> None:

@@ -106,9 +106,8 @@ def read_dcm_map(path: Path, name: str) -> DcmMap:
     import difflib
 
     near = difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]
-    raise DataError(
-        f"{path}: has no map '{name}'; {'has ' + ', '.join(near) if near else 'has no map at all'}; name one: --name"
-    )
+    there = "has " + ", ".join(near) if near else "has no map at all"
+    raise DataError(f"{path}: has no map '{name}'; {there}; name one: --name")
 
 
 def _words(path: Path) -> Iterator[tuple[int, list[str]]]:

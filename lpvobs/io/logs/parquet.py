@@ -171,7 +171,7 @@ def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
         values = as_floats(table, name)
     except pa.ArrowException:
         raise DataError(
-            f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}; export it so"
+            f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}; export it as numbers"
         ) from None
     try:
         return np.asarray(convert(values, _unit(field), wanted), dtype=float)

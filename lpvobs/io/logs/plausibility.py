@@ -16,7 +16,8 @@ from lpvobs.errors import DataError
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.records import Array, DefectFound, Defects
 
-Mask = NDArray[np.bool_]
+Mask, Rows = NDArray[np.bool_], NDArray[np.int64]
+Values = Mapping[str, Array]
 
 MOST_BACKWARD = 0.1  # share of the samples that may be dropped for their time; more is not a repair
 MOST_IMPOSSIBLE = 0.1
@@ -126,9 +127,7 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
         )
 
 
-def spoiled(
-    time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]
-) -> Iterator[tuple[DefectFound, NDArray[np.int64]]]:
+def spoiled(time: Array, values: Values, channels: Mapping[str, Channel]) -> Iterator[tuple[DefectFound, Rows]]:
     """Yield what is stuck, saturated or spiked in finite values over increasing time [s], with the samples that it spoils."""
     for name, channel in channels.items():
         if not np.isfinite(channel.still) or time.size < 3:

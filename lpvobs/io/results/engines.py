@@ -220,9 +220,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     with reading(path, KIND, REMEDY) as file:
         kept = values(file, StoredEngine)
         if kept["air_path"] != air_path.name:
-            raise DataError(
-                f"{path}: is a {kept['air_path']} engine, the configuration has '{air_path.name}'; {REMEDY} from this one"
-            )
+            raise DataError(f"{path}: is a {kept['air_path']} engine, configured is '{air_path.name}'; {REMEDY}")
         expect_constants(path, "calibrated from", kept["constants"], air_path.engine_constants(), REMEDY)
         return StoredEngine(
             **kept,
