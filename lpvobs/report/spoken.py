@@ -1,6 +1,7 @@
 """Numbers and effects as a person would say them: `the MAF reads 9.65 % high (90 %: 9.51 to 9.79) from 122.0 s`."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -61,48 +62,39 @@ def second(time: float | None) -> str:
 
 @dataclass(frozen=True)
 class Phrase:
-    """The words for one parameter; `{}` stands for its size, `{name}` for the first half of the identifier."""
+    """The words for one parameter: `{}` is its size, `{name}` the first half of the identifier, `[a|b]` for values above, below."""
 
-    above: str  # for values above that of no effect
-    below: str  # for values below it
+    words: str
     times: float = 1.0  # factor on the difference from `null`, for the unit that the words name
     null: float = 0.0  # the value of no effect
 
 
 MOST_TIMES = 4  # intervals that are told
 BY_KIND = {
-    "factor": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0, 1.0),
-    "gain": Phrase("{name} reads {} % high", "{name} reads {} % low", 100.0, 1.0),
-    "offset kg/s": Phrase("{name} reads {} g/s too much", "{name} reads {} g/s too little", 1e3),
-    "offset Pa": Phrase("{name} reads {} Pa too much", "{name} reads {} Pa too little"),
-    "offset %": Phrase("{name} reads {} % of its range too much", "{name} reads {} % of its range too little"),
-    "curve": Phrase("{name} is {} % higher", "{name} is {} % lower", 100.0),
-    "lag": Phrase("{name} follows with a time constant of {} s", "{name} runs ahead with a time constant of {} s"),
-    "delay": Phrase("{name} reads {} s late", "{name} reads {} s early"),
+    "factor": Phrase("{name} is {} % [higher|lower]", 100.0, 1.0),
+    "gain": Phrase("{name} reads {} % [high|low]", 100.0, 1.0),
+    "offset kg/s": Phrase("{name} reads {} g/s too [much|little]", 1e3),
+    "offset Pa": Phrase("{name} reads {} Pa too [much|little]"),
+    "offset %": Phrase("{name} reads {} % of its range too [much|little]"),
+    "curve": Phrase("{name} is {} % [higher|lower]", 100.0),
+    "lag": Phrase("{name} [follows|runs ahead] with a time constant of {} s"),
+    "delay": Phrase("{name} reads {} s [late|early]"),
 }
 """By the second half of the identifier, with the unit where it decides."""
 BY_IDENTIFIER = {
-    "maf.drift": Phrase("the MAF's gain rises by {} % an hour", "the MAF's gain falls by {} % an hour", 3.6e5),
-    "maf.temperature": Phrase(
-        "the MAF's gain rises by {} % per kelvin", "the MAF's gain falls by {} % per kelvin", 100.0
-    ),
-    "leak.intake": Phrase("the intake leaks through {} mm^2", "the intake leaks through {} mm^2 less", 1e6),
-    "leak.inlet": Phrase(
-        "air gets in behind the MAF through {} mm^2", "air gets in behind the MAF through {} mm^2 less", 1e6
-    ),
-    "egr.leak": Phrase("the EGR valve leaks through {} mm^2", "the EGR valve leaks through {} mm^2 less", 1e6),
-    "egr.area": Phrase("the EGR passage is {} % wider", "the EGR passage is {} % narrower", 100.0, 1.0),
-    "compressor.flow": Phrase("the compressor passes {} % more air", "the compressor passes {} % less air", 100.0, 1.0),
-    "turbine.efficiency": Phrase(
-        "the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0, 1.0
-    ),
-    "compressor.curve": Phrase("the compressor passes {} % more", "the compressor passes {} % less", 100.0),
-    "egr.curve": Phrase("the EGR passage is {} % wider", "the EGR passage is {} % narrower", 100.0),
-    "turbine.curve": Phrase("the turbine is {} % more efficient", "the turbine is {} % less efficient", 100.0),
-    "throttle.curve": Phrase("the throttle passes {} % more", "the throttle passes {} % less", 100.0),
-    "exhaust.restriction": Phrase(
-        "the exhaust's back pressure is {} % higher", "the exhaust's back pressure is {} % lower", 100.0, 1.0
-    ),
+    "maf.drift": Phrase("the MAF's gain [rises|falls] by {} % an hour", 3.6e5),
+    "maf.temperature": Phrase("the MAF's gain [rises|falls] by {} % per kelvin", 100.0),
+    "leak.intake": Phrase("the intake leaks through {} mm^2[| less]", 1e6),
+    "leak.inlet": Phrase("air gets in behind the MAF through {} mm^2[| less]", 1e6),
+    "egr.leak": Phrase("the EGR valve leaks through {} mm^2[| less]", 1e6),
+    "egr.area": Phrase("the EGR passage is {} % [wider|narrower]", 100.0, 1.0),
+    "compressor.flow": Phrase("the compressor passes {} % [more|less] air", 100.0, 1.0),
+    "turbine.efficiency": Phrase("the turbine is {} % [more|less] efficient", 100.0, 1.0),
+    "compressor.curve": Phrase("the compressor passes {} % [more|less]", 100.0),
+    "egr.curve": Phrase("the EGR passage is {} % [wider|narrower]", 100.0),
+    "turbine.curve": Phrase("the turbine is {} % [more|less] efficient", 100.0),
+    "throttle.curve": Phrase("the throttle passes {} % [more|less]", 100.0),
+    "exhaust.restriction": Phrase("the exhaust's back pressure is {} % [higher|lower]", 100.0, 1.0),
 }
 
 
@@ -175,7 +167,7 @@ def _what(effect: Mapping[str, Any]) -> str:
     sign = 1.0 if parameter["value"] >= phrase.null else -1.0
     sizes = [sign * phrase.times * (x - phrase.null) for x in (parameter["value"], *parameter["ci90"])]
     value, low, high = with_interval(sizes[0], min(sizes[1:]), max(sizes[1:]))
-    words = phrase.above if sign > 0.0 else phrase.below
+    words = re.sub(r"\[(.*?)\|(.*?)\]", r"\1" if sign > 0.0 else r"\2", phrase.words)
     said = words.format(value, name="the MAF" if of == "maf" else of)
     return f"{said}{_around(effect)} (90 %: {low} to {high})"
 
