@@ -16,7 +16,8 @@ from lpvobs.errors import DataError
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.records import Array, DefectFound, Defects
 
-Mask, Rows = NDArray[np.bool_], NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.int64]
 Values = Mapping[str, Array]
 
 MOST_BACKWARD = 0.1  # share of the samples that may be dropped for their time; more is not a repair
