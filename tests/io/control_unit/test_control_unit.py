@@ -239,7 +239,7 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
     L = stored.gain.L.copy()
     L[0, -1] = 1.0
     monkeypatch.setattr("lpvobs.api.export_unit.read_gain", lambda _: replace(stored, gain=replace(stored.gain, L=L)))
-    with pytest.raises(UsageError, match="unproven"):
+    with pytest.raises(UsageError, match="nothing is proven"):
         export_unit(chain.gain, tmp_path / "unit", "c99", map_gain="falling")
 
 
