@@ -86,7 +86,7 @@ def calibrate(
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
-                raise UsageError(f"{as_path(config)}: {air_path.name} learns from healthy logs; give --healthy LOG")
+                raise UsageError(f"{as_path(config)}: learns from healthy logs alone; give --healthy LOG")
             stored = _learned(configuration, text, known)
         elif not air_path.components:
             raise UsageError(f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has")
