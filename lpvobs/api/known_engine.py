@@ -64,7 +64,8 @@ def known_engine(stored: results.StoredResult, engine: Path | None = None) -> Kn
     with hdf.reading(stored.path, results.KIND, results.REMEDY) as file:
         if not air_path.learns:
             before = file.get(engines.BEFORE)
-        return KnownEngine(config, air_path, None, None if before is None else engines.read_unknowns(before, air_path))
+            known = None if before is None else engines.read_unknowns(before, air_path)
+            return KnownEngine(config, air_path, None, known)
         return _knowing(config, engines.read_learned(file))
 
 
