@@ -226,12 +226,15 @@ def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _L
     lasting, sizes = float(np.exp(best.x[0])), usual * np.exp(0.5 * best.x[1:])
     rest = np.hstack([size * columns for size, columns in zip(sizes[1:], slow, strict=True)])
     rows = np.concatenate([np.hstack([sizes[0] * view, rest]) for view in features])
-    each = np.tile(0.5 * weight / lasting, 2)
-    precision = rows.T @ (rows * each[:, None]) + np.eye(rows.shape[1])
-    answer = np.linalg.solve(precision, rows.T @ (each * left.ravel()))
+    root = np.sqrt(np.tile(0.5 * weight / lasting, 2))
+    rows *= root[:, None]
+    precision = rows.T @ rows + np.eye(rows.shape[1])
+    answer = np.linalg.solve(precision, rows.T @ (root * left.ravel()))
     m = features.shape[2]
-    root = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
-    return _LearnedBalance(sizes[0] * answer[:m], sizes[0] * root, float(sizes[0]), lasting, sizes[1:], float(best.fun))
+    unsure = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
+    return _LearnedBalance(
+        sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), lasting, sizes[1:], float(best.fun)
+    )
 
 
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
