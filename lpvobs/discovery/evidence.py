@@ -72,13 +72,25 @@ def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = N
     return (change_of(linear, effect, size + h) - (change_of(linear, effect, size) if here is None else here)) / h
 
 
-def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
-    """Return the gain of an effect in an interval, with the residual taken as linear in its size."""
+def first_order(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> tuple[float, float]:
+    """Return gradient and information of an effect's size in an interval, with the residual taken as linear in it."""
     slope = linear.whiten(slope_of(linear, effect, effect.null) * within(linear, begin, end))
     products = linear.products(slope)
     gradient = dot(slope, linear.residual) - float(products @ linear.newton_step)
-    information = dot(slope, slope) - float(products @ linear.project(products))
+    return gradient, dot(slope, slope) - float(products @ linear.project(products))
+
+
+def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
+    """Return the gain of an effect in an interval."""
+    gradient, information = first_order(linear, effect, begin, end)
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
+
+
+def first_order_size(linear: Linear, effect: Effect) -> float:
+    """Return how far an effect that acts all the time seems to be from none."""
+    gradient, information = first_order(linear, effect)
+    away = -gradient / information if information > 0.0 else 0.0
+    return float(np.clip(away, effect.low - effect.null, effect.high - effect.null))
 
 
 def within(linear: Linear, begin: float, end: float) -> Array:

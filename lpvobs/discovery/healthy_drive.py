@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import fit_candidate
+from lpvobs.discovery.evidence import first_order_size
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
 from lpvobs.discovery.patterns import Patterns
@@ -132,12 +132,14 @@ class HealthyDrive:
 def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
     """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
     found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
+    width = (found.width / float(np.sqrt(len(found.channels))),)
     sizes = []
     for log in logs:
         others = [other for other in logs if other is not log]
-        seen = learned_from(lay_out(model, grid, prior, others), [other.name for other in others]) if others else found
-        linear = fit(seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log])))
-        sizes.append({e.id: fit_candidate(linear, e).term.size - e.null for e in linear.problem.catalogue})
+        names = [other.name for other in others]
+        seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
+        linear = fit(seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log])), passes=2)
+        sizes.append({e.id: first_order_size(linear, e) for e in linear.problem.catalogue})
     effects = tuple(effect for effect in sizes[0] if all(effect in each for each in sizes))
     rms = [float(np.sqrt(np.mean([each[effect] ** 2 for each in sizes]))) for effect in effects]
     return replace(found, effects=effects, seeming=np.array(rms))
@@ -148,19 +150,22 @@ def unmoved(prior: MapPrior) -> MapPrior:
     return replace(prior, sensitivity=prior.sensitivity[:, :0])
 
 
-def learned_from(problem: Problem, logs: Sequence[str]) -> HealthyDrive:
-    """Return what healthy drives show, laid out with the map and the engine that they made."""
+def learned_from(
+    problem: Problem, logs: Sequence[str], widths: Sequence[float] = thresholds.BELL_WIDTHS
+) -> HealthyDrive:
+    """Return what healthy drives show, laid out with the map and the engine that they made, by the best of some widths."""
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)
     left = left - (problem.by_reading * map_along(problem.prior.mean, operating_nodes(problem, scenes)))[:, None]
-    found = []
-    for width in thresholds.BELL_WIDTHS:
+    found, start = [], [_START] * B
+    for width in widths:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
         scale = _scales(left.mean(1), problem.transience)
         for _ in range(thresholds.HEALTHY_PASSES):
-            each = [_learned(problem, features, *row) for row in zip(left, scale, strict=True)]
+            each = [_learned(problem, features, *row) for row in zip(left, scale, start, strict=True)]
+            start = [own.shares for own in each]
             weights = np.array([own.weights for own in each])
             scale = _scales(left.mean(1) - weights @ features.mean(0).T, problem.transience)
         amplitude = np.array([own.amplitude for own in each])
@@ -186,10 +191,16 @@ class _LearnedBalance:
     amplitude: float
     lasting: float
     slow: Array
+    shares: (
+        Array  # logarithms of the variances of largest likelihood: of the fast error, the function, and the slow ones
+    )
     unlikely: float
 
 
-def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _LearnedBalance:
+_START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
+
+
+def _learned(problem: Problem, features: Array, left: Array, scale: Array, start: Array = _START) -> _LearnedBalance:
     """Return what a balance leaves, shape (2, K), as a function that is the same on all drives, and the errors beyond.
 
     Variances are those of largest likelihood for means over `PIECE`; the function is the best for them at the instants.
@@ -220,7 +231,6 @@ def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _L
         by[1:] += away / thresholds.SLOW_SPREAD
         return own, by
 
-    start = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
     bounds = [(0.0, 6.0), *[(-9.0, 4.0)] * 3]
     best = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
     lasting, sizes = float(np.exp(best.x[0])), usual * np.exp(0.5 * best.x[1:])
@@ -233,7 +243,7 @@ def _learned(problem: Problem, features: Array, left: Array, scale: Array) -> _L
     m = features.shape[2]
     unsure = np.linalg.cholesky(np.linalg.inv(precision)[:m, :m])
     return _LearnedBalance(
-        sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), lasting, sizes[1:], float(best.fun)
+        sizes[0] * answer[:m], sizes[0] * unsure, float(sizes[0]), lasting, sizes[1:], best.x, float(best.fun)
     )
 
 

@@ -33,9 +33,14 @@ class Patterns:
 
     def gram(self, precision: Array) -> Array:
         """Return the products with each other, shape (m, m); `precision` is that of the balances at a place, (B, B, K)."""
-        return np.block(
-            [[(a * precision[i, j]) @ b.T for j, b in enumerate(self.each)] for i, a in enumerate(self.each)]
-        )
+        above = {
+            (i, j): (a * precision[i, j]) @ b.T
+            for i, a in enumerate(self.each)
+            for j, b in enumerate(self.each)
+            if i <= j
+        }
+        numbers = range(len(self.each))
+        return np.block([[above[i, j] if i <= j else above[j, i].T for j in numbers] for i in numbers])
 
     def at(self, instants: NDArray[np.int64] | slice) -> "Patterns":
         """Return the same at some of the places."""
