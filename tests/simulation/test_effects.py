@@ -64,7 +64,7 @@ def test_the_plant_itself_is_neutral_at_neutral_values(config, clean):
 
 @pytest.mark.parametrize("identifier", ["maf.lag", "maf.delay", "T_im.lag"])
 def test_off_the_integrators_beat_a_memory_leaves_the_rest_alone(inject, identifier):
-    """30 Hz does not divide 2000: what has no memory must not be taken from between two steps because something else has one."""
+    """30 Hz does not divide 1000: what has no memory must not be taken from between two steps because something else has one."""
     plain, log = inject(rate=30), inject(CatalogueEffect(identifier, SIZES[identifier], onset=4.0, end=13.0), rate=30)
     time, own = log.channels["time"], "T_im" if identifier == "T_im.lag" else "W_maf"
     outside = (time < 4.0 - 1e-9) | (time >= 13.0 - 1e-9)
