@@ -32,8 +32,8 @@ from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.joint import NORMAL_90
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
+from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import Driven, Tracked, track
-from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import KeptLog, TrackedLog, VehicleSums, flow_at_nodes, kept
 from lpvobs.tracking.timeline import CHANGE
 

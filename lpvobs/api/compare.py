@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -13,14 +14,20 @@ from lpvobs.api.export import SOURCES
 from lpvobs.api.files import File, as_path, writing
 from lpvobs.engines.base import MapAxis
 from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.io.configuration.config import config_of
+from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.logs.units import convert
-from lpvobs.io.results.surfaces import Surface, read_surface
+from lpvobs.io.results.fleets import read_fleet
+from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, KgPerS
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import Joint
+from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
 from lpvobs.report.gates import parse_gate
+from lpvobs.tracking.fleet import Driven, Fleet
+from lpvobs.tracking.timeline import vehicle_of
 
 FAMILY = 0.05
 """Probability that any node at all is called significant where nothing has changed (Bonferroni over the nodes compared)."""
@@ -64,8 +71,10 @@ class CompareOutput:
 
 def compare(
     first: File,
-    second: File,
+    second: File | None = None,
     *,
+    vehicle: str = "",
+    periods: Sequence[str] = (),
     values: str = "map",
     region: Mapping[str, tuple[float, float]] | None = None,
     gates: Sequence[str] = (),
@@ -79,7 +88,11 @@ def compare(
     Parameters
     ----------
     first, second : path
-        Results for one kind of engine; the first is laid onto the axes of the second.
+        Results for one kind of engine; the first is laid onto the axes of the second. With `vehicle`, a fleet alone.
+    vehicle : str
+        A vehicle of the fleet, whose map of one period is compared with that of another.
+    periods : two str
+        These periods, such as `2025-01`.
     values : str
         `map`: nodes that both have estimated; `extrapolation`: every node.
     region : mapping of str to (float, float), optional
@@ -92,23 +105,29 @@ def compare(
     Returns
     -------
     CompareOutput
-        Flows in kg/s. The errors of the two count as independent; constants of one engine that both share make the intervals
-        wider than need be.
+        Flows in kg/s. The errors of two results count as independent; constants of one engine that both share make the intervals
+        wider than need be. Two periods of a vehicle share its engine and its drives, and their intervals take account of it.
     """
     if values not in SOURCES:
         raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")
-    before, after = (read_surface(as_path(each), values) for each in (first, second))
-    change = after.difference(before)
+    if vehicle or second is None:
+        if second is not None or not vehicle or not len(periods) == len({*periods}) == 2 or values != "map":
+            raise UsageError("expected two results, or one fleet with --vehicle NAME and two different --period")
+        change, later = _between(as_path(first), vehicle, (periods[0], periods[1]))
+        names = [f"{first}: {vehicle} {period}" for period in periods]
+    else:
+        before, after = (read_surface(as_path(each), values) for each in (first, second))
+        change, later, names = after.difference(before), after.values, [str(first), str(second)]
     on = np.flatnonzero(np.isfinite(change.values.ravel()) & np.isfinite(change.standard_error.ravel()))
     if not on.size:
-        raise DataError(f"{first}, {second}: no node has a value with an error in both; extrapolate both")
+        raise DataError(f"{names[0]}, {names[1]}: no node has a value with an error in both; extrapolate both")
     nodes = Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
     alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
     mean = alike if region is None else change.mean(region)
-    rows = _significant(change, after, nodes, on)
+    rows = _significant(change, later, nodes, on)
     found = CompareOutput(
-        first=str(first),
-        second=str(second),
+        first=names[0],
+        second=names[1],
         values=values,
         axes=(f"{change.x.name} [{change.x.unit}]", f"{change.y.name} [{change.y.unit}]"),
         nodes=int(on.size),
@@ -118,12 +137,42 @@ def compare(
         significant=rows,
     )
     if figure is not None:
-        _draw(figure, (first, second), change, found)
+        _draw(figure, [first, *([second] if second else [])], change, found)
     expect_gates(found, gates)
     return found
 
 
-def _draw(figure: File, maps: tuple[File, File], change: Surface, found: CompareOutput) -> None:
+def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, Array]:
+    """Return how the map of a vehicle has changed between a pair of periods, and the values of the later one."""
+    fleet = read_fleet(path)
+    kept, settings = fleet.kept, config_of(fleet.provenance.config, path).estimate
+    sums = {each.vehicle: each for each in kept.sums}
+    there = [each.period for each in fleet.found.maps if each.vehicle == vehicle]
+    if missing := [each for each in pair if each not in there]:
+        held = f"{vehicle} has {', '.join(there)}" if there else f"its vehicles are {', '.join(sums)}"
+        raise DataError(f"{path}: has no map of {vehicle} in {missing[0]}; {held}")
+    own = vehicle_of(
+        sums[vehicle], [log for log in kept.logs if log.vehicle == vehicle], kept.basis, settings.prior_map
+    )
+    driven = {vehicle: Driven(fleet.grid, kept.basis, sums[vehicle])}
+    its = Fleet(fleet.grid, kept.basis, settings.prior_map, settings.least_information, driven, fleet.found.sizes)
+    (kind,) = (each for each in fleet.found.types if each.kind == sums[vehicle].kind)
+    periods = [date_of(log.date).strftime(PERIODS[kept.every]) for log in own.logs]
+    on, values, errors = its.moved(own, sums[vehicle], periods, pair, kind)
+    shape, known = fleet.grid.shape, np.isin(np.arange(fleet.grid.size), on)
+    maps, covariance = np.full((2, known.size), np.nan), np.zeros((known.size, known.size))
+    maps[:, on], covariance[np.ix_(on, on)] = values, errors
+    y, x = (
+        SurfaceAxis(name, item.unit, item.meaning, nodes)
+        for (name, item), nodes in zip(fleet.axes.items(), (fleet.grid.fuel, fleet.grid.speed), strict=True)
+    )
+    error = np.where(known, np.sqrt(np.diag(covariance)), np.nan).reshape(shape)
+    origin = np.where(known, ESTIMATED, NONE).astype(np.int8).reshape(shape)
+    before, after = maps.reshape(2, *shape)
+    return Surface(x, y, after - before, error, covariance, origin, "kg/s", "difference"), after
+
+
+def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
     from lpvobs.report.content import SurfaceView
     from lpvobs.report.surface_figures import change_map
 
@@ -161,7 +210,7 @@ def _in_units(gate: str) -> tuple[str, float]:
         raise UsageError(f"--gate '{gate}': no unit of a flow: '{unit}'; expected for example 0.5 g/s") from None
 
 
-def _significant(change: Surface, after: Surface, nodes: Joint, on: NDArray[np.int64]) -> list[NodeChange]:
+def _significant(change: Surface, after: Array, nodes: Joint, on: NDArray[np.int64]) -> list[NodeChange]:
     """Return the nodes whose change is beyond its error, however many are looked at; the largest first."""
     least = scipy.special.ndtri(1.0 - 0.5 * FAMILY / on.size) * nodes.standard_error
     found = [i for i in np.argsort(-np.abs(nodes.values), kind="stable") if abs(nodes.values[i]) > least[i]]
@@ -170,8 +219,8 @@ def _significant(change: Surface, after: Surface, nodes: Joint, on: NDArray[np.i
         NodeChange(
             speed=float(change.x.nodes[speed[i]]),
             fuel=float(change.y.nodes[fuel[i]]),
-            before=float(after.values[speed[i], fuel[i]] - nodes.values[i]),
-            after=float(after.values[speed[i], fuel[i]]),
+            before=float(after[speed[i], fuel[i]] - nodes.values[i]),
+            after=float(after[speed[i], fuel[i]]),
             change=float(nodes.values[i]),
             ci90=_pair(nodes.ci90[i]),
         )

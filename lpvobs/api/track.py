@@ -19,7 +19,7 @@ from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, expect_key, read_fleet, write_fleet, write_table
+from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.kinds import Count, Refused
@@ -27,9 +27,9 @@ from lpvobs.observer.estimate import Point, merged
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import StateGain, added_up
 from lpvobs.records import Item
+from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
 from lpvobs.tracking.fleet import track as tracked
-from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import Basis, DatedEffect, KeptLog, basis_of, kept, weighed
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
@@ -265,7 +265,11 @@ class _Adding:
                     return None, refused
             else:
                 basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
-                expect_key(self.out, before, self.key(task.point))
+                if before.key != self.key(task.point):
+                    raise DataError(
+                        f"{self.out}: was made with another configuration, gain, engine or version; its sums do not add up "
+                        f"with new ones: give what it was made with, or name another file in --out and all logs"
+                    )
             key = self.key(task.point)
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
             task = replace(task, done=folder.found())

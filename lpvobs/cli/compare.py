@@ -8,8 +8,10 @@ from lpvobs.cli.options import JSON, REGION, argument, option
 
 @guarded
 def compare(
-    first: Path = argument("A.h5", "A result of estimate, the earlier one."),
-    second: Path = argument("B.h5", "Another result."),
+    first: Path = argument("A.h5", "A result of estimate, the earlier one; or a fleet of track."),
+    second: Path | None = argument("[B.h5]", "Another result; none beside a fleet.", None),
+    vehicle: str = option("NAME", "A vehicle of the fleet, of which two periods are compared.", default=""),
+    period: list[str] | None = option("PERIOD", "The earlier and then the later one, such as 2025-01."),
     values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
     region: str | None = REGION,
     gate: list[str] | None = option("EXPR", '"largest_change<=0.5 g/s", say; also mean_change, p_value. Repeatable.'),
@@ -19,13 +21,16 @@ def compare(
     """Show how map B differs from map A, and where the difference exceeds the errors of both.
 
     Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
+
+    Of a fleet: lpvobs compare fleet.h5 --vehicle V1 --period 2025-01 --period 2025-10
     """
     from lpvobs.api.compare import compare as compare_maps
     from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
     over = None if region is None else region_of(region)
-    found = compare_maps(first, second, values=values, region=over, figure=figure)
+    of = {"vehicle": vehicle, "periods": period or ()}
+    found = compare_maps(first, second, values=values, region=over, figure=figure, **of)
     if figure is not None:
         say(f"{figure}: written")
     if as_json:
@@ -44,4 +49,4 @@ def compare(
             print(table([*found.axes, "A [g/s]", "B [g/s]", "change [g/s]", "5 %", "95 %"], rows))
     expect_gates(found, gate or ())
     if gate:
-        say(f"{second}: every gate holds")
+        say(f"{found.second}: every gate holds")

@@ -17,8 +17,17 @@ def fractions(values: Array) -> Matrix:
 
 def product(left: Sequence[Sequence[Fraction]], right: Sequence[Sequence[Fraction]]) -> Matrix:
     """Return the product of two matrices; raises ValueError where they do not fit."""
-    columns = list(zip(*right, strict=True))
-    return [[sum((a * b for a, b in zip(row, column, strict=True)), Fraction()) for column in columns] for row in left]
+    (rows, by), (others, its) = _whole(left), _whole(right)
+    columns = list(zip(*others, strict=True))
+    return [
+        [Fraction(sum(a * b for a, b in zip(row, column, strict=True)), by * its) for column in columns] for row in rows
+    ]
+
+
+def _whole(matrix: Sequence[Sequence[Fraction]]) -> tuple[list[list[int]], int]:
+    """Return a matrix of whole numbers and what it is to be divided by: no fraction is reduced on the way."""
+    scale = lcm(*(entry.denominator for row in matrix for entry in row))
+    return [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix], scale
 
 
 def smallest_pivot(matrix: Matrix) -> float:
@@ -27,8 +36,7 @@ def smallest_pivot(matrix: Matrix) -> float:
     The matrix is positive definite if and only if the value is positive. On whole numbers by Bareiss' elimination, whose
     diagonal holds the leading minors; a pivot is the ratio of two of them.
     """
-    scale = lcm(*(entry.denominator for row in matrix for entry in row))
-    work = [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix]
+    work = _whole(matrix)[0]
     diagonal = [row[k] for k, row in enumerate(work)]
     before, smallest = 1, inf
     for k, pivot_row in enumerate(work):

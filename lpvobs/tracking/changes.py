@@ -4,16 +4,21 @@ Every event has Gaussian terms, so what it adds to the evidence is a determinant
 every day at once. A search on the maps of the periods, as change-point libraries do it, would not know that their errors are shared
 through the engine, and has no interval of the day. An event counts when it is more probable than not although `SURPRISE` to one
 speaks against it beforehand, and against each day alike.
+
+`power_of` turns this round: how large a change is found nine times out of ten. What an event of size d adds is
+`b^T (I + S)^-1 b / 2 - log|I + S| / 2` with `b ~ N(S d, S)`; twice the first term is a weighted sum of noncentral chi-squares, and
+its mean and variance tell. It must be found beside days that differ as much as `UNEASY` allows, for else these would explain it.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 from lpvobs.tracking.sums import MODES
-from lpvobs.tracking.timeline import Event, Fleetwide, Story, Timeline, terms_of
+from lpvobs.tracking.timeline import CHANGE, FLAT, MOST_VEHICLES, YEAR, Event, Fleetwide, Story, Timeline, terms_of
 
 SURPRISE = 1000.0
 """To one: one healthy vehicle of a thousand may be accused by chance."""
@@ -31,12 +36,12 @@ def history(vehicle: Timeline, fleet: Fleetwide) -> Story:
     for factor in UNEASY:
         sizes = fleet.uneasy(factor)
         events = _events(vehicle, sizes)
-        against = sum(improbable(each, vehicle.day.size) for each in events) + np.log(factor)
+        against = sum(_improbable(each, vehicle.day.size) for each in events) + np.log(factor)
         tried.append((vehicle.evidence(sizes, events) - against, Story(factor, events)))
     return max(tried, key=lambda item: item[0])[1]
 
 
-def improbable(event: Event, places: int) -> float:
+def _improbable(event: Event, places: int) -> float:
     """Return the logarithm of how improbable an event is beforehand."""
     return float(np.log(SURPRISE) + np.log(places) * (event.kind != "trend"))
 
@@ -88,7 +93,7 @@ def _gains(
     b = np.einsum("mlt,la->mta", F, r).reshape(-1, size, 1)
     root = np.linalg.cholesky(A)
     fit = np.linalg.solve(root, b)[..., 0]
-    against = sum(improbable(each, L) for each in (*before, Event(kind)))
+    against = sum(_improbable(each, L) for each in (*before, Event(kind)))
     return np.asarray(0.5 * (fit**2).sum(1) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(1) - against)
 
 
@@ -101,3 +106,57 @@ def _with_interval(event: Event, days: Array, alike: Array) -> Event:
     enough = int(np.searchsorted(np.cumsum(share[order]), HELD * share.sum())) + 1
     held = alike[order[:enough], 1]
     return replace(event, earliest=float(days[days < held.min()].max()), latest=float(days[days > held.max()].min()))
+
+
+LOGS = (6, 12, 24, 48)
+QUANTILE = 1.2816
+"""Of the normal distribution, that nine of ten are below."""
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """What is found nine times out of ten in so many logs of a vehicle, as a share of the reading."""
+
+    logs: Annotated[int, Item("1", "logs of a vehicle", name="log_count")]
+    days: Annotated[float, Item("d", "between the first and the last")]
+    drift: Annotated[float, Item("1", "change of the gain in a month, as a trend from the first log on")]
+    step: Annotated[float, Item("1", "change of the gain at once, half-way")]
+
+
+def power_of(vehicles: Sequence[Timeline], sizes: Fleetwide) -> tuple[Detectable, ...]:
+    """Return what the middle one of the vehicles with so many logs shows in the first of them; nothing where none has."""
+    found = []
+    for count in LOGS:
+        begun = [_first(each, count) for each in vehicles if each.day.size >= count and each.day[count - 1] > 0.0]
+        if begun:
+            shown = [(each.day[-1] * YEAR, *_least(each, sizes)) for each in begun[:MOST_VEHICLES]]
+            found.append(Detectable(count, *np.median(shown, axis=0).tolist()))
+    return tuple(found)
+
+
+def _first(vehicle: Timeline, count: int) -> Timeline:
+    """Return a vehicle with its first logs, whose mean is unknown; its map counts as known as it is after all of them."""
+    G, common = vehicle.G[: count * MODES, : count * MODES], np.tile(np.eye(MODES), (count, 1))
+    onto = np.linalg.solve(common.T @ G @ common + FLAT * np.eye(MODES), common.T @ G)
+    G = G - G @ common @ onto
+    return replace(vehicle, logs=vehicle.logs[:count], day=vehicle.day[:count], G=G, h=np.zeros(len(G)))
+
+
+def _least(vehicle: Timeline, sizes: Fleetwide) -> Iterator[float]:
+    """Yield the smallest change of the gain that is found nine times out of ten, in a month of a trend, and at once half-way."""
+    R, _ = vehicle.explained(sizes.uneasy(UNEASY[-1]), ())
+    middle = vehicle.day.size // 2
+    for event, months in (
+        (Event("trend"), 12.0),
+        (Event("step", float(vehicle.day[middle - 1 : middle + 1].mean())), 1.0),
+    ):
+        X = np.kron(vehicle.design((event,), vehicle.day), np.eye(CHANGE.size))
+        s, axes = np.linalg.eigh(X.T @ R @ X)
+        s = np.maximum(s, 0.0)
+        weights = s / (1.0 + s)
+        beyond = 2.0 * _improbable(event, vehicle.day.size) + float(np.log1p(s).sum() - weights.sum())
+        rise, spread = (float(weights**k @ (s * axes[-1] ** 2)) for k in (1, 2))  # by the square of the size
+        # rise x - beyond = q sqrt(2 |w|^2 + 4 spread x), solved for x
+        half = (beyond * rise + 2.0 * QUANTILE**2 * spread) / rise**2
+        x = half + np.sqrt(half**2 - (beyond**2 - 2.0 * QUANTILE**2 * float(weights @ weights)) / rise**2)
+        yield float(CHANGE[-1] * np.sqrt(x)) / months

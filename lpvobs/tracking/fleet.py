@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lpvobs.maps.excitation import Excitation, over_nodes, plan
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
-from lpvobs.tracking.changes import history
+from lpvobs.tracking.changes import Detectable, history, power_of
 from lpvobs.tracking.maps import OverTime, TypeMap, alone, type_map
-from lpvobs.tracking.power import Detectable, power_of
-from lpvobs.tracking.sums import Basis, TrackedLog, VehicleSums, flow_at_nodes
+from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums, flow_at_nodes
 from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
 
 ROUNDS = 2
@@ -187,24 +187,51 @@ class Fleet:
     def as_member(self, name: str, own: OverTime, kind: TypeMap) -> tuple[Array, Array, float]:
         """Return maps and their standard errors at all nodes, shape (N, p), and how unlike the type the last one is."""
         on, last = own.nodes, own.last
-        apart = kind.between + kind.covariance
-        full = last + apart[np.ix_(on, on)]
-        away = own.mean[-1] - kind.mean[on]
-        w = self.driven[name].weight[on]
-        unlike = float(w @ away / np.sqrt(w @ full @ w))
-        gain = np.linalg.solve(full, np.column_stack([away, apart[on]]))
-        mean, covariance = kind.mean + apart[:, on] @ gain[:, 0], apart - apart[:, on] @ gain[:, 1:]
-        values, errors = (np.tile(each, (own.mean.shape[0], 1)) for each in (mean, np.sqrt(np.diag(covariance))))
+        mean, covariance, onto = self._with_type(own, kind)
         moved, added = covariance[np.ix_(on, on)] - last, mean[on] - own.mean[-1]
-        onto = own.beyond[:-1] @ np.linalg.inv(
-            last
-        )  # what the type adds to the last map, it adds to all: 1 + modes onto
+        values, errors = (np.tile(each, (own.mean.shape[0], 1)) for each in (mean, np.sqrt(np.diag(covariance))))
         values[:-1, on] = own.mean[:-1] + added + onto @ added @ own.modes.T
         across = onto @ moved  # (N - 1, k, p)
         spread = np.einsum("pa,nab,pb->np", own.modes, across @ onto.transpose(0, 2, 1), own.modes)
         spread += np.diag(moved) + 2.0 * np.einsum("pa,nap->np", own.modes, across)
         errors[:-1, on] = np.sqrt(own.variance[:-1] + spread)
-        return values, errors, unlike
+        away, w = own.mean[-1] - kind.mean[on], self.driven[name].weight[on]
+        apart = last + (kind.between + kind.covariance)[np.ix_(on, on)]
+        return values, errors, float(w @ away / np.sqrt(w @ apart @ w))
+
+    def _with_type(self, own: OverTime, kind: TypeMap) -> tuple[Array, Array, Array]:
+        """Return the last map with its covariance at all nodes, and what moves the modes of earlier days with it, (N - 1, k, p).
+
+        What the type adds to the last map, it adds to all: 1 + modes onto.
+        """
+        on, apart = own.nodes, kind.between + kind.covariance
+        gain = np.linalg.solve(
+            own.last + apart[np.ix_(on, on)], np.column_stack([own.mean[-1] - kind.mean[on], apart[on]])
+        )
+        mean, covariance = kind.mean + apart[:, on] @ gain[:, 0], apart - apart[:, on] @ gain[:, 1:]
+        return mean, covariance, own.beyond[:-1] @ np.linalg.inv(own.last)
+
+    def moved(
+        self, vehicle: Timeline, sums: VehicleSums, periods: Sequence[str], pair: Sequence[str], kind: TypeMap
+    ) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the p nodes that a vehicle drives, its maps there in a pair of periods, and the covariance of their difference.
+
+        `periods` are those of its logs; shapes are (p,), (2, p) and (p, p). With `alone`, c(b) - c(a) has the covariance
+        K(b, b) - 2 K(b, a) + K(a, a) - (L(b) - L(a)) R (L(b) - L(a))^T, and moves with what the type says of the last map.
+        """
+        story = self.worth_a_name(vehicle, history(vehicle, self.sizes))
+        at = (self.sizes.uneasy(story.factor), story.events)
+        day = np.array([vehicle.day[[each == name for each in periods]].mean() for name in (*pair, periods[-1])])
+        own = alone(vehicle, sums, self.basis, self.prior, at, day)
+        values = self.as_member(vehicle.name, own, kind)[0][:2, own.nodes]
+        _, covariance, onto = self._with_type(own, kind)
+        K = vehicle.over_time(*at, day[:2], day[:2])
+        L = vehicle.process(*at, day[:2], vehicle.day).reshape(2, MODES, -1)
+        L, onto = L[1] - L[0], onto[1] - onto[0]
+        told = onto @ (covariance[np.ix_(own.nodes, own.nodes)] - own.last) @ onto.T
+        modes = (K[0, 0] - 2.0 * K[0, 1] + K[1, 1]) * np.eye(MODES) - L @ vehicle.explained(*at)[0] @ L.T + told
+        lack = LACK * (values[1] - values[0])
+        return own.nodes, values, own.modes @ modes @ own.modes.T + np.outer(lack, lack)
 
     def visit(self, sums: VehicleSums, error: Array) -> Iterator[NextCell]:
         """Yield what a vehicle should drive next."""

@@ -11,7 +11,7 @@ from the first log on, a step, a new slope. `Fleetwide` holds the variances, fou
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -109,7 +109,7 @@ class Timeline:
 
         With K = F F^T and C C^T = I + F^T G F it is |C^-1 F^T h|^2 / 2 - log|C|.
         """
-        root, right = self._factored(fleet, events)
+        root, right = self._factored(fleet, (*events,))
         fit = scipy.linalg.solve_triangular(root, right[:, -1], lower=True, check_finite=False)
         return float(0.5 * fit @ fit - np.log(np.diag(root)).sum())
 
@@ -118,12 +118,13 @@ class Timeline:
 
         With Y = C^-1 F^T G and y = C^-1 F^T h they are G - Y^T Y and h - Y^T y.
         """
-        root, right = self._factored(fleet, events)
+        root, right = self._factored(fleet, (*events,))
         found = scipy.linalg.solve_triangular(root, right, lower=True, check_finite=False)
         Y = found[:, :-1].reshape(-1, MODES, self.day.size).transpose(0, 2, 1).reshape(self.G.shape)
         return self.G - Y.T @ Y, self.h - Y.T @ found[:, -1]
 
-    def _factored(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
+    @lru_cache(maxsize=1)  # noqa: B019 what an event explains and its evidence are asked for one after the other
+    def _factored(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array]:
         """Return C, and F^T G and F^T h beside each other, by mode: what lasts is the same for all, so F acts mode by mode."""
         L, lasting = self.day.size, self.over_time(fleet, events, self.day, self.day)
         F = np.linalg.cholesky(lasting + fleet.daily[:, None, None] * np.eye(L))

@@ -163,6 +163,37 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
 
 
+def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
+    def compare(vehicle, *more, periods=("2025-01", "2025-04")):
+        named = (each for period in periods for each in ("--period", period))
+        return lpvobs("compare", whole[0], "--vehicle", vehicle, *named, *more)
+
+    maps = {(each.vehicle, each.period): each.theta for each in read_fleet(whole[0]).found.maps}
+    healthy, low = (json.loads(compare(vehicle, "--json").out) for vehicle in "ab")
+    assert low["second"] == f"{whole[0]}: b 2025-04"
+    assert low["p_value"] < 1e-6
+    assert healthy["p_value"] > 0.1
+    assert healthy["significant"] == []
+    largest = low["significant"][0]
+    moved = maps["b", "2025-04"] - maps["b", "2025-01"]
+    assert largest["change"] == pytest.approx(moved[np.argmax(np.abs(moved))], rel=1e-9)
+    assert largest["after"] - largest["before"] == pytest.approx(largest["change"])
+    assert largest["ci90"][0] < largest["change"] < largest["ci90"][1] < 0.0
+    figure = tmp_path / "moved.svg"
+    done = compare("b", "--gate", "largest_change<=0.5 g/s", "--figure", figure)
+    assert done.code == 1
+    assert "b 2025-04 less" in done.err
+    assert figure.read_text(encoding="utf-8").startswith("<svg")
+    assert compare("a", "--gate", "largest_change<=0.5 g/s").code == 0
+    done = compare("c")
+    assert done.code == 3
+    assert "has no map of c in 2025-01; its vehicles are a, b" in done.err
+    assert "a has 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
+    for wrong in (compare("a", periods=("2025-01",)), compare("a", whole[0]), lpvobs("compare", whole[0])):
+        assert wrong.code == 2
+        assert "--vehicle NAME and two different --period" in wrong.err
+
+
 def refined(path, digests, spans):
     """Write a result in which `refine` has found a lag on some logs."""
     lag = KnownEffect(

@@ -1,16 +1,18 @@
 """A fleet of rows that are drawn here: what is known of it is known exactly, and a dense twin says what the numerics must find."""
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
-from lpvobs.tracking.changes import history
-from lpvobs.tracking.fleet import track
-from lpvobs.tracking.power import LOGS, power_of
+from lpvobs.tracking.changes import LOGS, history, power_of
+from lpvobs.tracking.fleet import Driven, Fleet, track
+from lpvobs.tracking.maps import TypeMap
 from lpvobs.tracking.sums import MODES, Basis, kept
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, vehicle_of
 
@@ -171,3 +173,48 @@ def test_more_logs_and_quieter_days_show_less():
 
 def test_one_log_each_shows_no_change():
     assert power([drives(seed, f"v{seed}")[:1] for seed in (56, 57)]) == {}
+
+
+def moved(made, sizes, pair, kind):
+    own, sums = vehicle(made), sums_of(made)
+    fleet = Fleet(GRID, BASIS, PRIOR, 0.1, {"a": Driven(GRID, BASIS, sums)}, sizes)
+    return fleet.moved(own, sums, [f"{log.date:.0f}" for log in own.logs], pair, kind)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.02])
+def test_what_moved_between_two_periods_is_that_of_a_dense_twin(slope):
+    sizes, made = replace(SIZES, walk=0.1), drives(70, gain=lambda month: slope * month)[:8]
+    p, L, pair = FLOW.size, len(made), (1, 5)
+    kind = TypeMap("one", np.full(p, 1e-4), 1e-10 * np.eye(p), 1e-8 * (np.eye(p) + 1.0))
+    on, values, covariance = moved(made, sizes, [f"{made[i][0].date:.0f}" for i in pair], kind)
+    assert on.tolist() == list(range(p))
+    own = vehicle(made)
+    story = history(own, sizes)
+    assert bool(story.events) == bool(slope)
+    # Unknown are the map, the engine, what all days have in common, and on the day of each log what lasts and what does not.
+    at = sizes.uneasy(story.factor)
+    lasting = own.process(at, story.events, own.day, own.day)
+    passing = np.diag(np.tile(at.daily, L))
+    prior = block_diag(PRIOR**2 * np.eye(p), np.eye(2), 1e3 * np.eye(MODES), lasting, passing)
+    Phi = np.column_stack([TERMS, FLOW]) * CHANGE
+
+    def standing(Psi, engine, day, passes):
+        """Return rows of all unknowns on a day, of nodes with weights Psi."""
+        of_day = np.kron(np.eye(L)[day], Psi @ Phi)
+        return np.column_stack([Psi, engine, Psi @ Phi, of_day, passes * of_day])
+
+    maps = [standing(np.eye(p), np.zeros((p, 2)), day, 0.0) for day in (*pair, -1)]
+    H = np.vstack([*(standing(rows[:, :p], rows[:, p : p + 2], i, 1.0) for i, (*_, rows) in enumerate(made)), maps[-1]])
+    z = np.concatenate([*(rows[:, -1] for *_, rows in made), kind.mean])  # the type's map is a reading of the last one
+    noise = block_diag(np.eye(z.size - p), kind.between + kind.covariance)
+    gain = np.linalg.solve(H @ prior @ H.T + noise, H @ prior).T
+    error = prior - gain @ H @ prior
+    expected = (maps[1] - maps[0]) @ error @ (maps[1] - maps[0]).T
+    lack = 0.02 * (values[1] - values[0])
+    np.testing.assert_allclose(values, [each @ gain @ z for each in maps[:2]], atol=1e-9)
+    np.testing.assert_allclose(
+        covariance, expected + np.outer(lack, lack), rtol=0.01, atol=0.01 * np.diag(expected).min()
+    )
+    # Both maps err alike where the engine does: apart from each other they are surer than each by itself.
+    alone = [each @ error @ each.T for each in maps[:2]]
+    assert np.all(np.diag(expected) < np.diag(alone[0] + alone[1]))

@@ -15,9 +15,9 @@ from lpvobs.io.results.provenance import Provenance, read_provenance, read_refus
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
+from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
 from lpvobs.tracking.maps import TypeMap
-from lpvobs.tracking.power import Detectable
 from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
 
@@ -95,15 +95,6 @@ def read_fleet(path: Path) -> StoredFleet:
         )
         of = str(file.attrs["air_path"])
         return StoredFleet(path, of, axes, grid, kept, found, read_provenance(file), read_refused(file))
-
-
-def expect_key(path: Path, kept: FleetSums, key: str) -> None:
-    """Raise DataError unless the fleet was made with the same configuration, gain and engine."""
-    if kept.key != key:
-        raise DataError(
-            f"{path}: was made with another configuration, gain, engine or version; its sums do not add up with new ones: "
-            f"give what it was made with, or name another file in --out and all logs"
-        )
 
 
 def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:

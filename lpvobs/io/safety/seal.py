@@ -82,7 +82,9 @@ def _probe(path: str) -> str:
 
 
 MOST_OBJECTS = 1_000_000
-MOST_BYTES = 2**30  # largest size of all numbers in a file together, unpacked; the largest map needs a fifth of it
+MOST_BYTES, MOST_TIMES = 2**30, 16
+"""Largest size of all numbers in a file together, unpacked, or times its own. The largest map needs a fifth of the first, a fleet
+grows with its vehicles and unpacks to less than twice itself; what is packed to do harm unpacks to a thousand times."""
 
 
 def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
@@ -90,6 +92,7 @@ def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
     # Links are looked at, never followed: otherwise this program would read whatever the file's writer names.
     links = 0
     total = 0
+    most = max(MOST_BYTES, MOST_TIMES * file.id.get_filesize())
 
     def look(path: bytes, info: h5py.h5l.LinkInfo) -> str | None:
         nonlocal links
@@ -107,7 +110,7 @@ def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
         if properties.get_layout() == h5py.h5d.VIRTUAL or properties.get_external_count():
             return f"'{path.decode(errors='replace')}' keeps its numbers in another file"
         total += dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
-        return f"it unpacks to more than {MOST_BYTES} bytes" if total > MOST_BYTES else None
+        return f"it unpacks to more than {most} bytes" if total > most else None
 
     try:
         reason = file.id.links.visit(look, info=True) or h5py.h5o.visit(file.id, measure, info=True)
