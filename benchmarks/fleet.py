@@ -29,13 +29,13 @@ from lpvobs.io.logs.finding import EPOCH, date_of
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, read_fleet
 from lpvobs.io.results.parts import PartsFolder
 from lpvobs.io.safety.atomic import replacing
-from lpvobs.maps.joint import NORMAL_90
+from lpvobs.maps.joint import NORMAL_90, Joint
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
 from lpvobs.tracking.changes import Detectable
-from lpvobs.tracking.fleet import Driven, Tracked, track
+from lpvobs.tracking.fleet import Driven, Fleet, Tracked, track
 from lpvobs.tracking.sums import KeptLog, TrackedLog, VehicleSums, flow_at_nodes, kept
-from lpvobs.tracking.timeline import CHANGE
+from lpvobs.tracking.timeline import CHANGE, vehicle_of
 
 SEED = 1
 ALL = VEHICLES * MONTHS * A_MONTH
@@ -78,6 +78,19 @@ class Course:
 
 
 @dataclass(frozen=True)
+class Between:
+    """How well is known what has changed from the first month to the last."""
+
+    nodes: int = 0  # of vehicles that have changed
+    inside: int = 0
+    healthy: int = 0
+    accused: int = 0  # by p below a tenth
+
+    def __add__(self, other: "Between") -> "Between":
+        return Between(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
+
+
+@dataclass(frozen=True)
 class Count:
     """What came of a fleet, or of many."""
 
@@ -108,12 +121,15 @@ def main(folder: Path, fleets: int) -> None:
 
     anew = sum(drawn("drawn", Count, lambda seed: _drawn(stored, courses(), seed), fleets - 1), Count())
     few = sum(drawn("few", Count, lambda seed: _few(stored, courses(), seed), min(fleets - 1, 5)), Count())
+    between = sum(
+        drawn("between", Between, lambda seed: _between(stored, courses(), seed), min(fleets - 1, 5)), Between()
+    )
     tried = drawn("power", list[Count], lambda seed: _with_drift(stored, courses(), seed), POWER_FLEETS)
     powers = [(share, sum(counts, Count())) for share, counts in zip(SHARES, zip(*tried, strict=True), strict=True)]
     publish(
         "fleet",
         "A fleet that ages",
-        _page(whole, anew, few, fleets, timed, stored.found.power, powers),
+        _page(whole, anew, few, between, fleets, timed, stored.found.power, powers),
         "make fleet-proof",
     )
 
@@ -256,6 +272,29 @@ def _with_drift(stored: StoredFleet, courses: Sequence[Course], seed: int) -> li
     return counts
 
 
+def _between(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Between:
+    """Compare the last month of every vehicle with the first, at the nodes that it drives."""
+    kept_of, found = _tracked(stored, _redrawn(stored, courses, seed))
+    total, sums, basis = Between(), {each.vehicle: each for each in kept_of.sums}, kept_of.basis
+    settings, pair = configuration().estimate, ("2025-01", f"2025-{MONTHS:02}")
+    for vehicle in fleet(seed):
+        its, name = sums[vehicle.name], vehicle.name
+        own = vehicle_of(its, [log for log in kept_of.logs if log.vehicle == name], basis, settings.prior_map)
+        periods = [date_of(log.date).strftime("%Y-%m") for log in own.logs]
+        driven = Driven(stored.grid, basis, its)
+        known = Fleet(stored.grid, basis, settings.prior_map, settings.least_information, {name: driven}, found.sizes)
+        on, maps, covariance = known.moved(own, its, periods, pair, found.types[0])
+        change = Joint(maps[1] - maps[0], covariance)
+        days = [np.mean([log.date for log, each in zip(own.logs, periods, strict=True) if each == at]) for at in pair]
+        before, after = (_error(vehicle, stored, basis.flow, float(day)) for day in days)
+        used = driven.weight[on] > DRIVEN * driven.weight.max()
+        inside = (np.abs(change.values - (after - before)[on]) <= NORMAL_90 * change.standard_error)[used]
+        healthy = vehicle.kind == "healthy"
+        nodes = (0, 0) if healthy else (inside.size, int(inside.sum()))
+        total += Between(*nodes, int(healthy), int(healthy and change.nothing() < 0.1))
+    return total
+
+
 def _judged(kept_of: FleetSums, found: Tracked, vehicles: Sequence[Vehicle], stored: StoredFleet) -> Count:
     """Count what was found of what is true."""
     total = Count()
@@ -310,6 +349,7 @@ def _page(
     whole: Count,
     drawn: Count,
     few: Count,
+    between: Between,
     fleets: int,
     timed: dict[str, tuple[float, float, float]],
     power: Sequence[Detectable],
@@ -339,6 +379,10 @@ def _page(
             "drives, weighted as `track` weights it.",
             f"Maps of {len(few.alone)} vehicles with {FEW} drives, nodes that these have driven: {alone:.3f} g/s rms alone, "
             f"{member:.3f} g/s as members of their type.",
+            f"`compare` of the last month with the first, five fleets: of vehicles that have changed, {between.inside} of "
+            f"{between.nodes} driven nodes ({100 * between.inside / between.nodes:.0f} %) hold the true change in their 90 % "
+            f"intervals, at the flow that the fleet usually has there; {between.accused} of {between.healthy} healthy vehicles "
+            "have p < 0.1.",
             "What `track` says of this fleet's power: changes of the gain that it says it finds nine times out of ten.",
             markdown(
                 ["logs of a vehicle", "over [d]", "drift [% a month]", "step [%]"],

@@ -29,8 +29,9 @@ def compare(
     from lpvobs.report.tables import grams
 
     over = None if region is None else region_of(region)
-    of = {"vehicle": vehicle, "periods": period or ()}
-    found = compare_maps(first, second, values=values, region=over, figure=figure, **of)
+    found = compare_maps(
+        first, second, vehicle=vehicle, periods=period or (), values=values, region=over, figure=figure
+    )
     if figure is not None:
         say(f"{figure}: written")
     if as_json:

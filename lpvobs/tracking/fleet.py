@@ -214,7 +214,7 @@ class Fleet:
     def moved(
         self, vehicle: Timeline, sums: VehicleSums, periods: Sequence[str], pair: Sequence[str], kind: TypeMap
     ) -> tuple[NDArray[np.int64], Array, Array]:
-        """Return the p nodes that a vehicle drives, its maps there in a pair of periods, and the covariance of their difference.
+        """Return p nodes that drives inform, a vehicle's maps there in two periods, and the covariance of their difference.
 
         `periods` are those of its logs; shapes are (p,), (2, p) and (p, p). With `alone`, c(b) - c(a) has the covariance
         K(b, b) - 2 K(b, a) + K(a, a) - (L(b) - L(a)) R (L(b) - L(a))^T, and moves with what the type says of the last map.
@@ -223,7 +223,9 @@ class Fleet:
         at = (self.sizes.uneasy(story.factor), story.events)
         day = np.array([vehicle.day[[each == name for each in periods]].mean() for name in (*pair, periods[-1])])
         own = alone(vehicle, sums, self.basis, self.prior, at, day)
-        values = self.as_member(vehicle.name, own, kind)[0][:2, own.nodes]
+        known = self.seen(sums).nodes()[own.nodes] >= self.least
+        on, Phi = own.nodes[known], own.modes[known]
+        values = self.as_member(vehicle.name, own, kind)[0][:2, on]
         _, covariance, onto = self._with_type(own, kind)
         K = vehicle.over_time(*at, day[:2], day[:2])
         L = vehicle.process(*at, day[:2], vehicle.day).reshape(2, MODES, -1)
@@ -231,12 +233,16 @@ class Fleet:
         told = onto @ (covariance[np.ix_(own.nodes, own.nodes)] - own.last) @ onto.T
         modes = (K[0, 0] - 2.0 * K[0, 1] + K[1, 1]) * np.eye(MODES) - L @ vehicle.explained(*at)[0] @ L.T + told
         lack = LACK * (values[1] - values[0])
-        return own.nodes, values, own.modes @ modes @ own.modes.T + np.outer(lack, lack)
+        return on, values, Phi @ modes @ Phi.T + np.outer(lack, lack)
+
+    def seen(self, sums: VehicleSums) -> Excitation:
+        """Return how well a vehicle's drives excite its map."""
+        shape = (self.grid.speed.size - 1, self.grid.fuel.size - 1)
+        return Excitation(over_nodes(self.grid, sums.gram), sums.gram.reshape(*shape, 4, 4))
 
     def visit(self, sums: VehicleSums, error: Array) -> Iterator[NextCell]:
         """Yield what a vehicle should drive next."""
-        shape = (self.grid.speed.size - 1, self.grid.fuel.size - 1)
-        seen = Excitation(over_nodes(self.grid, sums.gram), sums.gram.reshape(*shape, 4, 4))
+        seen = self.seen(sums)
         supported = (seen.nodes() >= self.least).reshape(self.grid.shape)
         noise = np.diag(error**2)
         found = plan(self.grid, supported, seen.cells(), noise, error.reshape(self.grid.shape))

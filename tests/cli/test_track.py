@@ -168,15 +168,18 @@ def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
         named = (each for period in periods for each in ("--period", period))
         return lpvobs("compare", whole[0], "--vehicle", vehicle, *named, *more)
 
-    maps = {(each.vehicle, each.period): each.theta for each in read_fleet(whole[0]).found.maps}
+    fleet = read_fleet(whole[0])
+    maps = {each.period: each.theta.reshape(fleet.grid.shape) for each in fleet.found.maps if each.vehicle == "b"}
     healthy, low = (json.loads(compare(vehicle, "--json").out) for vehicle in "ab")
     assert low["second"] == f"{whole[0]}: b 2025-04"
     assert low["p_value"] < 1e-6
     assert healthy["p_value"] > 0.1
     assert healthy["significant"] == []
     largest = low["significant"][0]
-    moved = maps["b", "2025-04"] - maps["b", "2025-01"]
-    assert largest["change"] == pytest.approx(moved[np.argmax(np.abs(moved))], rel=1e-9)
+    node = [list(axis).index(largest[name]) for axis, name in ((fleet.grid.speed, "speed"), (fleet.grid.fuel, "fuel"))]
+    moved = maps["2025-04"] - maps["2025-01"]
+    assert largest["change"] == pytest.approx(moved[*node], rel=1e-9)
+    assert low["nodes"] == healthy["nodes"] < np.count_nonzero(moved)  # others were hardly driven
     assert largest["after"] - largest["before"] == pytest.approx(largest["change"])
     assert largest["ci90"][0] < largest["change"] < largest["ci90"][1] < 0.0
     figure = tmp_path / "moved.svg"

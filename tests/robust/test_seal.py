@@ -14,6 +14,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.hdf import changing, creating
 from lpvobs.io.results.results import read_result
+from lpvobs.io.safety import seal
 from lpvobs.io.safety.seal import LENGTH, PATIENCE
 
 READERS = {"gain": read_gain, "result": read_result}
@@ -142,6 +143,15 @@ def test_what_points_elsewhere_or_claims_too_much_is_refused_sealed_or_not(copy,
         spoil(file)
     for path in (sealed, bare):
         assert "other" in refusal("result", path) or spoil is bomb
+
+
+def test_a_file_may_unpack_to_a_few_times_its_own_size_however_large_it_is(copy, monkeypatch):
+    """A fleet grows with its vehicles: what `track` writes is read again, what was packed to do harm is not."""
+    monkeypatch.setattr(seal, "MOST_BYTES", 1)
+    path = copy("result")
+    READERS["result"](path)
+    monkeypatch.setattr(seal, "MOST_TIMES", 0.5)
+    assert "unpacks to more than" in refusal("result", path)
 
 
 def test_a_group_that_holds_itself_is_no_endless_loop(copy):
