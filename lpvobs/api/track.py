@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
+from itertools import accumulate, groupby
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +34,9 @@ from lpvobs.tracking.sums import Basis, DatedEffect, KeptLog, basis_of, kept, we
 
 FIRST_VEHICLES, FIRST_LOGS = 2, 2
 """By name and by date: they show where the engine is linearised, and how rows are weighed."""
+
+ALONE = 24 << 20
+"""[bytes] of logs that this process has read by the time that two others have started and read theirs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +132,8 @@ def track(
         if whose:
             stored = gain_for(configuration, found, given, "observer")
             state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-            workplace = workplace_for("observer", len(whose), jobs, scheduler)
+            long = any(size > ALONE for size in accumulate(each.path.stat().st_size for each in whose))
+            workplace = workplace_for("observer", len(whose) if long else 1, jobs, scheduler)
             adding = _Adding(configuration, text, state, target, workplace)
             sums, more = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
             refused += more

@@ -34,7 +34,7 @@ class Component:
     axes: Mapping[str, Nodes] = field(default_factory=dict)  # inputs by name; none for a single number
     lengths: tuple[float, ...] = ()  # over which values are correlated, in the unit of each axis
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of its values."""
         return int(np.prod([axis.values.size for axis in self.axes.values()], dtype=int))

@@ -173,9 +173,7 @@ def _part(windows: Windows, run: LogRun) -> LogInformation:
     touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., windows.layout.z]))
     columns = np.flatnonzero(touched.any(axis=(0, 1)))
     cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
-    products, slow = (
-        np.ascontiguousarray(each[:, :, columns[:, None], columns]) for each in (total.products, total.slow)
-    )
+    products, slow = (each.take(columns, 2).take(columns, 3) for each in (total.products, total.slow))
     return LogInformation(run, columns, products, slow, total.windows, cells, total.gram[cells])
 
 

@@ -121,29 +121,33 @@ class _Pool:
     def __init__(self, maps: Sequence[OverTime], Phi: Array, prior: float, node: float):
         self.node, p = node, len(Phi)
         self.information, self.right, self.likelihood = prior**-2 * np.eye(p), np.zeros(p), 0.0
-        self.members = []
-        for each in maps:
+        across = np.zeros((len(maps), p, MODES))
+        inner, weighed = np.zeros((len(maps), MODES, MODES)), np.zeros((len(maps), MODES))
+        for each, its, own, right in zip(maps, across, inner, weighed, strict=True):
             on, mean = each.nodes, each.mean[-1]
             root = scipy.linalg.cho_factor(each.last + node**2 * np.eye(on.size), lower=True)
             inverse = scipy.linalg.cho_solve(root, np.eye(on.size))
             self.information[np.ix_(on, on)] += inverse
-            self.right[on] += (weighed := inverse @ mean)
-            self.likelihood -= float(0.5 * mean @ weighed + np.log(np.diag(root[0])).sum())
-            across = np.zeros((p, MODES))
-            across[on] = inverse @ Phi[on]
-            self.members.append((across, Phi[on].T @ across[on], Phi[on].T @ weighed))
+            self.right[on] += inverse @ mean
+            self.likelihood -= float(0.5 * mean @ inverse @ mean + np.log(np.diag(root[0])).sum())
+            its[on] = inverse @ Phi[on]
+            own[:], right[:] = Phi[on].T @ its[on], its[on].T @ mean
+        self.members = across.transpose(0, 2, 1), inner, weighed[..., None]
 
     def with_modes(self, d: Array) -> tuple[Array, Array, float]:
         """Return information and right side of the type's map, and the logarithm of the restricted likelihood."""
-        likelihood, taken, fits = self.likelihood, [], []
-        for across, inner, weighed in self.members:
-            root = np.linalg.cholesky(np.eye(MODES) + d[:, None] * inner * d)
-            solved = np.linalg.solve(root, np.column_stack([(across * d).T, d * weighed]))
-            taken.append(solved[:, :-1])
-            fits.append(solved[:, -1])
-            likelihood += float(0.5 * fits[-1] @ fits[-1] - np.log(np.diag(root)).sum())
-        Z = np.concatenate(taken)
-        information, right = self.information - Z.T @ Z, self.right - Z.T @ np.concatenate(fits)
+        across, inner, weighed = self.members
+        roots = np.linalg.cholesky(np.eye(MODES) + d[:, None] * inner * d)
+        solved = np.linalg.solve(roots, d[:, None] * np.concatenate([across, weighed], axis=2)).reshape(
+            -1, len(self.right) + 1
+        )
+        Z, fits = solved[:, :-1], solved[:, -1]
+        information, right = self.information - Z.T @ Z, self.right - Z.T @ fits
         root = np.linalg.cholesky(information)
         fit = scipy.linalg.solve_triangular(root, right, lower=True)
-        return information, right, likelihood + float(0.5 * fit @ fit - np.log(np.diag(root)).sum())
+        likelihood = self.likelihood + 0.5 * float(fits @ fits + fit @ fit)
+        return (
+            information,
+            right,
+            likelihood - float(sum(np.log(np.einsum("...ii->...i", each)).sum() for each in (roots, root))),
+        )

@@ -80,11 +80,9 @@ class Timeline:
     h: Array  # (L k,)
 
     @cached_property
-    def by_mode(self) -> Array:
-        """G and h beside each other, ordered by mode and then by log, shape (k, L, k L + 1)."""
-        L = self.day.size
-        G = self.G.reshape(L, MODES, L, MODES).transpose(1, 0, 3, 2).reshape(MODES, L, -1)
-        return np.concatenate([G, self.h.reshape(L, MODES).T[..., None]], axis=2)
+    def _held(self) -> dict[tuple[object, ...], tuple[Array, Array, Array]]:
+        """The last answer of `_turned`, which the next question is mostly about again."""
+        return {}
 
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
@@ -109,8 +107,8 @@ class Timeline:
 
         With K = F F^T and C C^T = I + F^T G F it is |C^-1 F^T h|^2 / 2 - log|C|.
         """
-        root, right = self._factored(fleet, (*events,))
-        fit = scipy.linalg.solve_triangular(root, right[:, -1], lower=True, check_finite=False)
+        root, size, turned = self._factored(fleet, (*events,))
+        fit = scipy.linalg.solve_triangular(root, size * turned[:, -1], lower=True, check_finite=False)
         return float(0.5 * fit @ fit - np.log(np.diag(root)).sum())
 
     def explained(self, fleet: Fleetwide, events: Sequence[Event]) -> tuple[Array, Array]:
@@ -118,20 +116,34 @@ class Timeline:
 
         With Y = C^-1 F^T G and y = C^-1 F^T h they are G - Y^T Y and h - Y^T y.
         """
-        root, right = self._factored(fleet, (*events,))
-        found = scipy.linalg.solve_triangular(root, right, lower=True, check_finite=False)
-        Y = found[:, :-1].reshape(-1, MODES, self.day.size).transpose(0, 2, 1).reshape(self.G.shape)
+        root, size, turned = self._factored(fleet, (*events,))
+        found = scipy.linalg.solve_triangular(root, size[:, None] * turned, lower=True, check_finite=False)
+        Y = found[:, :-1]
         return self.G - Y.T @ Y, self.h - Y.T @ found[:, -1]
 
     @lru_cache(maxsize=1)  # noqa: B019 what an event explains and its evidence are asked for one after the other
-    def _factored(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array]:
-        """Return C, and F^T G and F^T h beside each other, by mode: what lasts is the same for all, so F acts mode by mode."""
-        L, lasting = self.day.size, self.over_time(fleet, events, self.day, self.day)
-        F = np.linalg.cholesky(lasting + fleet.daily[:, None, None] * np.eye(L))
-        right = (F.transpose(0, 2, 1) @ self.by_mode).reshape(self.h.size, -1)
-        inner = right[:, :-1].reshape(-1, MODES, L).transpose(1, 0, 2) @ F  # a mode's logs on the right at a time
-        root = np.linalg.cholesky(np.eye(self.h.size) + inner.transpose(1, 0, 2).reshape(self.G.shape))
-        return np.asarray(root), right
+    def _factored(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
+        """Return C, by mode the diagonal of D in F = V D, and V^T G and V^T h beside each other; see `_turned`."""
+        variances, turned, inner = self._turned(fleet, events)
+        size = np.sqrt(np.add.outer(fleet.daily, variances)).ravel()
+        return np.linalg.cholesky(np.eye(size.size) + size[:, None] * inner * size), size, turned
+
+    def _turned(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
+        """Return the variances of what lasts along its axes V, (L,), V^T G and V^T h beside each other, and V^T G V, by mode.
+
+        What lasts is the same in all modes, and what passes turns with it, so the axes stay while its sizes change.
+        """
+        key = (fleet.walk, events)
+        if key not in self._held:
+            L, k = self.day.size, MODES
+            variances, V = np.linalg.eigh(self.over_time(fleet, events, self.day, self.day))
+            rows = (V.T @ self.G.reshape(L, -1)).reshape(L, k, L, k)
+            inner = (V.T @ rows.transpose(2, 0, 1, 3).reshape(L, -1)).reshape(L, L, k, k).transpose(2, 1, 3, 0)
+            right = (V.T @ self.h.reshape(L, k)).T.reshape(-1, 1)
+            turned = np.concatenate([rows.transpose(1, 0, 2, 3).reshape(self.G.shape), right], axis=1)
+            self._held.clear()
+            self._held[key] = np.maximum(variances, 0.0), turned, inner.reshape(self.G.shape)
+        return self._held[key]
 
 
 def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
