@@ -103,7 +103,7 @@ class Windows:
         self.grid, self.layout, self.slopes = grid, layout, slopes
         self.widths = (1, grid.size, len(COEFFICIENTS), layout.balances, signals)
         self.total, self.started = no_moments(grid, layout), float("nan")
-        self.windows, self.touched = self.total.windows, np.zeros(layout.size, dtype=bool)
+        self.windows = self.total.windows
         self.blocks: dict[int, tuple[Array, ...]] = {}
 
     def add(self, time: Array, steps: Array, point: tuple[Array, Array], z: Array, signals: Array) -> None:
@@ -125,9 +125,9 @@ class Windows:
     def moments(self) -> Moments:
         """Return the sums over the whole log."""
         self._complete(None)
-        total, on = self.total, np.flatnonzero(self.touched)
-        _mirror(total.products, on)
-        _mirror(total.slow, on)
+        total = self.total
+        _mirror(total.products)
+        _mirror(total.slow)
         return Moments(total.products, total.slow, self.windows, total.gram)
 
     def _complete(self, begun: int | None) -> None:
@@ -151,7 +151,7 @@ class Windows:
         weight = np.sqrt(stay[:, None] * found.weight) * says
         nodes, own = np.flatnonzero(Psi.any(axis=0)), layout.nodes + found.touched
         columns = np.concatenate((nodes, own, np.arange(layout.nodes + layout.unknowns, layout.size)))
-        Psi, self.touched[columns] = np.ascontiguousarray(Psi[:, nodes]), True
+        Psi = np.ascontiguousarray(Psi[:, nodes])
         _add_rows(total.products, total.slow, columns, group, weight, Psi, found.J, z, terms, found.reading)
         # a slope counts once more as far as it is trusted
         self._subtract(own, *found.shaken, np.sqrt(stay[:, None]) * found.weight * says)
@@ -168,13 +168,13 @@ class Windows:
 
 
 @njit(cache=True)
-def _mirror(products, on):  # type: ignore[no-untyped-def]
-    B, C = products.shape[0], on.size
+def _mirror(products):  # type: ignore[no-untyped-def]
+    B, _, C, _ = products.shape
     for a in range(B):
         for b in range(a + 1):
             for i in range(C):
                 for j in range(C if b < a else i):
-                    products[a, b, on[i], on[j]] = products[b, a, on[j], on[i]]
+                    products[a, b, i, j] = products[b, a, j, i]
 
 
 @njit(cache=True)

@@ -126,7 +126,8 @@ class Timeline:
         """Return C, by mode the diagonal of D in F = V D, and V^T G and V^T h beside each other; see `_turned`."""
         variances, turned, inner = self._turned(fleet, events)
         size = np.sqrt(np.add.outer(fleet.daily, variances)).ravel()
-        return np.linalg.cholesky(np.eye(size.size) + size[:, None] * inner * size), size, turned
+        root = np.linalg.cholesky(np.eye(size.size) + size[:, None] * inner * size)
+        return np.asarray(root), size, turned
 
     def _turned(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
         """Return the variances of what lasts along its axes V, (L,), V^T G and V^T h beside each other, and V^T G V, by mode.

@@ -12,7 +12,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
 from lpvobs.tracking.changes import LOGS, history, power_of
 from lpvobs.tracking.fleet import Driven, Fleet, track
-from lpvobs.tracking.maps import TypeMap
+from lpvobs.tracking.maps import OverTime, TypeMap, _Pool
 from lpvobs.tracking.sums import MODES, Basis, kept
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, vehicle_of
 
@@ -218,3 +218,26 @@ def test_what_moved_between_two_periods_is_that_of_a_dense_twin(slope):
     # Both maps err alike where the engine does: apart from each other they are surer than each by itself.
     alone = [each @ error @ each.T for each in maps[:2]]
     assert np.all(np.diag(expected) < np.diag(alone[0] + alone[1]))
+
+
+def test_the_map_of_a_type_has_the_restricted_likelihood_of_a_dense_twin():
+    rng, p, Phi = np.random.default_rng(80), FLOW.size, np.column_stack([TERMS, FLOW])
+    maps, empty = [], np.zeros((1, MODES, p))
+    for _ in range(4):
+        on = np.sort(rng.choice(p, 12, replace=False))
+        root = 1e-4 * rng.standard_normal((12, 12))
+        errors = root @ root.T + 1e-9 * np.eye(12)
+        mean = 1e-3 * rng.standard_normal((1, 12))
+        maps.append(OverTime(on, mean, errors, np.diag(errors)[None], Phi[on] * CHANGE, empty))
+    d, node = CHANGE * np.linspace(0.3, 1.0, MODES), 5e-4
+    information, right, likelihood = _Pool(maps, Phi, PRIOR, node).with_modes(d)
+    # All maps beside each other: the type's nodes seen through X, with the covariance V of how vehicles differ and are known.
+    X = np.vstack([np.eye(p)[each.nodes] for each in maps])
+    y = np.concatenate([each.mean[-1] for each in maps])
+    V = block_diag(*(each.last + node**2 * np.eye(12) + (Phi[each.nodes] * d**2) @ Phi[each.nodes].T for each in maps))
+    expected = X.T @ np.linalg.solve(V, X) + np.eye(p) / PRIOR**2
+    np.testing.assert_allclose(information, expected, rtol=1e-6, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(right, X.T @ np.linalg.solve(V, y), rtol=1e-6, atol=1e-9 * np.abs(right).max())
+    fit = right @ np.linalg.solve(expected, right)
+    dense = 0.5 * (fit - y @ np.linalg.solve(V, y) - np.linalg.slogdet(V)[1] - np.linalg.slogdet(expected)[1])
+    assert likelihood == pytest.approx(dense, rel=1e-9)
