@@ -92,10 +92,8 @@ $(BUILD)/%.h5: $(LOGS)/%.parquet $(BUILD)/gain.h5 $(ESTIMATION)
 	$(LPVOBS) estimate --config $(CONFIG) --gain $(BUILD)/gain.h5 $< --out $@
 	$(LPVOBS) extrapolate $@
 
-# The loop: a map that knows nothing of the fault, what it lacks, the model with it, the error on a drive that nothing was fitted to.
+# The loop: a map that knows nothing of the fault, the model with what `refine` finds that it lacks, the error on a drive that nothing was fitted to.
 $(BUILD)/refined.h5: $(BUILD)/etc_part1_faulty.h5 $(LOGS)/ftp75_cold_faulty.parquet $(DISCOVERY)
-	cp $< $(BUILD)/traced.h5
-	$(LPVOBS) trace $(BUILD)/traced.h5 $(LOGS)/etc_part1_faulty.parquet
 	$(LPVOBS) refine $< $(LOGS)/etc_part1_faulty.parquet --hold-out $(LOGS)/ftp75_cold_faulty.parquet --out $@
 
 RESULTS := $(foreach cycle,$(JUDGED),$(BUILD)/$(cycle).h5 $(BUILD)/$(cycle)_published.h5)
