@@ -16,7 +16,6 @@ from lpvobs.discovery.courses import (
     lags,
     near,
     on_course,
-    state,
 )
 from lpvobs.discovery.episodes import advantage, switched
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
@@ -85,25 +84,10 @@ def fit_course(bare: Linear, effect: Effect, course: TracedCourse) -> Candidate:
 
 def on_places(effect: Effect, course: TracedCourse, problem: Problem) -> Term:
     """Return an effect on a course as a term without a size: confined to places, or there in part in every column."""
-    share = share_at(course, problem)
+    share = problem.share(course)
     if course.name not in GRADED:
         return Term(effect, effect.null, only=share > 0.5, course=course)
     return Term(on_course(effect, problem.over_columns(share)), effect.null, course=course)
-
-
-def share_at(course: TracedCourse, problem: Problem) -> Array:
-    """Return the share of a course at the places, shape (K,)."""
-    if course.in_time:
-        return course.share(problem.clock, problem.channel, float(problem.clock[-1]))
-    if course.name == "lagged":
-        return course.of_state(state_at(problem, course.input, course.time_constant))
-    return course.share(problem.clock, problem.channel, np.inf)
-
-
-def state_at(problem: Problem, name: str, tau: float) -> Array:
-    """Return the first-order response to a channel at the places, at rest in the beginning of every log, shape (K,)."""
-    x, logs = problem.channel(name), np.unique(problem.of_log)
-    return np.concatenate([state(problem.clock[on], x[on], tau) for on in (problem.of_log == i for i in logs)])
 
 
 def gains(linear: Linear, direction: Array, shares: Array) -> Array:
@@ -146,7 +130,7 @@ def _near(bare: Linear, found: Candidate, step: float) -> Candidate:
     place = np.arange(problem.K)
     apart = replace(bare, problem=replace(problem, block=place, first=place))
     gain = gains(
-        apart, slope_of(bare, effect, effect.null), np.array([share_at(course, problem) for course in courses])
+        apart, slope_of(bare, effect, effect.null), np.array([problem.share(course) for course in courses])
     )
     return fit_course(bare, effect, courses[int(gain.argmax())])
 
@@ -177,16 +161,16 @@ def _bank(problem: Problem) -> Bank:
     shares = [c.share(0.5 * (problem.begins + middle), problem.channel, float(problem.clock[-1])) for c in courses]
     for name in _inputs(problem):
         for tau in whole * np.array(TIME_CONSTANTS):
-            found = list(lags(name, state_at(problem, name, float(tau)), float(tau)))
+            found = list(lags(name, problem.state(name, float(tau)), float(tau)))
             courses += found
-            shares += [np.add.reduceat(share_at(course, problem), problem.first) / count for course in found]
+            shares += [np.add.reduceat(problem.share(course), problem.first) / count for course in found]
     return courses, np.array(shares)
 
 
 def _relays(problem: Problem) -> Bank:
     """Return every hysteresis, with its share at the places."""
     courses = list(hystereses(_inputs(problem), RELAY_LEVELS))
-    return courses, np.array([share_at(course, problem) for course in courses])
+    return courses, np.array([problem.share(course) for course in courses])
 
 
 def _inputs(problem: Problem) -> Mapping[str, Array]:

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.imbalances import operating_nodes, residual_of, views
 from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.residual import Term
@@ -170,9 +171,13 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
 
 def _told(linear: Linear, term: Term, information: float) -> float:
     """Return the share of the information about a size that is left beside what a healthy engine always seems to have of it."""
-    problem, share = linear.problem, float(np.mean(term.acts(linear.problem.clock)))
+    problem = linear.problem
+    share = term.acts(problem.clock).astype(float)
+    if term.course is not None and term.course.name in GRADED:
+        share = problem.share(term.course)
+    mean, power = float(share.mean()), float((share**2).mean())
     known = information * problem.seeming.get(term.effect.id, 0.0) ** 2
-    return 1.0 - share * known / (share + known) if known > 0.0 else 1.0
+    return 1.0 - mean**2 / power * known / (power + known) if known > 0.0 else 1.0
 
 
 def unevenness_of(sums: Array, information: float) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import rank
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import CLOSE, CURVE_PASSES, SHORTLIST
+from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
 
 Named = tuple[Candidate, Shape | None]  # an effect and, for a channel or a component, its curve
 
@@ -48,7 +48,7 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
         on_course, driven = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id != again.id])
-        if on_course is not again:
+        if on_course is not again and _is_better(linear, bare, on_course, again):
             linear = fit(problem, [*bare.terms, on_course.term], start=linear)
             nearer = finer(without(linear, newest), on_course)
             if nearer is not on_course:
@@ -110,6 +110,14 @@ def _joint_best(linear: Linear, newest: Candidate, ranked: Sequence[Candidate]) 
     bare = objective(refit(linear, others))
     joint_score = {key: _joint_score(linear, others, candidate, bare) for key, candidate in close.items()}
     return close[max(joint_score, key=lambda key: joint_score[key])]
+
+
+def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -> bool:
+    """Return whether another candidate gains more than its own one when all unknowns are fitted with either."""
+    # To first order an effect that is far from its true size may seem to explain what a large fault does to the residual.
+    without_both = objective(bare)
+    theirs, ours = (_joint_score(linear, bare.terms, each, without_both) for each in (other, own))
+    return theirs > ADVANTAGE * max(ours, 0.0)
 
 
 def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:

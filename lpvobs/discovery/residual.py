@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.courses import TracedCourse, state
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.blocks import Blocks
@@ -137,6 +137,17 @@ class Problem:
     def channel(self, name: str) -> Array:
         """Return a channel of the engine, or one of the logs' own, at the places, shape (K,)."""
         return self.auxiliary[name] if name in self.auxiliary else self.along(name)
+
+    def state(self, name: str, tau: float) -> Array:
+        """Return the first-order response to a channel at the places, at rest in the beginning of every log, shape (K,)."""
+        x, logs = self.channel(name), np.unique(self.of_log)
+        return np.concatenate([state(self.clock[on], x[on], tau) for on in (self.of_log == i for i in logs)])
+
+    def share(self, course: TracedCourse) -> Array:
+        """Return the share of a course at the places, shape (K,)."""
+        if course.name == "lagged":
+            return course.of_state(self.state(course.input, course.time_constant))
+        return course.share(self.clock, self.channel, float(self.clock[-1]) if course.in_time else np.inf)
 
     def along(self, channel: str) -> Array:
         """Return a channel at the places, shape (K,)."""

@@ -88,7 +88,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     nothing = chance_of_nothing(search.first, search.ranking)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
-        search = replace(search, verdict="unexplained" if nothing < thresholds.NOT_NOTHING else "none")
+        search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
     if search.verdict == "unexplained" or _form_beats(search):
         search = _with_forms(problem, progress, search)
     accepted = search.accepted

@@ -170,12 +170,11 @@ SHORTLIST = 4
 LOOKED_AT = 9
 """[1] Effects that are fitted at all: those with the largest gain to first order. Set by time."""
 SIGNIFICANT = 1e-3
-"""[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together. Set by choice."""
+"""[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together, and that of nothing
+below which a residual without a name is `unexplained`, where healthy drives tell how errors look. Set by choice."""
 LEARNED_ERROR = 5e-4
 """[1] The same as MODEL_ERROR where a function was learned on healthy drives. Set by clean drives of engines of another structure:
 without it the probability of nothing fell to 3e-9."""
-NOT_NOTHING = 0.01
-"""[1] Probability of nothing below which what has no name is `unexplained`. Set by choice: of clean drives, a hundredth."""
 MODEL_ERROR = 5e-5
 """[1] What the error of a sound model adds to the variance of every gain, per residual, in units of the noise. Set by 24 clean
 drives of three cycles with drawn constants, seeds 1100 to 1123: with noise alone the probability of nothing fell to 1e-5."""

@@ -1,0 +1,50 @@
+"""The second choice of an effect: what a course that seems to explain more is worth once all unknowns are fitted with it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lpvobs.discovery import joint_choice
+from lpvobs.discovery.courses import TracedCourse
+from lpvobs.discovery.evidence import _told, fit_candidate, in_place
+from lpvobs.discovery.fit import fit
+from lpvobs.discovery.residual import Term
+
+ONSET = 141.0
+
+
+def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_its_place(
+    laid_out, plant, clean, monkeypatch
+):
+    """The residual of a large fault is not linear in its rivals: one of them may seem to explain more, far from its true size."""
+    p_im = clean["p_im"] * np.where(clean.time < ONSET, 1.0, 0.9625)
+    problem = laid_out(replace(clean, channels={**clean.channels, "p_im": p_im}))
+    gain, flow = plant.effect("p_im.gain"), plant.effect("compressor.flow")
+    linear = fit(problem, [Term(gain, 0.9625, ONSET)])
+
+    def deceived(_, bare, own, __):
+        other = fit_candidate(bare, flow, ONSET)
+        return replace(other, gain=2.0 * own.gain), None
+
+    monkeypatch.setattr(joint_choice, "best_course", deceived)
+    (named, _), _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)), None)
+    assert named.id == "p_im.gain"
+    assert named.term.size == pytest.approx(0.9625, abs=1e-3)
+
+
+def test_an_effect_that_grows_is_told_from_what_healthy_drives_seem_to_have_of_it_all_the_time(plant):
+    """Data of equal weight along the log: what is left of the information beside a size that is always there, by linear algebra."""
+    K, size = 1000, 0.05
+    clock, effect = np.linspace(0.0, 1.0, K), plant.effect("turbine.efficiency")
+    ramp = TracedCourse("ramp", begin=0.2, end=0.7)
+    share = np.clip((clock - 0.2) / 0.5, 0.0, 1.0)
+    problem = SimpleNamespace(clock=clock, seeming={effect.id: size}, share=lambda _: share)
+    precision, begins = 40.0, Term(effect, 0.9, 0.5)
+    for along, term in ((share, Term(effect, 0.9, course=ramp)), ((clock >= 0.5).astype(float), begins)):
+        columns = np.stack([along, np.ones(K)])
+        normal = precision * columns @ columns.T + np.diag([0.0, size**-2.0])
+        alone = precision * along @ along
+        told = _told(SimpleNamespace(problem=problem), term, alone)
+        assert told == pytest.approx(1.0 / np.linalg.inv(normal)[0, 0] / alone, rel=1e-9)
