@@ -129,9 +129,7 @@ def _near(bare: Linear, found: Candidate, step: float) -> Candidate:
     courses = [] if found.term.course is None else list(near(found.term.course, step))
     place = np.arange(problem.K)
     apart = replace(bare, problem=replace(problem, block=place, first=place))
-    gain = gains(
-        apart, slope_of(bare, effect, effect.null), np.array([problem.share(course) for course in courses])
-    )
+    gain = gains(apart, slope_of(bare, effect, effect.null), np.array([problem.share(course) for course in courses]))
     return fit_course(bare, effect, courses[int(gain.argmax())])
 
 
