@@ -46,6 +46,7 @@ class TrackOutput:
     fleet: str
     logs: Count
     new: Annotated[int, Meta(description="Logs that were not in the fleet before.")]
+    reused: Annotated[int, Meta(description="Those of them that a run which was stopped had read.")]
     refused: Refused
     periods: Sequence[str]
     vehicles: Sequence[Standing]
@@ -125,7 +126,7 @@ def track(
     with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
-        sums = read_fleet(target).kept if target.is_file() else None
+        sums, reused = read_fleet(target).kept if target.is_file() else None, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
         whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
@@ -135,7 +136,7 @@ def track(
             long = any(size > ALONE for size in accumulate(each.path.stat().st_size for each in whose))
             workplace = workplace_for("observer", len(whose) if long else 1, jobs, scheduler)
             adding = _Adding(configuration, text, state, target, workplace)
-            sums, more = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
+            sums, more, reused = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
             refused += more
         if sums is None:
             raise DataError("; ".join(refused))
@@ -152,16 +153,17 @@ def track(
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
             write_table(as_path(table), fleet)
-    return fleet, output_of(fleet, len(sums.logs) - len(known), refused)
+    return fleet, output_of(fleet, len(sums.logs) - len(known), reused, refused)
 
 
-def output_of(fleet: StoredFleet, new: int, refused: Sequence[str]) -> TrackOutput:
+def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str]) -> TrackOutput:
     """Return what is printed of a fleet."""
     found = fleet.found
     return TrackOutput(
         fleet=str(fleet.path),
         logs=len(fleet.kept.logs),
         new=new,
+        reused=reused,
         refused=tuple(refused),
         periods=sorted({each.period for each in found.maps}),
         vehicles=found.worst_first(),
@@ -256,8 +258,8 @@ class _Adding:
 
     def to(
         self, before: FleetSums | None, whose: Sequence[_Whose], point: Point, every: str, progress: Progress
-    ) -> tuple[FleetSums | None, list[str]]:
-        """Return a fleet with the logs that can be used, and why others cannot."""
+    ) -> tuple[FleetSums | None, list[str], int]:
+        """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
         whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
         with Workers(min(self.workplace.jobs, len(whose)), self.workplace.scheduler) as workers:
             alone, suspects = self.workplace == Workplace(), self.config.kind.suspects
@@ -266,7 +268,7 @@ class _Adding:
             if before is None:
                 basis, task, refused = self.begun(workers, task, whose, progress)
                 if basis is None:
-                    return None, refused
+                    return None, refused, 0
             else:
                 basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
                 if before.key != self.key(task.point):
@@ -286,14 +288,16 @@ class _Adding:
             outcomes = outcomes_of(workers, sums_of, tasks, keep, progress)
         logs = {} if before is None else {log.sha256: log for log in before.logs}
         sums = {} if before is None else {each.vehicle: each for each in before.sums}
-        for sha256 in sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None):
+        usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
+        for sha256 in usable:
             added = folder.read(sha256)
             logs[sha256], name = added.log, added.log.vehicle
             sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
         total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
         refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
         effects = () if before is None else before.effects
-        return FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before, refused
+        fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
+        return fleet, refused, len(task.done.intersection(usable))
 
     def begun(
         self, workers: Workers, task: PartTask, whose: Sequence[_Whose], progress: Progress

@@ -7,6 +7,7 @@ import typer
 from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
 from lpvobs.cli.options import JSON, REGION, argument, flag, option
 from lpvobs.cli.track import show_fleet
+from lpvobs.errors import UsageError
 
 
 def _list_metrics(asked: bool) -> None:
@@ -60,6 +61,10 @@ def report(
     )
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
+        if gate or junit or region or further:
+            raise UsageError(
+                f"{result}: is of kind {kind}; logs, --gate, --junit and --region belong to results of estimate"
+            )
         _other(kind, result, html, as_json)
         return
     wanted = None if region is None else region_of(region)
@@ -95,7 +100,7 @@ def _other(kind: str, path: Path, html: Path | None, as_json: bool) -> None:
     if html is not None:
         say(f"{html}: written")
     if fleet:
-        print_json("track", output_of(fleet, 0, fleet.refused)) if as_json else show_fleet(fleet)
+        print_json("track", output_of(fleet, 0, 0, fleet.refused)) if as_json else show_fleet(fleet)
         leave(fleet.refused)
     elif engine and as_json:
         print_json("calibrate", engine)

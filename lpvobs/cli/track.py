@@ -46,7 +46,8 @@ def track(
         print_json("track", content)
     else:
         show_fleet(fleet, verbose)
-        say(f"{out}: {content.new} new logs, {content.logs - content.new} known before")
+        stopped = f", {content.reused} of them read by a run that was stopped" * bool(content.reused)
+        say(f"{out}: {content.new} new logs{stopped}, {content.logs - content.new} known before")
     leave(content.refused)
 
 

@@ -8,10 +8,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lpvobs.api.track import track as follow
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.io.results import hdf
 from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.mapping import write
+from lpvobs.io.results.parts import PartsFolder
 from lpvobs.io.results.refinements import BOUNDS, StoredRefinement
 from lpvobs.io.results.results import KIND
 
@@ -98,6 +100,30 @@ def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_pat
     added, at_once = contents(out), contents(whole[0])
     for name in ("maps/delta_W_c", "maps/standard_error", "vehicles/trend"):
         np.testing.assert_allclose(added[name], at_once[name], rtol=1e-4, atol=1e-7)
+
+
+def test_what_a_stopped_run_had_read_is_said(fleet, track, config, chain, tmp_path, monkeypatch):
+    out, logs = tmp_path / "fleet.h5", [fleet / "?" / "2025-01.parquet"]
+    monkeypatch.setattr(PartsFolder, "remove", lambda _: None)
+    follow(config, logs, out=out, gain=chain.gain, path="{vehicle}/{month}.parquet", jobs=1)
+    out.unlink()  # as a run that is killed before it has written leaves its folder
+    done = track(out, logs)
+    assert done.code == 0, done.err
+    assert "2 new logs, 2 of them read by a run that was stopped, 0 known before" in done.err
+    out.unlink()
+    assert "2 new logs, 0 known before" in track(out, logs).err
+
+
+def test_what_belongs_to_results_alone_is_refused_beside_a_fleet(whole, lpvobs, tmp_path):
+    for given in (
+        ("--gate", "samples>=1"),
+        ("--junit", tmp_path / "gates.xml"),
+        ("--region", "n_e=1000:2000"),
+        (whole[0],),
+    ):
+        done = lpvobs("report", whole[0], *given)
+        assert done.code == 2
+        assert "is of kind fleet" in done.err
 
 
 def test_nothing_says_whose_a_log_is(lpvobs, config, chain, tmp_path):
