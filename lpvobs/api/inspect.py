@@ -65,7 +65,13 @@ class InspectedLog:
     defects: Sequence[Defect]
     channels: Mapping[str, ChannelOutput]
     ingest: Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/IngestRecord"})] | None
-    lacking: Annotated[Mapping[str, Sequence[str]], Meta(description="By engine, where the log suits none.")]
+    serves: Annotated[Sequence[str], Meta(description="The engines that the log has every needed channel for.")]
+    lacking: Annotated[
+        Mapping[str, Sequence[str]], Meta(description="By other engine, the channels that it needs as well.")
+    ]
+    further: Annotated[
+        Mapping[str, Sequence[str]], Meta(description="By served engine, channels that it would use as well.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,19 +137,14 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
     """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it."""
     # `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
     units, record = parquet.channel_units(path), stored_record(path)
-    lacking: dict[str, list[str]] = {}
+    lacking, further = {}, {}
     if needed is None:
-        lacking = {
-            name: [
-                channel
-                for channel, item in kind.air_path.channels.items()
-                if channel not in units and not item.may_lack(units)
-            ]
-            for name, kind in ENGINES.items()
-        }
+        for name, kind in ENGINES.items():
+            absent = {key: item for key, item in kind.air_path.channels.items() if key not in units}
+            lacking[name] = [key for key, item in absent.items() if not item.may_lack(units)]
+            further[name] = [key for key in absent if key not in lacking[name]]
         suited = [ENGINES[name].air_path.channels for name, missing in lacking.items() if not missing]
         needed = suited[0] if suited else {} if record else usual_engine().air_path.channels
-        lacking = {} if suited else lacking
     log = reading.read_log(path, needed, policies, auxiliary=True)
     of_all = {"time": log.time, **log.channels, **log.auxiliary}
     in_log = {"time": "s"} | {name: needed[name].unit for name in log.channels}
@@ -158,7 +159,9 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
         defects=defects_of(log.defects),
         channels={name: _channel(log, name, values, units, in_log) for name, values in of_all.items()},
         ingest=record,
-        lacking=lacking,
+        serves=[name for name, missing in lacking.items() if not missing],
+        lacking={name: missing for name, missing in lacking.items() if missing},
+        further={name: more for name, more in further.items() if more and not lacking[name]},
     )
 
 

@@ -1,5 +1,6 @@
 """Foreign recordings and logs: `lpvobs ingest`, `lpvobs profile`, `lpvobs inspect`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,6 +86,18 @@ def inspect(
     return leave(refused)
 
 
+def _meanings(engine: str, channels: Sequence[str]) -> str:
+    """Return channels of an engine with what they are."""
+    from lpvobs.engines.registry import ENGINES
+
+    known, told = ENGINES[engine].air_path.channels, dict[str, str]()
+    for name in channels:
+        text = f"{name} ({known[name].meaning})"
+        first = next((other for other in known[name].one_of or () if other in told), None)  # one of them is enough
+        told[first or name] = text if first is None else f"{told[first]} or {text}"
+    return ", ".join(told.values())
+
+
 def _text(found: "InspectedLog") -> str:
     from msgspec import UNSET
 
@@ -116,8 +129,10 @@ def _text(found: "InspectedLog") -> str:
     ]
     if defects:
         parts.append(table(["defect", "channel", "count", "first", "policy"], defects))
-    for engine, missing in found.lacking.items():
-        parts.append(f"no log for the engine '{engine}': lacks {', '.join(missing)}")
+    if found.serves:
+        parts.append(f"this log serves the engines: {', '.join(found.serves)}")
+    parts += [f"engine '{name}': would also use {_meanings(name, more)}" for name, more in found.further.items()]
+    parts += [f"engine '{name}': needs {_meanings(name, more)} as well" for name, more in found.lacking.items()]
     if found.ingest is not None:
         from lpvobs.report.tables import ingest_notes, ingest_rows
 
