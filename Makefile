@@ -25,7 +25,7 @@ help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
 	@echo 'make setup   a virtual environment in $(VENV) with all dependencies'
 	@echo 'make test    the tests that take a moment; four minutes on two cores at most'
-	@echo 'make test-all them and then the slow ones; tests/README.md says which and why'
+	@echo 'make test-all them and the slow ones; tests/README.md says which and why'
 	@echo 'make lint    ruff and mypy'
 	@echo 'make blind   the blind bank: effects drawn at random, for both engines, judged by a process that cannot know them; an hour and a half'
 	@echo 'make blind2  the second bank: engines of another structure, effects with other formulas; may be stopped, and goes on; hours for all 360 drives'
@@ -101,12 +101,15 @@ RESULTS := $(foreach cycle,$(JUDGED),$(BUILD)/$(cycle).h5 $(BUILD)/$(cycle)_publ
 $(BUILD)/report.html: $(RESULTS) $(BUILD)/refined.h5 $(REPORTING)
 	$(LPVOBS) report $(RESULTS) $(BUILD)/refined.h5 $(JUDGED:%=$(LOGS)/%.parquet) $(LOGS)/etc_part1_faulty.parquet --html $@
 
+# Workers take whole files, in the order of tests/conftest.py.
+PYTEST := $(VENV)/bin/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
 # --- checks -----------------------------------------------------------------------------------------------------------------
 test: $(VENV)/.ready
-	$(VENV)/bin/python -m pytest -n auto --dist loadfile -m 'not slow'
+	$(PYTEST) -m 'not slow'
 
-test-all: test
-	$(VENV)/bin/python -m pytest -n auto --dist loadfile -m slow
+test-all: $(VENV)/.ready
+	$(PYTEST)
 
 lint: $(VENV)/.ready
 	$(VENV)/bin/ruff check .

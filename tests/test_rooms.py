@@ -5,6 +5,7 @@ as well: a layer that is broken late is broken.
 """
 
 import ast
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
 import pytest
@@ -26,7 +27,12 @@ def module_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-SOURCES = {module_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
+SOURCES = {module_of(path): path for path in sorted(ROOT.rglob("*.py"))}
+
+
+@cache
+def tree_of(module):
+    return ast.parse(SOURCES[module].read_text(encoding="utf-8"))
 
 
 def is_type_checking(node):
@@ -67,14 +73,14 @@ def room_of(module):
 
 def inside(module):
     """Return the modules of this package that a module imports."""
-    return {name for name in imported(SOURCES[module]) if name == "lpvobs" or name.startswith("lpvobs.")}
+    return {name for name in imported(tree_of(module)) if name == "lpvobs" or name.startswith("lpvobs.")}
 
 
 def test_there_is_something_to_read():
     assert len(SOURCES) > 40
     assert {room_of(module) for module in SOURCES} - {"__init__"} <= set(ROOMS)
     assert "lpvobs.maps.grid" in inside("lpvobs.maps.metrics")
-    assert "cvxpy" in imported(SOURCES["lpvobs.synthesis.lmi"])
+    assert "cvxpy" in imported(tree_of("lpvobs.synthesis.lmi"))
 
 
 def test_a_module_is_read_in_one_go():
@@ -109,7 +115,7 @@ def test_no_circle_inside_a_room():
 @pytest.mark.parametrize("module", SOURCES)
 def test_the_solver_is_imported_by_synthesis_alone(module):
     if room_of(module) != "synthesis":
-        libraries = {name.split(".")[0] for name in imported(SOURCES[module])}
+        libraries = {name.split(".")[0] for name in imported(tree_of(module))}
         assert not libraries & {"cvxpy", "clarabel"}
 
 
@@ -121,7 +127,7 @@ def test_the_certificate_and_what_it_needs_import_no_solver():
         if module in seen:
             continue
         seen.add(module)
-        names = imported(SOURCES[module])
+        names = imported(tree_of(module))
         assert not {name.split(".")[0] for name in names} & {"cvxpy", "clarabel"}, module
         todo += [name for name in names if name in SOURCES]
     assert len(seen) > 3
@@ -129,7 +135,7 @@ def test_the_certificate_and_what_it_needs_import_no_solver():
 
 @pytest.mark.parametrize("module", [module for module in SOURCES if room_of(module) == "cli"])
 def test_the_command_line_loads_nothing_heavy_before_it_knows_the_verb(module):
-    libraries = {name.split(".")[0] for name in imported(SOURCES[module], late=False)}
+    libraries = {name.split(".")[0] for name in imported(tree_of(module), late=False)}
     assert not libraries & HEAVY
     for name in inside_at_import(module):
         assert room_of(name) in ("cli", "errors", "__init__"), f"{module} imports {name} at its top"
@@ -142,7 +148,7 @@ def test_the_command_line_asks_the_functions_and_nobody_else(module):
 
 
 def inside_at_import(module):
-    return {name for name in imported(SOURCES[module], late=False) if name.split(".")[0] == "lpvobs"}
+    return {name for name in imported(tree_of(module), late=False) if name.split(".")[0] == "lpvobs"}
 
 
 @pytest.mark.parametrize(
@@ -155,7 +161,7 @@ def inside_at_import(module):
 )
 def test_the_numerical_core_knows_no_files(module):
     """The core runs on NumPy, SciPy and Numba alone."""
-    libraries = {name.split(".")[0] for name in imported(SOURCES[module])}
+    libraries = {name.split(".")[0] for name in imported(tree_of(module))}
     assert not libraries & {
         "pandas",
         "pyarrow",

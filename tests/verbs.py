@@ -16,7 +16,9 @@ from repository import ROOT
 
 PATIENCE = 300.0
 """[s]; no call of the tests takes a tenth of it."""
-LIBRARIES = ("h5py", "pyarrow.parquet", "cvxpy", "clarabel", "jinja2", "matplotlib.backends.backend_svg", "scipy.stats")
+LIBRARIES = (
+    "numba", "h5py", "pyarrow.parquet", "cvxpy", "clarabel", "jinja2", "matplotlib.backends.backend_svg", "scipy.stats"
+)  # fmt: skip
 """What the package imports late."""
 PACKAGE = tuple(
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

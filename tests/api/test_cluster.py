@@ -196,6 +196,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
     same(found, alone)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_half_way_changes_no_bit_of_a_fleet(followed, logs, fleet, cluster, tmp_path):
     from distributed import Client
 
@@ -254,6 +255,7 @@ def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, lo
     assert len(seen) >= LOGS
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left_of_a_fleet(
     followed, logs, fleet, restarted, tmp_path
 ):

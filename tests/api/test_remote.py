@@ -109,22 +109,34 @@ def test_nothing_is_read_but_the_columns_that_are_needed(s3, logs, monkeypatch, 
     assert sum(ranges) < 0.3 * len(logs[name])
 
 
-@pytest.mark.parametrize("store", ["memory", "s3"])
-def test_track_and_estimate_find_the_same_as_on_a_disk(store, logs, chain, config, tmp_path, request):
-    place = request.getfixturevalue(store)
-    for name, content in logs.items():
-        (tmp_path / "logs" / name).parent.mkdir(exist_ok=True, parents=True)
-        (tmp_path / "logs" / name).write_bytes(content)
-    found = {}
-    for where in (place, tmp_path / "logs"):
-        out = tmp_path / f"{len(found)}.h5"
+@pytest.fixture(scope="module")
+def maps(chain, config, tmp_path_factory):
+    """Return a function from where the logs lie to the maps of `track` and `estimate`."""
+
+    def of(where):
+        folder = tmp_path_factory.mktemp("maps")
+        out, result = folder / "fleet.h5", folder / "map.h5"
         given = {"out": out, "gain": chain.gain, "path": "{vehicle}/{month}.parquet", "jobs": 1}
         _, content = lpvobs.track(config, [where], **given)
         _, again = lpvobs.track(config, [f"{where}/*/*.parquet"], **given)
-        result = tmp_path / f"map{len(found)}.h5"
         lpvobs.estimate(config, [where], result, gain=chain.gain, jobs=1)
-        with h5py.File(out) as fleet, h5py.File(result) as map_:
-            found[str(where)] = fleet["maps/delta_W_c"][()], map_["map/delta_W_c"][()]
         assert (content.new, content.refused, again.new, again.logs) == (3, (), 0, 3)
-    for one, other in zip(*found.values(), strict=True):
+        with h5py.File(out) as fleet, h5py.File(result) as map_:
+            return fleet["maps/delta_W_c"][()], map_["map/delta_W_c"][()]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def on_disk(logs, maps, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    for name, content in logs.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    return maps(folder)
+
+
+@pytest.mark.parametrize("store", ["memory", "s3"])
+def test_track_and_estimate_find_the_same_as_on_a_disk(store, maps, on_disk, request):
+    for one, other in zip(maps(request.getfixturevalue(store)), on_disk, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)

@@ -4,6 +4,7 @@ import importlib.util
 import json
 import math
 import sys
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -105,6 +106,10 @@ def test_the_study_watches_varies_and_tells(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, spec.name, study)
     spec.loader.exec_module(study)
     monkeypatch.setattr(study, "DRIVES", {study.DIESEL: (0,)})
+    whole = study.DIESEL.draw(study.SEED, 0)
+    table_of, begin, _ = whole.piece
+    short = replace(whole, piece=(table_of, begin, begin + 200.0))  # a third of it has every kind of decision, too
+    monkeypatch.setattr(study.Drive, "case", short)
     monkeypatch.setattr(sys, "argv", ["thresholds", "--jobs", "1", "--folder", str(tmp_path), "--out", "-"])
     study.main()
     told = capsys.readouterr().out

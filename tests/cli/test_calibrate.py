@@ -41,6 +41,7 @@ def test_text_names_what_the_data_determined(lpvobs, other_engine, folder):
     assert (folder / "b.h5").read_bytes()[:4] == b"\x89HDF"
 
 
+@pytest.mark.slow
 def test_estimate_is_better_with_the_engine(lpvobs, other_engine, chain, folder):
     without = estimated(lpvobs, other_engine, chain, folder / "without.h5")
     known = estimated(lpvobs, other_engine, chain, folder / "with.h5", "--engine", other_engine.known)

@@ -45,6 +45,7 @@ needs_make = pytest.mark.skipif(shutil.which("make") is None, reason="no make he
 
 
 @needs_make
+@pytest.mark.slow
 def test_good_logs_pass(project):
     done = validate(project, "mean_relative_error<=0.2 samples>=4000")
     assert done.returncode == 0, done.stderr

@@ -63,7 +63,7 @@ def test_a_folder_is_its_logs_and_says_which_agree(together, fleet):
     assert list(out.parent.iterdir()) == [out]  # the parts are gone
 
 
-@pytest.mark.parametrize("jobs", [2, 3])
+@pytest.mark.parametrize("jobs", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_neither_the_jobs_nor_the_order_of_the_logs_change_a_byte(estimate, fleet, together, tmp_path, jobs):
     out = tmp_path / "r.h5"
     names = sorted(fleet.iterdir(), reverse=jobs == 3)
@@ -115,7 +115,7 @@ def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_p
     bare = table.drop_columns([name for name in table.column_names if name.startswith("ref_")])
     place, field = table.column_names.index("W_maf"), table.schema.field("W_maf")
     for number in range(14):
-        piece = bare.slice(300 * number, 4000)
+        piece = bare.slice(300 * number, 2000)
         low = piece.set_column(place, field, [0.9 * piece["W_maf"].to_numpy()]) if number == 3 else piece
         pq.write_table(low, tmp_path / f"d{number}.parquet")
     done = estimate(tmp_path, "--jobs", 1, "--out", tmp_path / "r.h5")
@@ -137,6 +137,7 @@ def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tm
     assert "drifted: disagrees" in done.err
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, together, tmp_path):
     out = tmp_path / "r.h5"
     parts = tmp_path / "r.h5.parts"

@@ -37,6 +37,7 @@ def test_the_refined_model_is_stored_beside_the_map_that_stood(refined, chain):
         assert "extrapolation" in file
 
 
+@pytest.mark.slow
 def test_the_map_of_its_own_log_is_estimated_anew_by_the_observer(lpvobs, config, chain, tmp_path):
     """A hole in the intake makes the map of the configured engine wrong by 4 %; refined, it is right again."""
     leaky, own, out = tmp_path / "leaky.parquet", tmp_path / "own.h5", tmp_path / "refined.h5"

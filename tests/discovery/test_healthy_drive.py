@@ -54,6 +54,7 @@ def test_what_does_not_change_cancels(healthy, plant, config, prior, other):
     assert np.all(healthy.taken_off(problem).lasting >= 1.0)
 
 
+@pytest.mark.slow
 def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, other, clean):
     same = refine(plant, config.grid(), prior, [other(2)], healthy=healthy).trace
     assert (same.verdict, same.healthy_drives) == ("none", ("drive1",))

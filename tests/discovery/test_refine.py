@@ -64,6 +64,7 @@ def test_a_step_of_the_gain_has_its_onset(closed, clean, misread):
     assert finding.explained > 0.9
 
 
+@pytest.mark.slow
 def test_an_engine_that_breathes_less_is_the_engine_not_the_sensor(closed, record, config):
     smaller = replace(config.engine, geometry=replace(config.engine.geometry, V_d=0.9 * config.engine.geometry.V_d))
     found = closed(record(smaller))
@@ -72,6 +73,7 @@ def test_an_engine_that_breathes_less_is_the_engine_not_the_sensor(closed, recor
     assert low < 0.9 < high
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_comes_and_goes_is_not_named(closed, clean, misread):
     t = clean.time
     on = ((t > 40) & (t < 80)) | ((t > 120) & (t < 150)) | ((t > 210) & (t < 260))

@@ -139,6 +139,7 @@ def test_an_effect_that_ends_has_an_end(judge, another_day):
     assert abs(first.end - 250.0) < 10.0
 
 
+@pytest.mark.slow
 def test_two_faults_are_both_found(judge, another_day):
     wrong = since(since(another_day, "W_maf", lambda x: 1.12 * x), "p_im", lambda x: 0.88 * x, 250.0)
     found = judge(wrong).trace
@@ -189,6 +190,7 @@ def test_json_holds_the_contract_and_the_balances(judge, another_day):
     assert "after" not in judge(another_day).trace.as_json(refined=False)["error"]
 
 
+@pytest.mark.slow
 def test_a_refined_model_knows_its_effects_and_finds_no_more(judge, another_day):
     wrong = since(another_day, "p_ic", lambda x: 0.92 * x)
     found = judge(wrong)

@@ -6,6 +6,7 @@ round (`Of 30 pairs 12 were found`), and words that only this project used.
 
 import ast
 import re
+from functools import cache
 
 import pytest
 from repository import ROOT
@@ -72,32 +73,36 @@ def from_reports():
             )
 
 
+@cache
 def sentences():
-    """Yield place, kind and words of every sentence."""
+    """Return place, kind and words of every sentence."""
+    found = []
     for place, kind, text in (*from_sources(), *from_pages(), *from_reports()):
         whole = " ".join(MARKUP.sub(" ", text).split())
         for sentence in re.split(r"(?<=[.!?])\s+(?=[A-Z`0-9])", whole):
-            yield place, kind, sentence
-
-
-FOUND = list(sentences())
+            found.append((place, kind, sentence))
+    return found
 
 
 def test_there_is_something_to_read():
-    assert {kind: sum(own == kind for _, own, _ in FOUND) > 80 for kind in LONGEST} == dict.fromkeys(LONGEST, True)
+    assert {kind: sum(own == kind for _, own, _ in sentences()) > 80 for kind in LONGEST} == dict.fromkeys(
+        LONGEST, True
+    )
 
 
 @pytest.mark.parametrize("kind", LONGEST)
 def test_no_sentence_is_too_long(kind):
     most = LONGEST[kind]
-    assert [(place, sentence) for place, own, sentence in FOUND if own == kind and len(sentence.split()) > most] == []
+    assert [
+        (place, sentence) for place, own, sentence in sentences() if own == kind and len(sentence.split()) > most
+    ] == []
 
 
 def test_no_sentence_is_turned_round():
-    assert [(place, sentence) for place, _, sentence in FOUND if TURNED.search(sentence)] == []
+    assert [(place, sentence) for place, _, sentence in sentences() if TURNED.search(sentence)] == []
     assert TURNED.search("Of pairs 30 of 38 were found whole.")
     assert not TURNED.search("Both effects were found in 30 of 38 drives with two.")
 
 
 def test_no_word_is_private():
-    assert [(place, sentence) for place, _, sentence in FOUND if PRIVATE.search(sentence)] == []
+    assert [(place, sentence) for place, _, sentence in sentences() if PRIVATE.search(sentence)] == []

@@ -25,6 +25,7 @@ for line in {lines!r}:
             sys.exit(f"{{line}}: exit code {{end.code}}")
 """
 RATE = ("--rate", "10")
+pytestmark = pytest.mark.slow
 
 
 def lines(jobs: int) -> list[tuple[str, ...]]:
