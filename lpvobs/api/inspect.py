@@ -165,6 +165,16 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
     )
 
 
+def meanings(engine: str, channels: Sequence[str]) -> str:
+    """Return channels of an engine with what they are; of those that stand for each other, one is enough."""
+    known, told = ENGINES[engine].air_path.channels, dict[str, str]()
+    for name in channels:
+        text = f"{name} ({known[name].meaning})"
+        first = next((other for other in known[name].one_of or () if other in told), None)
+        told[first or name] = text if first is None else f"{told[first]} or {text}"
+    return ", ".join(told.values())
+
+
 def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Units) -> ChannelOutput:
     """Return what is in a channel; `in_log` has the units of those that the engine needs."""
     finite = values[np.isfinite(values)]

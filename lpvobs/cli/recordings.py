@@ -1,6 +1,5 @@
 """Foreign recordings and logs: `lpvobs ingest`, `lpvobs profile`, `lpvobs inspect`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,20 +85,10 @@ def inspect(
     return leave(refused)
 
 
-def _meanings(engine: str, channels: Sequence[str]) -> str:
-    """Return channels of an engine with what they are."""
-    from lpvobs.engines.registry import ENGINES
-
-    known, told = ENGINES[engine].air_path.channels, dict[str, str]()
-    for name in channels:
-        text = f"{name} ({known[name].meaning})"
-        first = next((other for other in known[name].one_of or () if other in told), None)  # one of them is enough
-        told[first or name] = text if first is None else f"{told[first]} or {text}"
-    return ", ".join(told.values())
-
-
 def _text(found: "InspectedLog") -> str:
     from msgspec import UNSET
+
+    from lpvobs.api.inspect import meanings
 
     head = (
         f"{found.log}: {found.samples} of {found.samples_read} samples used, {found.duration:.1f} s at "
@@ -131,8 +120,8 @@ def _text(found: "InspectedLog") -> str:
         parts.append(table(["defect", "channel", "count", "first", "policy"], defects))
     if found.serves:
         parts.append(f"this log serves the engines: {', '.join(found.serves)}")
-    parts += [f"engine '{name}': would also use {_meanings(name, more)}" for name, more in found.further.items()]
-    parts += [f"engine '{name}': needs {_meanings(name, more)} as well" for name, more in found.lacking.items()]
+    parts += [f"engine '{name}': would also use {meanings(name, more)}" for name, more in found.further.items()]
+    parts += [f"engine '{name}': needs {meanings(name, more)} as well" for name, more in found.lacking.items()]
     if found.ingest is not None:
         from lpvobs.report.tables import ingest_notes, ingest_rows
 
