@@ -1,6 +1,6 @@
 """`track`: maps by vehicle and time, from sums that add up without the logs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, groupby
 from pathlib import Path
@@ -28,7 +28,7 @@ from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import StateGain, added_up
 from lpvobs.records import Item
 from lpvobs.tracking.changes import Detectable
-from lpvobs.tracking.fleet import MapChange, NextCell, Standing, Tracked
+from lpvobs.tracking.fleet import MapChange, NextCell, Standing
 from lpvobs.tracking.fleet import track as tracked
 from lpvobs.tracking.sums import Basis, DatedEffect, KeptLog, basis_of, kept, weighed
 
@@ -144,11 +144,13 @@ def track(
         told_of = (*sums.effects, *(effect for each in told for effect in dated(each, sums.logs)))
         by_time = {(each.vehicle, each.first, each.id, each.parameter): each for each in told_of}
         sums = replace(sums, every=every, effects=tuple(by_time[key] for key in sorted(by_time)))
-        result = _solved(configuration, sums, periods)
+        own = {each.vehicle: [log for log in sums.logs if log.vehicle == each.vehicle] for each in sums.sums}
+        grid, settings = configuration.grid(), configuration.estimate
+        result = tracked(grid, sums.basis, sums.sums, own, periods, settings.prior_map, settings.least_information)
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({f"{log.vehicle}/{log.name}": log.sha256 for log in sums.logs}, text)
-        fleet = StoredFleet(target, air_path.name, axes, configuration.grid(), sums, result, provenance, tuple(refused))
+        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, tuple(refused))
         write_fleet(fleet)
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
@@ -203,13 +205,6 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
         except DataError as error:
             refused.append(str(error))
     return found, refused
-
-
-def _solved(config: Config, sums: FleetSums, periods: Mapping[str, str]) -> Tracked:
-    by_vehicle = {each.vehicle: [log for log in sums.logs if log.vehicle == each.vehicle] for each in sums.sums}
-    settings = config.estimate
-    known = settings.prior_map, settings.least_information
-    return tracked(config.grid(), sums.basis, sums.sums, by_vehicle, periods, *known)
 
 
 @dataclass(frozen=True)

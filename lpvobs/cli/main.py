@@ -43,6 +43,7 @@ VERBS = {
 }
 SHARED = {
     "recordings": ("ingest", "profile", "inspect"),
+    "changes": ("compare", "track"),
     "gains": ("synth_gain", "verify"),
     "loop": ("trace", "refine"),
 }

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import typer
 
+from lpvobs.cli.changes import show_fleet
 from lpvobs.cli.common import guarded, leave, print_json, say, table, visible
 from lpvobs.cli.options import JSON, REGION, argument, flag, option
-from lpvobs.cli.track import show_fleet
 from lpvobs.errors import UsageError
 
 

@@ -131,8 +131,8 @@ def write_table(path: Path, fleet: StoredFleet) -> None:
         "standard_error": np.concatenate([each.standard_error for each in maps]),
     }
     units = {name: item.unit for name, item in fleet.axes.items()} | {"delta_W_c": "kg/s", "standard_error": "kg/s"}
-    kinds = [pa.array(column.tolist()).type for column in (values[:1] for values in columns.values())]
-    metadata = [{"unit": units[name]} if name in units else None for name in columns]
-    schema = pa.schema([pa.field(*item) for item in zip(columns, kinds, [True] * len(columns), metadata, strict=True)])
+    arrays = {name: pa.array(column) for name, column in columns.items()}
+    metadata = {name: {"unit": unit} for name, unit in units.items()}
+    schema = pa.schema([pa.field(name, each.type, metadata=metadata.get(name)) for name, each in arrays.items()])
     with replacing(path) as temporary:
-        pq.write_table(pa.table([pa.array(column) for column in columns.values()], schema=schema), temporary)
+        pq.write_table(pa.table([*arrays.values()], schema=schema), temporary)
