@@ -82,14 +82,18 @@ def calibrate(
     refuse_copies(inputs)
     for number, path in enumerate(inputs):
         if path.name in [other.name for other in inputs[:number]]:
-            raise UsageError(f"{path}: another input has this name, by which its digest is kept; rename one")
+            raise UsageError(
+                f"{path}: another input has this file name, and results know inputs by their names; rename one"
+            )
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
                 raise UsageError(f"{as_path(config)}: learns from healthy logs alone; give --healthy LOG")
             stored = _learned(configuration, text, known)
         elif not air_path.components:
-            raise UsageError(f"{as_path(config)}: a {air_path.name} engine has no corrections, expected one that has")
+            raise UsageError(
+                f"{as_path(config)}: an engine of kind {air_path.name} has no components to calibrate; see docs/own-engine.md"
+            )
         else:
             stored = _calibrated(configuration, text, (tables, known, metered), parts, given, shown(progress))
         write_engine(target, stored)

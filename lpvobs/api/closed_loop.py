@@ -177,8 +177,8 @@ def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
     """Raise UsageError where a map that stands was estimated with another engine."""
     if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
         raise UsageError(
-            f"{stored.path}: was not made with {calibrated}, and a map that stands goes with the engine it was made with; "
-            f"drop --engine, estimate the map with it, or say --free-map"
+            f"{stored.path}: was not made with {calibrated}, and a map that is taken as right needs the engine that it was "
+            f"made with; drop --engine, estimate the map with it, or say --free-map"
         )
 
 
@@ -188,8 +188,8 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
         step = float(np.median(np.diff(log.time)))
         if step > SLOWEST:
             raise DataError(
-                f"{log.name}: a sample every {step:.3g} s; what is left beside listed effects cannot be told from what such slow "
-                f"sampling leaves of fast transients; record at least 20 samples a second"
+                f"{log.name}: a sample every {step:.3g} s is too slow to tell a cause that is not listed from fast "
+                f"transients; record at least 20 samples a second"
             )
 
 

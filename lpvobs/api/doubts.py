@@ -126,7 +126,7 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
         if sure > SURE and abs(off) > OFF:
             which = "larger" if off > 0.0 else "smaller"
             yield (
-                f"{name}: the transients ask for one that is {100 * abs(off):.0f} % {which}, by {sure:.0f} times what noise and "
+                f"{name}: fast transients fit better if it is {100 * abs(off):.0f} % {which}, by {sure:.0f} times what noise and "
                 f"tolerance allow; check it in [engine]"
             )
 

@@ -63,7 +63,9 @@ def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[S
     if method not in METHODS:
         raise UsageError(f"--method {method}: expected {' or '.join(METHODS)}")
     if smooth and method == "quadratic":
-        raise UsageError("--smooth: a quadratic does not follow the map; leave it out, or use --method kriging")
+        raise UsageError(
+            "--smooth: a quadratic misses the estimated nodes and cannot smooth them; leave it out, or use --method kriging"
+        )
     with updating(result) as path:
         stored = read_result(path)
         known = bool(np.isfinite(stored.covariance).all())

@@ -244,7 +244,9 @@ def refuse_empty(estimate: MapEstimate) -> None:
             f"drive longer and over more operating points"
         )
     if not np.isfinite(estimate.theta[estimate.supported]).all():
-        raise DataError("the estimate is not finite: the gain does not stabilise this engine; synthesise one for it")
+        raise DataError(
+            "the estimate is not finite: the observer is unstable with this gain; make one for this engine with `lpvobs synth-gain`"
+        )
 
 
 def part_of(task: PartTask) -> LogOutcome[StoredPart]:

@@ -107,7 +107,7 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     ----------
     log : path
     config : path, optional
-        Engine and policies; by default the engine that the log suits.
+        Engine and policies; by default the first engine that the log serves.
     """
     channels, policies = _engine_of(config)
     return inspect_log(as_path(log), channels, policies)

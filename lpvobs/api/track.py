@@ -199,7 +199,7 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
         try:
             if not origin.get(by):
                 metadata_of(path)  # raises where there is no such log, or it is damaged
-                raise DataError(f"{path}: nothing says its {by}; give --path or --origins, or record it with --vehicle")
+                raise DataError(f"{path}: its {by} is unknown; give --path or --origins, or record it with --vehicle")
             kind = origin.get("engine") or config.air_path
             found.append(_Whose(path, origin[by], kind, day_of(path, origin)))
         except DataError as error:

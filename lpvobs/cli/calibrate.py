@@ -12,7 +12,7 @@ def calibrate(
     bench: list[Path] | None = option(
         "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
     ),
-    healthy: list[Path] | None = option("LOG", "A log with the air flow sensor in order.", "--healthy"),
+    healthy: list[Path] | None = option("LOG", "A log whose air flow sensor reads right.", "--healthy"),
     reference: list[Path] | None = option("LOG", "A log with W_reference, a meter beside the sensor.", "--reference"),
     maps: list[str] | None = option(
         "KIND=FILE",
@@ -27,8 +27,8 @@ def calibrate(
 ) -> None:
     """Find an engine's constants and the corrections of its components, which estimate then starts from.
 
-    Each of --bench, --healthy, --reference and --map can be given several times. The configuration's constants and tolerances are
-    the start.
+    Each of --bench, --healthy, --reference and --map can be given several times. The search starts from the constants and
+    tolerances of the configuration.
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """

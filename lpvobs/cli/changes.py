@@ -10,14 +10,14 @@ from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, REGION, SCHEDULER, a
 
 @guarded
 def compare(
-    first: Path = argument("A.h5", "A result of estimate, the earlier one; or a fleet of track."),
-    second: Path | None = argument("[B.h5]", "Another result; none beside a fleet.", None),
+    first: Path = argument("A.h5", "A result of estimate, the earlier one; or a fleet made by track."),
+    second: Path | None = argument("[B.h5]", "The later result; leave it out for a fleet.", None),
     vehicle: str = option("NAME", "A vehicle of the fleet, of which two periods are compared.", default=""),
     period: list[str] | None = option("PERIOD", "The earlier and then the later one, such as 2025-01."),
     values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
     region: str | None = REGION,
     gate: list[str] | None = option("EXPR", '"largest_change<=0.5 g/s", say; also mean_change, p_value. Repeatable.'),
-    figure: Path | None = option("FILE.svg", "Draw the change at every node; framed: more than its error."),
+    figure: Path | None = option("FILE.svg", "Draw the change at every node, with a frame where it exceeds its error."),
     as_json: bool = JSON,
 ) -> None:
     """Show how map B differs from map A, and where the difference exceeds the errors of both.
@@ -62,13 +62,17 @@ def track(
     ),
     out: Path = needed("FLEET.h5", "The fleet to write or to add to; logs that are in it already are not read again."),
     by: str = option("KEY", "The field that names the vehicle of a log.", default="vehicle"),
-    every: str = option("PERIOD", "day, week, month or year: a map for each.", offers=PERIODS, default="month"),
+    every: str = option("PERIOD", "day, week, month or year; a map is made for each.", offers=PERIODS, default="month"),
     path: str | None = option("PATTERN", 'Fields in the paths of logs, such as "{vehicle}/{month}.parquet".'),
-    origins: Path | None = option("TABLE", "CSV or Parquet: a column log, others such as vehicle, engine, date."),
+    origins: Path | None = option(
+        "TABLE", "CSV or Parquet with a column log, and others such as vehicle, engine, date."
+    ),
     gain: Path | None = GAIN,
     engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
     to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
-    refined: list[Path] | None = option("REFINED.h5", "A refined result, its effects to add. Repeatable.", "--refined"),
+    refined: list[Path] | None = option(
+        "REFINED.h5", "A refined result whose effects are added. Repeatable.", "--refined"
+    ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),

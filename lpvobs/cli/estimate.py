@@ -21,7 +21,9 @@ def estimate(
     logs: list[Path] = LOGS,
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
-    engine: Path | None = option("ENGINE.h5", "Made by calibrate from this configuration; without it, as configured."),
+    engine: Path | None = option(
+        "ENGINE.h5", "An engine made by calibrate from this configuration; without it, the configured constants."
+    ),
     method: str = option(
         "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
     ),
@@ -88,7 +90,7 @@ def estimate(
         if agreement:
             print("\n" + table(*told(agreement_rows(agreement))))
         if done.agreement:
-            say(f"maps of single logs scatter by {1e3 * done.scatter:.3g} g/s a node more than noise explains")
+            say(f"maps made from single logs differ by {1e3 * done.scatter:.3g} g/s per node more than noise explains")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
     for item in done.agreement:

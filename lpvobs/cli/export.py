@@ -16,7 +16,9 @@ def export(
     file_format: str = needed("FORMAT", WHAT, "--format", offers=FORMATS),
     out: Path = needed("FILE", "The file to write; for c99 the folder."),
     start: Path | None = argument("[RESULT.h5]", "For c99 and fmu: map and engine to start from.", default=None),
-    source: str = option("GROUP", "map or extrapolation; by default the latter if there.", "--values", default=""),
+    source: str = option(
+        "GROUP", "map or extrapolation; by default extrapolation if the result has one.", "--values", default=""
+    ),
     only_estimated: bool = flag("--only-estimated", "Estimated nodes only; others keep their old value, if any."),
     old: Path | None = option("OLD.dcm", "The old map: its axes, units and kind are kept, and changes are listed."),
     name: str = option("LABEL", "Label of the map, also in the old file.", default="delta_W_c"),
@@ -35,7 +37,7 @@ def export(
     map_gain: str = option(
         "GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS, default=""
     ),
-    rate: float = option("HZ", "For c99 and fmu: most samples a second.", default=100.0),
+    rate: float = option("HZ", "For c99 and fmu: the highest number of samples a second.", default=100.0),
     widest: float = option(
         "SHARE", "Leave out nodes whose 90 % interval exceeds this share of the logs' mean air flow.", default=0.1
     ),

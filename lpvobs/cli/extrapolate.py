@@ -10,7 +10,7 @@ HOW = "kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) a
 
 @guarded
 def extrapolate(
-    result: Path = argument("RESULT.h5", "A result of estimate; its /extrapolation is written."),
+    result: Path = argument("RESULT.h5", "A result of estimate; /extrapolation is written into it."),
     method: str = option("NAME", HOW, offers=EXTRAPOLATIONS, default="kriging"),
     smooth: bool = flag("--smooth", "Smooth the estimated nodes as well; /extrapolation marks them."),
     as_json: bool = JSON,

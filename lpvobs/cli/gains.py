@@ -9,7 +9,9 @@ from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 @guarded
 def synth_gain(
     out: Path = needed("GAIN.h5", "The gain to write."),
-    logs: list[Path] | None = argument("[LOG]...", "Logs, patterns or folders whose range to cover.", default=None),
+    logs: list[Path] | None = argument(
+        "[LOG]...", "Logs, patterns or folders; the gain is proven for the range that they cover.", default=None
+    ),
     published: str | None = option(
         "COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."
     ),

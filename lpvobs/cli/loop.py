@@ -17,7 +17,7 @@ MOST_SHOWN = 6
 
 @guarded
 def trace(
-    result: Path = argument("RESULT.h5", "A result of estimate or refine; its /trace is written."),
+    result: Path = argument("RESULT.h5", "A result of estimate or refine; /trace is written into it."),
     logs: list[Path] = LOGS,
     freeze_map: bool | None = MAP,
     engine: Path | None = ENGINE,

@@ -62,7 +62,7 @@ def inspect(
     logs: list[Path] = LOGS,
     config: Path | None = option(
         "TOML",
-        "Engine and policies; by default lpvobs.toml in this folder or above, else the engine that the log suits.",
+        "Engine and policies; by default lpvobs.toml in this folder or above, else the first engine that the log serves.",
         "--config",
     ),
     as_json: bool = JSON,

@@ -11,7 +11,7 @@ from lpvobs.errors import UsageError
 
 
 def _list_metrics(asked: bool) -> None:
-    """Print what a gate may ask for, and leave."""
+    """List the metrics that a gate may ask for, and end."""
     if asked:
         from lpvobs.report.gates import METRICS, OF_RESULT
 
@@ -26,7 +26,7 @@ def _list_metrics(asked: bool) -> None:
 
 @guarded
 def report(
-    result: Path = argument("RESULT.h5", "A result of estimate, or an engine of calibrate."),
+    result: Path = argument("RESULT.h5", "A result of estimate, or an engine made by calibrate."),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
         "Logs that the results were made from (for courses over time and fit), and further results.",
@@ -39,7 +39,7 @@ def report(
     junit: Path | None = option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems."),
     region: str | None = REGION,
     list_metrics: bool = flag(
-        "--list-metrics", "Print what a gate may ask for, and leave.", callback=_list_metrics, is_eager=True
+        "--list-metrics", "List the metrics that a gate may ask for, and end.", callback=_list_metrics, is_eager=True
     ),
     as_json: bool = JSON,
 ) -> None:

@@ -21,7 +21,9 @@ def simulate(
         "Faults of engine and sensors, a drive on the road, another error surface: examples in configs/effects and "
         "configs/surfaces.",
     ),
-    engine: Path | None = option("ENGINE.h5", "Made by calibrate from the same configuration, for the constants."),
+    engine: Path | None = option(
+        "ENGINE.h5", "An engine made by calibrate from the same configuration, whose constants are used."
+    ),
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
     seed: int = option("N", "Seed of noise, road and points; the same one gives the same bytes.", default=1),
     vehicle: str | None = VEHICLE,

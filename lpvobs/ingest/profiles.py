@@ -158,5 +158,7 @@ def profile_of(text: str, path: Path) -> Profile:
         units[name] = item.unit
     for name in units:
         if name == "time" or name.startswith("ref_"):
-            raise UsageError(f"{path}: {name}: the name is taken; time has its own table, and no recording knows truth")
+            raise UsageError(
+                f"{path}: {name}: the name is taken; time has its own table, and a recording does not hold true values"
+            )
     return profile

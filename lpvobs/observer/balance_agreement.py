@@ -125,7 +125,7 @@ class Watched:
     def sums(self) -> BalanceSums:
         """The sums of what has been gone through; raises DataError where that is nothing."""
         if self._sums is None:
-            raise DataError(f"log '{self.name}': no sample was gone through; expected some; record or export it again")
+            raise DataError(f"log '{self.name}': no sample could be used; record or export it again")
         return self._sums
 
 

@@ -137,7 +137,9 @@ def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
     if time.size < 2 or not (np.diff(time) > 0).all():
         raise UsageError(f"{path}: column 'time_s' must rise from row to row over at least two rows; sort or mend it")
     if time[-1] - time[0] > LONGEST:
-        raise UsageError(f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected {LONGEST:g} at most; in s?")
+        raise UsageError(
+            f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected {LONGEST:g} at most; check that it is in seconds"
+        )
     return np.asarray(time - time[0] <= end)
 
 

@@ -185,7 +185,9 @@ def _check_strength(name: str, form: str, strength: float) -> None:
 
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
-        raise UsageError(f"unlogged: {len(episodes)} episodes, expected at least two: one is an effect with an onset")
+        raise UsageError(
+            f"unlogged: {len(episodes)} episodes, expected at least two; write a single one as an effect with an onset"
+        )
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):

@@ -70,7 +70,7 @@ def bench(
     """Return a table of stationary points; sensors are averaged over 30 s, slow ones have settled.
 
     The seed is that of the noise, and of where the points lie; `progress` takes the fraction done. Raises UsageError for an
-    impossible number of points or seed; DataError if the engine comes to rest at fewer points than it should; where it surges,
+    impossible number of points or seed; DataError if the engine settles at fewer points than it should; where it surges,
     the next point takes the place of one.
     """
     if not 1 <= points <= MOST_POINTS:
@@ -86,7 +86,7 @@ def bench(
                 progress(len(truth) / points)
     if len(truth) < points:
         raise DataError(
-            f"the engine comes to rest at {len(truth)} of {MOST_TRIES * points} points, expected {points}; "
+            f"the engine settles at {len(truth)} of {MOST_TRIES * points} points, expected {points}; "
             f"take smaller amplitudes in [simulation.structure], or other set-points"
         )
     columns = {name: np.array([row[name] for row in truth]) for name in truth[0]}

@@ -69,7 +69,9 @@ def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) ->
             smallest, count = min(smallest, smallest_pivot(falls)), count + 1
             if smallest <= 0:
                 place = problem.region.place(vertex)
-                raise NotProven(f"sensor state: V does not fall at {place}, tau = {1.0 / float(slowness):.4g} s")
+                raise NotProven(
+                    f"sensor state: the Lyapunov function does not fall at {place}, tau = {1.0 / float(slowness):.4g} s"
+                )
     return SensorState(L, P, tau, count, smallest)
 
 

@@ -129,7 +129,7 @@ def test_what_belongs_to_results_alone_is_refused_beside_a_fleet(whole, lpvobs, 
 def test_nothing_says_whose_a_log_is(lpvobs, config, chain, tmp_path):
     done = lpvobs("track", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "fleet.h5")
     assert done.code == 3
-    assert "nothing says its vehicle; give --path or --origins" in done.err
+    assert "its vehicle is unknown; give --path or --origins" in done.err
 
 
 def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_path):
@@ -139,7 +139,7 @@ def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_pa
         done = lpvobs("track", "--config", config, *given, "--out", tmp_path / "fleet.h5")
         assert done.code == 3
         assert word in done.err
-        assert "nothing says its vehicle" not in done.err
+        assert "its vehicle is unknown" not in done.err
 
 
 def test_a_bad_log_is_left_out_and_said(whole, fleet, track, tmp_path):

@@ -51,9 +51,9 @@ def test_numbers_that_prove_nothing_are_refused(cascade):
     found = with_sensor_state(problem, gain, TAU, 40.0)
     heavy = found.P.copy()
     heavy[3, 3] *= 1e6  # the sensor's error now outweighs what the others take away
-    with pytest.raises(NotProven, match="V does not fall at rho_1 = "):
+    with pytest.raises(NotProven, match="the Lyapunov function does not fall at rho_1 = "):
         prove(problem, found.L, heavy, TAU)
-    with pytest.raises(NotProven, match="V does not fall"):
+    with pytest.raises(NotProven, match="the Lyapunov function does not fall"):
         prove(problem, -found.L, found.P, TAU)
 
 
@@ -141,7 +141,7 @@ def test_the_proof_is_exact_at_its_edge():
     proven = prove(problem, L, np.diag([1.0, np.nextafter(4.0, 0.0)]), (1.0, 1.0))
     assert 0.0 < proven.smallest_pivot < 1e-15
     assert proven.vertices == 2
-    with pytest.raises(NotProven, match="V does not fall at a = 1, tau = 1 s"):
+    with pytest.raises(NotProven, match="the Lyapunov function does not fall at a = 1, tau = 1 s"):
         prove(problem, L, np.diag([1.0, 4.0]), (1.0, 1.0))
 
 
@@ -154,7 +154,7 @@ def test_the_proof_is_exact_at_its_edge():
     ],
 )
 def test_either_end_of_the_time_constants_can_fail(row, weight, words):
-    with pytest.raises(NotProven, match=f"sensor state: V does not fall at {words}"):
+    with pytest.raises(NotProven, match=f"sensor state: the Lyapunov function does not fall at {words}"):
         prove(ALONE, np.array([[0.0], [row]]), np.diag([3.0, weight]), (0.1, 0.5))
 
 

@@ -73,8 +73,8 @@ def _flow(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
 def residual_model(*_: Any) -> Any:
     """Raise DataError: one balance whose EGR is unknown tells no fault from another."""
     raise DataError(
-        "engine: speed, pressure and air flow tell no fault from another, expected the EGR valve's position or lambda, and fuel; "
-        "record them and take configs/series.toml, or compare maps of two days"
+        "engine: speed, pressure and air flow alone cannot tell faults apart, expected fuel and the EGR valve's "
+        "position or lambda; record them and take configs/series.toml, or compare maps of two days"
     )
 
 

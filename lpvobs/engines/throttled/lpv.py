@@ -171,9 +171,7 @@ class Throttled(AsKnown):
 
     def _known(self) -> Learned:
         if self.learned is None:
-            raise UsageError(
-                "engine: a throttled engine is known only after a healthy log has shown its curves; give a log to learn from"
-            )
+            raise UsageError("engine: the curves of a throttled engine are learned from a healthy log; give such a log")
         return self.learned
 
 

@@ -57,7 +57,7 @@ def log_names(paths: Sequence[Path]) -> dict[Path, str]:
         except UnicodeEncodeError:
             usable = None
         if not usable:
-            raise UsageError(f"{str(path)!a}: results keep logs by name, and this is none; rename the file")
+            raise UsageError(f"{str(path)!a}: results keep logs by name, and this file has none; rename it")
     if again := next((path for path, name in names.items() if Counter(names.values())[name] > 1), None):
         raise UsageError(f"{again}: cannot be told from another log by name or folders; rename one")
     return names
@@ -88,7 +88,9 @@ class Origins:
         if self.pattern is None:
             return {}
         if not FIELD.search(self.pattern):
-            raise UsageError(f"--path {self.pattern}: names no field; expected such as {{vehicle}}/{{month}}.parquet")
+            raise UsageError(
+                f"--path {self.pattern}: has no field in braces; expected for example {{vehicle}}/{{month}}.parquet"
+            )
         parts = FIELD.split(re.escape(self.pattern).replace(r"\{", "{").replace(r"\}", "}"))
         shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
         found = re.search(f"(?:^|/){shape}$", path.as_posix())

@@ -94,7 +94,7 @@ def _increasing(
     if wrong > MOST_BACKWARD * kept.size:
         raise DataError(
             f"{path}: channel 'time' repeats or runs backward at {wrong} of {kept.size} samples, expected at most "
-            f"{100 * MOST_BACKWARD:.0f} %; one stamp far in the future does that: repair the log"
+            f"{100 * MOST_BACKWARD:.0f} %; one time far in the future is enough for that: repair the log"
         )
     return rows[later], wrong
 

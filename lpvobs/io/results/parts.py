@@ -116,7 +116,8 @@ class PartsFolder(Generic[Left]):
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise DataError(
-                f"{self.path}: cannot be made ({error.strerror}); parts of many logs wait there: name a writable folder in --out"
+                f"{self.path}: cannot be made ({error.strerror}); finished logs are kept there until the "
+                f"end: name a writable folder in --out"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
         file = self._file(stored.sha256)
