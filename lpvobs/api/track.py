@@ -22,6 +22,7 @@ from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
+from lpvobs.io.safety.atomic import state_of
 from lpvobs.kinds import Count, Refused
 from lpvobs.observer.estimate import Point, merged
 from lpvobs.observer.log_run import Beginning
@@ -133,7 +134,8 @@ def track(
         if whose:
             stored = gain_for(configuration, found, given, "observer")
             state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-            long = any(size > ALONE for size in accumulate(each.path.stat().st_size for each in whose))
+            sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
+            long = any(size > ALONE for size in accumulate(sizes))
             workplace = workplace_for("observer", len(whose) if long else 1, jobs, scheduler)
             adding = _Adding(configuration, text, state, target, workplace)
             sums, more, reused = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
