@@ -121,6 +121,7 @@ def warm() -> None:
     import cvxpy  # noqa: F401
     import h5py  # noqa: F401
     import jinja2  # noqa: F401
+    import numba  # noqa: F401
     import pyarrow.parquet  # noqa: F401
 
 
