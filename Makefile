@@ -187,6 +187,7 @@ fuzz: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --number $(or $(NUMBER),100000)
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.fuzz --command-line $(or $(COMMANDS),2000)
 
+kill: export OPENBLAS_NUM_THREADS = 1
 kill: $(VENV)/.ready
 	PYTHONPATH=.:tests $(VENV)/bin/python -m robust.kill --number $(or $(NUMBER),1000)
 

@@ -10,7 +10,6 @@ from functools import update_wrapper
 from typing import Any, Concatenate, ParamSpec, cast
 
 import matplotlib as mpl
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
@@ -80,7 +79,7 @@ class _Power(LogFormatter):
 
 
 def _without_formulas(figure: Figure) -> None:
-    for axis in figure.findobj(lambda found: isinstance(found, Axis)):
+    for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         for which in ("major", "minor"):
             if isinstance(old := getattr(axis, f"get_{which}_formatter")(), LogFormatter):
                 getattr(axis, f"set_{which}_formatter")(_Power(labelOnlyBase=old.labelOnlyBase))
