@@ -175,6 +175,7 @@ def address_in(said, scheduler):
     raise AssertionError("the scheduler did not start within 30 s")
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, cluster, tmp_path):
     from distributed import Client
 

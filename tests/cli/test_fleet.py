@@ -111,6 +111,7 @@ def test_logs_of_one_name_are_told_apart_by_their_folders(estimate, fleet, toget
         np.testing.assert_array_equal(file["map/delta_W_c"], whole["map/delta_W_c"])
 
 
+@pytest.mark.slow
 def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_path):
     bare = table.drop_columns([name for name in table.column_names if name.startswith("ref_")])
     place, field = table.column_names.index("W_maf"), table.schema.field("W_maf")

@@ -147,6 +147,7 @@ def test_a_formula_on_a_slow_log_is_refused(lpvobs, chain, slow, tmp_path):
     assert "20 samples a second" in done.err
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined, slow, traced, tmp_path):
     _, bad, done = traced
     assert done.code == 3

@@ -62,6 +62,7 @@ def test_words_say_the_course(case):
     assert {"ramp": "growing from", "saturating": "building up from"}[name] in said
 
 
+@pytest.mark.slow
 def test_a_valve_that_sticks_between_two_speeds_is_found_as_that(plant, config, record):
     table = {"id": "egr.area", "factor": 0.7, "course": "hysteresis", "input": "n_e", "low": 1150.0, "high": 1700.0}
     prior = free_map(config.grid(), len(plant.names), 0.1)

@@ -81,6 +81,7 @@ def test_a_disturbance_that_comes_and_goes_is_not_named(closed, clean, misread):
     assert found.trace.verdict == "unexplained"
 
 
+@pytest.mark.slow
 def test_a_short_episode_far_from_a_long_one_counts(closed, clean, misread):
     t = clean.time
     on = ((t > 62) & (t < 84)) | ((t > 165) & (t < 280))

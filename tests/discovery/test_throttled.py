@@ -85,10 +85,10 @@ def test_the_log_that_taught_the_engine_is_judged_by_parts_it_was_not_learned_fr
     [
         ("maf.gain", "W_maf", lambda x: 1.10 * x, 1.10, 0.02),
         ("p_im.gain", "p_im", lambda x: 0.80 * x, 0.80, 0.02),
-        ("p_ic.gain", "p_ic", lambda x: 0.92 * x, 0.92, 0.02),
-        ("p_im.offset", "p_im", lambda x: x + 6000.0, 6000.0, 900.0),
-        ("alpha_th.offset", "alpha_th", lambda x: x + 1.0, 1.0, 0.15),
-        ("u_delta.gain", "m_f", lambda x: 1.12 * x, 1.12, 0.03),
+        pytest.param("p_ic.gain", "p_ic", lambda x: 0.92 * x, 0.92, 0.02, marks=pytest.mark.slow),
+        pytest.param("p_im.offset", "p_im", lambda x: x + 6000.0, 6000.0, 900.0, marks=pytest.mark.slow),
+        pytest.param("alpha_th.offset", "alpha_th", lambda x: x + 1.0, 1.0, 0.15, marks=pytest.mark.slow),
+        pytest.param("u_delta.gain", "m_f", lambda x: 1.12 * x, 1.12, 0.03, marks=pytest.mark.slow),
     ],
 )
 def test_a_wrong_sensor_is_named_sized_and_dated(judge, another_day, name, channel, change, true, width):
@@ -105,6 +105,7 @@ def test_a_wrong_sensor_is_named_sized_and_dated(judge, another_day, name, chann
     assert first.p_value < 1e-3
 
 
+@pytest.mark.slow
 def test_a_lag_of_the_sensor_is_told_from_its_gain(judge, another_day):
     found = judge(since(another_day, "W_maf", lambda w: lagged(w, 0.5))).trace
     assert found.verdict == "effect"
@@ -115,6 +116,7 @@ def test_a_lag_of_the_sensor_is_told_from_its_gain(judge, another_day):
     assert 0.3 < size.value < 0.7
 
 
+@pytest.mark.slow
 def test_a_leak_of_the_plant_is_told_from_a_wrong_pressure_and_a_wrong_sensor(judge):
     leaking = truth.noisy(truth.drive(400.0, seed=3, leak=8e-6, onset=ONSET), 4)
     closed = judge(leaking)
@@ -129,6 +131,7 @@ def test_a_leak_of_the_plant_is_told_from_a_wrong_pressure_and_a_wrong_sensor(ju
         assert item.recovered > 0.7  # the least that is asked for
 
 
+@pytest.mark.slow
 def test_an_effect_that_ends_has_an_end(judge, another_day):
     between = (another_day["time"] >= 100.0) & (another_day["time"] < 250.0)
     wrong = {**another_day, "W_maf": np.where(between, 0.85, 1.0) * another_day["W_maf"]}
