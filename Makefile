@@ -34,7 +34,7 @@ help:
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
 	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws, and a bank of its faults; half an hour of one processor'
-	@echo 'make fleet-proof a fleet that ages, twenty times: what track finds, whom it accuses, how good its maps are; half an hour of one processor'
+	@echo 'make fleet-proof a fleet that ages, twenty times: what track finds, whom it accuses, how good its maps are; ten minutes of one processor'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
 	@echo 'make kill    SIGKILL at 1000 random moments (NUMBER=...) of every verb that writes'

@@ -396,7 +396,7 @@ def _page(
                 ["of the drift stated", "found", "others accused"],
                 [[f"{share:g}", f"{c.found} of {c.changes}", f"{c.accused} of {c.healthy}"] for share, c in powers],
             ),
-            "Time and memory of `lpvobs track`, started afresh, reading and writing the file included; the quickest of three, and "
+            "Time and memory of `lpvobs track`, started afresh, reading and writing the file included; the quickest of a few, and "
             f"the {SHORT} logs once. Other work was done on the machine meanwhile. Memory grows with the fleet that is kept, not "
             "with the logs that are read.",
             markdown(
