@@ -100,6 +100,7 @@ def test_a_log_that_was_left_out_is_in_every_artefact(estimate, lpvobs, fleet, t
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("2", "0", "1")
 
 
+@pytest.mark.slow
 def test_logs_of_one_name_are_told_apart_by_their_folders(estimate, fleet, together, tmp_path):
     for number in range(LOGS):
         (tmp_path / f"V{number}").mkdir()
@@ -127,6 +128,7 @@ def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_p
     assert " - " not in done.out
 
 
+@pytest.mark.slow
 def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tmp_path):
     place = table.column_names.index("W_maf")
     field, column = table.schema.field("W_maf"), table["W_maf"].to_numpy()
@@ -159,6 +161,7 @@ def test_a_killed_run_goes_on_where_it_was(estimate, config, chain, fleet, toget
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
 def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, fleet, together, tmp_path):
     out, other = tmp_path / "r.h5", tmp_path / "other.toml"
     other.write_text(config.read_text().replace("smoothing = 0.05 ", "smoothing = 0.06 "))
