@@ -78,7 +78,9 @@ def make_report(
     """Return what `write_report` does, and the verdicts of gates beside it, written as JUnit XML if asked for."""
     conditions = list(dict.fromkeys(map(parse_gate, [gates] if isinstance(gates, str) else gates)))
     if junit is not None and not conditions:
-        raise UsageError(f"--junit {junit}: there is no verdict to write; give a --gate, or leave it out")
+        raise UsageError(
+            f"--junit {junit}: there is no verdict to write without a gate; add --gate, or leave out --junit"
+        )
     if junit is not None and html is not None and as_path(junit).resolve() == as_path(html).resolve():
         raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
     paths = [as_path(result), *as_paths(further)]

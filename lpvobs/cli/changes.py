@@ -68,7 +68,7 @@ def track(
         "TABLE", "CSV or Parquet with a column log, and others such as vehicle, engine, date."
     ),
     gain: Path | None = GAIN,
-    engine: Path | None = option("ENGINE.h5", "An engine made by calibrate from the same configuration."),
+    engine: Path | None = option("ENGINE.h5", "An engine file of calibrate, from the same configuration as --config."),
     to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
     refined: list[Path] | None = option(
         "REFINED.h5", "A refined result whose effects are added. Repeatable.", "--refined"

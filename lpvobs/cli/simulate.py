@@ -22,7 +22,7 @@ def simulate(
         "configs/surfaces.",
     ),
     engine: Path | None = option(
-        "ENGINE.h5", "An engine made by calibrate from the same configuration, whose constants are used."
+        "ENGINE.h5", "An engine file of calibrate, from the same configuration as --config; its constants are used."
     ),
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
     seed: int = option("N", "Seed of noise, road and points; the same one gives the same bytes.", default=1),
