@@ -100,7 +100,7 @@ def _misused(error: Exception) -> int:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "lpvobs"
     if not context or context.get_help() != says():  # without any argument the message is the help
-        words = re.sub(r"Input should be (a valid \w+),.*", r"not \1", " ".join(visible(says()).split()))
+        words = re.sub(r"not a valid int\w*( range)?", "not a whole number", " ".join(visible(says()).split()))
         print(f"lpvobs: {words.rstrip('.')}; see `{command} --help`", file=sys.stderr)
     else:
         print(says(), file=sys.stderr)

@@ -156,7 +156,7 @@ def test_top_level(lpvobs, arguments):
     [
         (("estimat",), ("'estimat'", "'estimate'", "`lpvobs --help`")),
         (("estimate",), ("LOG...", "`lpvobs estimate --help`")),
-        (("estimate", "x", "--jobs", "many", "--out", "y"), ("--jobs': not a valid integer; see",)),
+        (("estimate", "x", "--jobs", "many", "--out", "y"), ("--jobs': 'many' is not a whole number; see",)),
         (("verify", "a", "b"), ("b", "`lpvobs verify --help`")),
         (("inspect", "--no\nsuch\x1b[31m"), ("--no",)),
     ],
