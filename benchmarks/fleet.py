@@ -182,7 +182,8 @@ def _measured(*arguments: object) -> tuple[float, float, float]:
     """Return processor time [s], time [s] and the largest memory [MB] of a command line."""
     begin, before = time.monotonic(), os.times()
     call = [sys.executable, "-c", MEASURED, *map(str, arguments)]
-    done = subprocess.run(call, capture_output=True, text=True, check=True)
+    compiled = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}  # bytecode is kept, as pip and Python do it
+    done = subprocess.run(call, capture_output=True, text=True, check=True, env=compiled)
     clock, after = time.monotonic() - begin, os.times()
     processor = after.children_user + after.children_system - before.children_user - before.children_system
     return processor, clock, float(done.stdout.split()[-1]) / 1024
