@@ -182,8 +182,7 @@ def _measured(*arguments: object) -> tuple[float, float, float]:
     """Return processor time [s], time [s] and the largest memory [MB] of a command line."""
     begin, before = time.monotonic(), os.times()
     call = [sys.executable, "-c", MEASURED, *map(str, arguments)]
-    compiled = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}  # bytecode is kept, as pip and Python do it
-    done = subprocess.run(call, capture_output=True, text=True, check=True, env=compiled)
+    done = subprocess.run(call, capture_output=True, text=True, check=True)
     clock, after = time.monotonic() - begin, os.times()
     processor = after.children_user + after.children_system - before.children_user - before.children_system
     return processor, clock, float(done.stdout.split()[-1]) / 1024

@@ -83,7 +83,8 @@ def calibrate(
     for number, path in enumerate(inputs):
         if path.name in [other.name for other in inputs[:number]]:
             raise UsageError(
-                f"{path}: another input has this file name, and results know inputs by their names; rename one"
+                f"{path}: another input has the same file name, but results tell inputs apart by file name; rename one "
+                "of the two files"
             )
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
@@ -92,7 +93,7 @@ def calibrate(
             stored = _learned(configuration, text, known)
         elif not air_path.components:
             raise UsageError(
-                f"{as_path(config)}: an engine of kind {air_path.name} has no components to calibrate; see docs/own-engine.md"
+                f"{as_path(config)}: this kind of engine ({air_path.name}) has no components to calibrate; see docs/own-engine.md"
             )
         else:
             stored = _calibrated(configuration, text, (tables, known, metered), parts, given, shown(progress))

@@ -177,8 +177,8 @@ def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
     """Raise UsageError where a map that stands was estimated with another engine."""
     if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
         raise UsageError(
-            f"{stored.path}: was not made with {calibrated}, and a map that is taken as right needs the engine that it was "
-            f"made with; drop --engine, estimate the map with it, or say --free-map"
+            f"{stored.path}: was not made with {calibrated}, but to keep a map, `trace` needs the engine with which it was made; "
+            f"drop --engine, estimate the map with this engine, or give --free-map"
         )
 
 
@@ -208,9 +208,14 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
     if all(made):
         if anew and len(logs) < len(stored.logs):
             names = ", ".join(log.name for log in stored.logs)
-            raise UsageError(f"{stored.path}: made from {names}; name all, or say --free-map for a map from these")
+            raise UsageError(
+                f"{stored.path}: was estimated from {names}; name all these logs, or give --free-map to estimate a map "
+                "from the named ones"
+            )
         return False
     if any(made):
         names = ", ".join(log.name for log, own in zip(logs, made, strict=True) if own)
-        raise UsageError(f"{stored.path}: made from {names}, not from the other logs; say --freeze-map or --free-map")
+        raise UsageError(
+            f"{stored.path}: was estimated from {names}, but not from the other logs; give --freeze-map or --free-map"
+        )
     return True

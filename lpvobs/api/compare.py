@@ -194,7 +194,7 @@ def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
     if failed:
         gate = failed[0]
         raise NotProven(
-            f"gate failed: {found.second} less {found.first} has {gate.metric} = {known[gate.metric]:.6g}, the gate is {gate}; "
+            f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}, the gate is {gate}; "
             f"look at the significant nodes, or widen the gate"
         )
 
@@ -207,7 +207,7 @@ def _in_units(gate: str) -> tuple[str, float]:
     try:
         return text, float(convert(np.ones(1), unit, "kg/s")[0])
     except ValueError:
-        raise UsageError(f"--gate '{gate}': no unit of a flow: '{unit}'; expected for example 0.5 g/s") from None
+        raise UsageError(f"--gate '{gate}': '{unit}' is not a unit of flow; expected for example 0.5 g/s") from None
 
 
 def _significant(change: Surface, after: Array, nodes: Joint, on: NDArray[np.int64]) -> list[NodeChange]:
@@ -241,5 +241,5 @@ def region_of(text: str) -> dict[str, tuple[float, float]]:
         try:
             found[name.strip()] = (float(low), float(high))
         except ValueError:
-            raise UsageError(f"--region {text}: expected AXIS=FROM:TO, then a comma before a second axis") from None
+            raise UsageError(f"--region {text}: expected AXIS=FROM:TO, or two of these with a comma between") from None
     return found

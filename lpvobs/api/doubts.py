@@ -85,7 +85,7 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
         if share > check.most:
             yield (
                 f"{check.says} for {100 * share:.0f} % of the time, which no healthy engine does; "
-                f"see whether the two are exchanged, or one has another unit or reference"
+                f"check whether the two channels are exchanged, or one has another unit or reference"
             )
     reads = _reads(sums)
     if not READS <= reads <= 1.0 / READS:
@@ -95,7 +95,7 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
         )
     mistake = sums.mended_by()
     if mistake is not None:
-        yield f"{config.kind.suspects.mix_ups[mistake].says}? Without that the balances would agree far better; mend the log"
+        yield f"{config.kind.suspects.mix_ups[mistake].says}? The balances would then agree far better; correct the log"
     elif own.ratio > DISAGREE:
         place = ", ".join(f"{axis} {low:g} to {high:g}" for axis, (low, high) in own.where.items())
         yield (
@@ -126,8 +126,8 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
         if sure > SURE and abs(off) > OFF:
             which = "larger" if off > 0.0 else "smaller"
             yield (
-                f"{name}: fast transients fit better if it is {100 * abs(off):.0f} % {which}, by {sure:.0f} times what noise and "
-                f"tolerance allow; check it in [engine]"
+                f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}, which is {sure:.0f} "
+                f"times what noise and tolerance allow; check {name} in [engine]"
             )
 
 

@@ -135,7 +135,7 @@ def used_engine(config: Config, engine: Path | None, method: str) -> engines.Cal
     if engine is None:
         return None
     if method != "observer" and not config.kind.air_path.learns:
-        raise UsageError(f"--method {method}: takes the engine as configured; drop --engine")
+        raise UsageError(f"--method {method}: always uses the configured engine; drop --engine")
     stored = engines.read_engine(engine, config.engine_path())
     return engines.CalibratedEngine(engine.name, file_digest(engine), stored)
 
@@ -145,7 +145,9 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
     if constants not in CONSTANTS:
         raise UsageError(f"--constants {constants}: unknown; expected one of {', '.join(CONSTANTS)}")
     if method != "observer":
-        raise UsageError(f"--constants: the method {method} takes the engine as configured; drop one of them")
+        raise UsageError(
+            f"--constants: --method {method} always uses the configured constants; drop one of the two options"
+        )
     return replace(config, estimate=replace(config.estimate, constants=constants))
 
 
@@ -236,7 +238,9 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
 def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> fleet.Workplace:
     """Return where logs are done: here by default if they are few, else in one process per processor."""
     if jobs is not None and scheduler is not None:
-        raise UsageError("--jobs: counts processes here, --scheduler names workers elsewhere; drop one of them")
+        raise UsageError(
+            "--jobs: starts processes on this machine, but --scheduler uses workers on others; drop one of the two options"
+        )
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
         raise UsageError(f"--method {method}: goes through the logs in turn; drop --jobs and --scheduler")
     if jobs is not None and jobs < 1:

@@ -161,9 +161,11 @@ def _refuse_contradictions(
     if not 2 <= digits <= 17:
         raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
     if kind and file_format != "dcm":
-        raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; leave it out for {file_format}")
+        raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; drop --kind for {file_format}")
     if file_format in ("dcm", "cdfx") and only_estimated and old is None:
-        raise UsageError(f"--only-estimated: {file_format.upper()} has a value everywhere; give --old OLD.dcm")
+        raise UsageError(
+            f"--only-estimated: a {file_format.upper()} needs a value at every node; give the old values with --old OLD.dcm"
+        )
 
 
 def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list[str]:

@@ -139,7 +139,7 @@ def _falls(stored: StoredGain, map_gain: str) -> bool:
         raise UsageError(f"--map-gain {map_gain}: expected {' or '.join(MAP_GAINS)}")
     if map_gain == "falling" and not cascade:
         raise UsageError(
-            "--map-gain falling: nothing is proven where the sensor corrects the state by this gain; use constant"
+            "--map-gain falling: not proven stable for this gain, because its last column is not zero; use constant"
         )
     return cascade if not map_gain else map_gain == "falling"
 
@@ -161,7 +161,7 @@ def unit_of(
         elif air_path.learns:
             raise UsageError(f"a {air_path.name} engine is known from healthy logs alone; name RESULT.h5 or --engine")
     elif engine is not None:
-        raise UsageError(f"--engine {engine}: {result} has the engine of its map; name one of the two")
+        raise UsageError(f"--engine {engine}: {result} already contains an engine; drop --engine or the result")
     else:
         config, air_path, corrections = _of_map(result)
         surface = read_surface(result)
@@ -202,7 +202,7 @@ def _write_folder(folder: Path, made: Mapping[str, str]) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise DataError(f"{folder}: no folder can be made here ({error.strerror}); name one beside it") from None
+        raise DataError(f"{folder}: this folder cannot be made ({error.strerror}); name another in --out") from None
     for name, text in made.items():
         with replacing(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")

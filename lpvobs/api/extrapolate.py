@@ -64,13 +64,17 @@ def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[S
         raise UsageError(f"--method {method}: expected {' or '.join(METHODS)}")
     if smooth and method == "quadratic":
         raise UsageError(
-            "--smooth: a quadratic misses the estimated nodes and cannot smooth them; leave it out, or use --method kriging"
+            "--smooth: the quadratic does not go through the estimated nodes, so it cannot smooth them; drop --smooth, "
+            "or use --method kriging"
         )
     with updating(result) as path:
         stored = read_result(path)
         known = bool(np.isfinite(stored.covariance).all())
         if not known and smooth:
-            raise UsageError(f"--smooth: {path}: {stored.method} gives no covariance; estimate with --method observer")
+            raise UsageError(
+                f"--smooth: {path}: the method {stored.method} has no covariance, which smoothing needs; estimate with "
+                "--method observer"
+            )
         covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
         grid, theta, design = stored.grid, stored.theta, stored.design
 

@@ -122,7 +122,8 @@ def make_published_gain(config: Config, column: str | None = None) -> gains.Stor
     if printed is None:
         able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.published)
         raise UsageError(
-            f"air_path = '{config.air_path}': the paper has no gain for it; make one with synth-gain, or see {able}"
+            f"air_path = '{config.air_path}': the paper has no gain for this engine; make one with `lpvobs synth-gain`, "
+            f"or see {able}"
         )
     column = next(iter(printed.bounds)) if column is None else column
     if column not in printed.bounds:

@@ -201,7 +201,10 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
         try:
             if not origin.get(by):
                 metadata_of(path)  # raises where there is no such log, or it is damaged
-                raise DataError(f"{path}: its {by} is unknown; give --path or --origins, or record it with --vehicle")
+                raise DataError(
+                    f"{path}: the {by} of this log is unknown; give --path or --origins, or name it by --vehicle when "
+                    "you ingest the log"
+                )
             kind = origin.get("engine") or config.air_path
             found.append(_Whose(path, origin[by], kind, day_of(path, origin)))
         except DataError as error:
@@ -270,8 +273,8 @@ class _Adding:
                 basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
                 if before.key != self.key(task.point):
                     raise DataError(
-                        f"{self.out}: was made with another configuration, gain, engine or version; its sums do not add up "
-                        f"with new ones: give what it was made with, or name another file in --out and all logs"
+                        f"{self.out}: was made with another configuration, gain, engine or version, so new logs cannot be added: "
+                        f"give what it was made with, or name a new file in --out and all logs"
                     )
             key = self.key(task.point)
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)

@@ -106,7 +106,9 @@ def make_report(
                 from lpvobs.report.page import page as made
             except ValueError as error:  # matplotlib reads the variable as it is loaded
                 said = str(error).partition(";")[0]
-                raise UsageError(f"matplotlib: {said}; unset MPLBACKEND, the page needs no backend") from None
+                raise UsageError(
+                    f"matplotlib: {said}; unset the variable MPLBACKEND, which the page does not need"
+                ) from None
             with replacing(page) as temporary:
                 temporary.write_text(made(gather(loaded, fits), content.regions), encoding="utf-8")
         verdicts = judge(conditions, content.logs, content.results)

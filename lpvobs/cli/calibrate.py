@@ -8,7 +8,7 @@ from lpvobs.cli.options import CONFIG, JSON, flag, needed, option
 
 @guarded
 def calibrate(
-    out: Path = needed("ENGINE.h5", "The engine to write."),
+    out: Path = needed("ENGINE.h5", "The engine file to write."),
     bench: list[Path] | None = option(
         "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
     ),
@@ -16,16 +16,18 @@ def calibrate(
     reference: list[Path] | None = option("LOG", "A log with W_reference, a meter beside the sensor.", "--reference"),
     maps: list[str] | None = option(
         "KIND=FILE",
-        "A table of one component, of a kind that the engine has; a CSV with a second line of units, Parquet, or "
-        "FILE.dcm:LABEL. A compressor's map names T_reference and p_reference.",
+        "The map of one component: CSV with a second line of units, Parquet, or FILE.dcm:LABEL. A compressor's map states "
+        "T_reference and p_reference.",
         "--map",
     ),
-    gain: Path | None = option("GAIN.h5", "For logs: made by synth-gain; without it, one is made and proven first."),
+    gain: Path | None = option(
+        "GAIN.h5", "The gain for the logs, made by synth-gain. By default a gain is made and proven first."
+    ),
     plan: bool = flag("--plan", "Say which further bench points would help most; needs no data yet."),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Find an engine's constants and the corrections of its components, which estimate then starts from.
+    """Find an engine's constants and the corrections of its components. `estimate` then starts from these.
 
     Each of --bench, --healthy, --reference and --map can be given several times. The search starts from the constants and
     tolerances of the configuration.
@@ -59,7 +61,10 @@ def calibrate(
     by_prior = [name for name, item in found.constants.items() if not item.determined]
     if found.constants:
         say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
-        say(f"constants that stay as the configuration has them, within its tolerance: {', '.join(by_prior) or 'none'}")
+        say(
+            "constants that the data did not determine, so the configuration's value and tolerance stay: "
+            f"{', '.join(by_prior) or 'none'}"
+        )
     points = f", {found.points} bench points" if found.points else ""
     say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:

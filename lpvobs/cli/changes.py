@@ -13,10 +13,13 @@ def compare(
     first: Path = argument("A.h5", "A result of estimate, the earlier one; or a fleet made by track."),
     second: Path | None = argument("[B.h5]", "The later result; leave it out for a fleet.", None),
     vehicle: str = option("NAME", "A vehicle of the fleet, of which two periods are compared.", default=""),
-    period: list[str] | None = option("PERIOD", "The earlier and then the later one, such as 2025-01."),
+    period: list[str] | None = option("PERIOD", "Two periods, such as 2025-01; the earlier one first."),
     values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
     region: str | None = REGION,
-    gate: list[str] | None = option("EXPR", '"largest_change<=0.5 g/s", say; also mean_change, p_value. Repeatable.'),
+    gate: list[str] | None = option(
+        "EXPR",
+        'A limit that the change must keep, such as "largest_change<=0.5 g/s". Also mean_change, p_value. Repeatable.',
+    ),
     figure: Path | None = option("FILE.svg", "Draw the change at every node, with a frame where it exceeds its error."),
     as_json: bool = JSON,
 ) -> None:
@@ -58,7 +61,9 @@ def compare(
 @guarded
 def track(
     logs: list[Path] | None = argument(
-        "[LOG]...", "Parquet logs, patterns, or folders; without any, the stored sums are evaluated again.", None
+        "[LOG]...",
+        "Parquet logs, patterns, or folders; without any, what the fleet file holds is evaluated again.",
+        None,
     ),
     out: Path = needed("FLEET.h5", "The fleet to write or to add to; logs that are in it already are not read again."),
     by: str = option("KEY", "The field that names the vehicle of a log.", default="vehicle"),
@@ -71,7 +76,7 @@ def track(
     engine: Path | None = option("ENGINE.h5", "An engine file of calibrate, from the same configuration as --config."),
     to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
     refined: list[Path] | None = option(
-        "REFINED.h5", "A refined result whose effects are added. Repeatable.", "--refined"
+        "REFINED.h5", "A result of refine; the fleet then shows when its effects were there. Repeatable.", "--refined"
     ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
@@ -97,7 +102,7 @@ def track(
         print_json("track", content)
     else:
         show_fleet(fleet, verbose)
-        stopped = f", {content.reused} of them read by a run that was stopped" * bool(content.reused)
+        stopped = f", {content.reused} of them read by an earlier run that was stopped" * bool(content.reused)
         say(f"{out}: {content.new} new logs{stopped}, {content.logs - content.new} known before")
     leave(content.refused)
 

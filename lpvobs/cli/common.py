@@ -50,9 +50,9 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             _stopped(received())
             where = f"{error.filename}: " if error.filename else ""
             if error.errno in DISK_FAILURES:
-                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; make room and try again", 3)
+                fail(f"{where}{error.strerror}; no file was changed; make room on the disk and run this again", 3)
             if error.errno in REFUSALS:
-                fail(f"{where}{error.strerror}; no file was changed by the unfinished step; mend that and try again", 3)
+                fail(f"{where}{error.strerror}; no file was changed; correct this and run the command again", 3)
             _fault(error)
         except Exception as error:
             _stopped(received())
@@ -69,7 +69,7 @@ def _expect_surroundings() -> None:
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
     if not epoch.isdecimal():
-        raise UsageError(f"SOURCE_DATE_EPOCH={epoch}: expected whole seconds since 1970; mend or unset the variable")
+        raise UsageError(f"SOURCE_DATE_EPOCH={epoch}: expected whole seconds since 1970; correct or unset the variable")
     granted, _ = resource.getrlimit(resource.RLIMIT_AS)
     if granted != resource.RLIM_INFINITY and granted < LEAST_ADDRESSES:
         raise DataError(

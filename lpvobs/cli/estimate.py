@@ -25,7 +25,10 @@ def estimate(
         "ENGINE.h5", "An engine made by calibrate from this configuration; without it, the configured constants."
     ),
     method: str = option(
-        "NAME", "observer; published: Gamma = 200 I as in the paper; ekf; batch.", offers=METHODS, default="observer"
+        "NAME",
+        "observer; published, the observer with Gamma = 200 I as in the paper; ekf, a Kalman filter; batch, least squares.",
+        offers=METHODS,
+        default="observer",
     ),
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
@@ -100,5 +103,5 @@ def estimate(
     for line in done.doubts.says[:MOST_LINES]:
         say(f"lpvobs: {line}")
     if len(done.doubts.says) > MOST_LINES:
-        say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more, see --json")
+        say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more warnings, see --json")
     leave(done.refused)

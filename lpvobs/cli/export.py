@@ -12,10 +12,14 @@ WHAT = "dcm, cdfx, csv or netcdf: the map; lab: a label list; c99 or fmu: the ob
 
 @guarded
 def export(
-    result: Path = argument("RESULT.h5", "A result of estimate; for c99 and fmu GAIN.h5."),
+    result: Path = argument("RESULT.h5", "A result of estimate; for c99 and fmu a gain instead."),
     file_format: str = needed("FORMAT", WHAT, "--format", offers=FORMATS),
     out: Path = needed("FILE", "The file to write; for c99 the folder."),
-    start: Path | None = argument("[RESULT.h5]", "For c99 and fmu: map and engine to start from.", default=None),
+    start: Path | None = argument(
+        "[RESULT.h5]",
+        "For c99 and fmu: a result of estimate, with whose map and engine the observer starts.",
+        default=None,
+    ),
     source: str = option(
         "GROUP", "map or extrapolation; by default extrapolation if the result has one.", "--values", default=""
     ),
@@ -35,7 +39,11 @@ def export(
     digits: int = option("N", "Significant digits in dcm and csv.", default=7),
     engine: Path | None = ENGINE,
     map_gain: str = option(
-        "GAIN", "For c99 and fmu: falling (where the gain's proof covers it) or constant.", offers=MAP_GAINS, default=""
+        "GAIN",
+        "For c99 and fmu: the map gain Gamma, constant or falling with the time driven. By default falling, if the gain is "
+        "proven for that.",
+        offers=MAP_GAINS,
+        default="",
     ),
     rate: float = option("HZ", "For c99 and fmu: the highest number of samples a second.", default=100.0),
     widest: float = option(
@@ -63,11 +71,14 @@ def export(
         for number, size in made.bytes_of_state.items():
             pivot = made.smallest_pivot[number]
             print(f"{number}: state {size} bytes; Theorem 1 proven again, smallest pivot {pivot:.3g}")
-        say(f"{out}: the observer, {made.map_gain} map gain, late by {made.delay:g} s and up to two samples")
+        say(
+            f"{out}: the observer with {made.map_gain} map gain; its output is late by {made.delay:g} s and up to two samples"
+        )
         return
     if start is not None or engine is not None or map_gain:
         raise UsageError(
-            f"--format {file_format}: takes one result, no --engine and no --map-gain; these belong to {' and '.join(OBSERVERS)}"
+            f"--format {file_format}: takes one result, but no --engine and no --map-gain; these two are for "
+            f"{' and '.join(OBSERVERS)}"
         )
 
     done = export_map(
@@ -99,6 +110,8 @@ def export(
         return
     say(f"{out}: {', '.join(f'{count} {origin}' for origin, count in counts.items())}")
     if left := counts.get("left_out", 0):
-        say(f"{left} nodes left out: 90 % intervals over {grams(done.widest)} g/s to either side; --widest takes more")
+        say(
+            f"{left} nodes left out, because their 90 % interval is wider than +-{grams(done.widest)} g/s; --widest sets this limit"
+        )
     if done.limited:
         say(f"{done.limited} values changed by the limits of the control unit")

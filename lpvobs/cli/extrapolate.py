@@ -34,7 +34,9 @@ def extrapolate(
     for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):
         print(table(*coefficients))
     more = f", {fitted.nodes} smoothed" if smooth else ""
-    say(f"outer estimated nodes inside their 90 % interval when fitted without them: {percent(held, 0)}")
+    say(
+        f"outer estimated nodes, left out and predicted from the others, lie inside the predicted 90 % interval: {percent(held, 0)}"
+    )
     say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
     if half is not None:
         say(f"their 90 % intervals: +-{grams(half[0])} g/s or less for half of them, +-{grams(half[1])} g/s at most")

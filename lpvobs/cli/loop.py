@@ -42,7 +42,10 @@ def trace(
         print_json("trace", TraceOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
     else:
         show(traced.found, traced.map_frozen, refined=False)
-        say(f"held-out residual {1e3 * traced.found.comparison.before:.3f} g/s rms; /trace written into {result}")
+        say(
+            f"held-out residual {1e3 * traced.found.comparison.before:.3f} g/s rms; the result of the search is in "
+            f"{result} under /trace"
+        )
     leave(traced.refused)
 
 

@@ -61,13 +61,13 @@ SCHEDULER = option(
 VEHICLE = option("NAME", "The vehicle, stored in the log for track.")
 DATE = option("YYYY-MM-DD", "The date of the drive, stored in the log for track.")
 LOGS = argument("LOG...", "Parquet logs, patterns, or folders of logs.")
-REGION = option("AXIS=FROM:TO,...", "Print the mean over this region of the map, too; a comma before a second axis.")
+REGION = option("AXIS=FROM:TO,...", "Also print the mean over this region of the map; put a comma between two axes.")
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(
     "ENGINE.h5", "An engine made by calibrate to start from; by default, the one that the result was made with."
 )
 MAP = flag(
     "--freeze-map/--free-map",
-    "Take the map as right, or estimate it with the effects. By default it is right for logs that did not make it.",
+    "Keep the map, or estimate it again with the effects. By default it is kept for logs that it was not estimated from.",
     default=None,
 )

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 @guarded
 def ingest(
     sources: list[Path] = argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
-    profile: str = needed("NAME|TOML", "liu-ice, kit-obd, or one that `lpvobs profile` drafted.", offers=PROFILES),
+    profile: str = needed(
+        "NAME|TOML", "liu-ice, kit-obd, or a profile file drafted by `lpvobs profile`.", offers=PROFILES
+    ),
     out: Path = needed("LOG.parquet", "The log to write."),
     vehicle: str | None = VEHICLE,
     date: str | None = DATE,
@@ -49,7 +51,10 @@ def profile(
 
     text = draft_profile(source, out, names)
     if out is not None:
-        say(f"{out}: read it, uncomment what is right, then lpvobs ingest {source} --profile {out} --out LOG.parquet")
+        say(
+            f"{out}: read this profile, uncomment the lines that are right, then run: lpvobs ingest {source} --profile "
+            f"{out} --out LOG.parquet"
+        )
     if as_json:
         profile = None if out is None else str(out)
         print_json("profile", ProfileOutput(source=str(source), profile=profile, text=text))
@@ -62,7 +67,8 @@ def inspect(
     logs: list[Path] = LOGS,
     config: Path | None = option(
         "TOML",
-        "Engine and policies; by default lpvobs.toml in this folder or above, else the first engine that the log serves.",
+        "Engine and policies; by default lpvobs.toml in this folder or one above, else the first engine whose channels "
+        "the log has.",
         "--config",
     ),
     as_json: bool = JSON,

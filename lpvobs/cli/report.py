@@ -29,7 +29,7 @@ def report(
     result: Path = argument("RESULT.h5", "A result of estimate, or an engine made by calibrate."),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
-        "Logs that the results were made from (for courses over time and fit), and further results.",
+        "Logs that the results were made from, to draw signals over time and the fit; further results.",
         default=None,
     ),
     html: Path | None = option("FILE", "Write one self-contained page."),
@@ -63,7 +63,7 @@ def report(
     if (kind := kind_of(result)) in ("engine", "fleet"):
         if gate or junit or region or further:
             raise UsageError(
-                f"{result}: is of kind {kind}; logs, --gate, --junit and --region belong to results of estimate"
+                f"{result}: holds a {kind}; logs, --gate, --junit and --region are only for results of estimate"
             )
         _other(kind, result, html, as_json)
         return

@@ -46,12 +46,12 @@ def simulate(
     if bench is not None:
         of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate, "--vehicle": vehicle, "--date": date}
         if given := [name for name, value in of_cycle.items() if value is not None]:
-            raise UsageError(f"--bench: its points are stationary, no cycle is driven; drop {' and '.join(given)}")
+            raise UsageError(f"--bench: simulates stationary points and no cycle; drop {' and '.join(given)}")
         with progress(f"simulating {bench} points") as report:
             points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
         channels, samples, duration, told = tuple(points.channels), bench, points.duration, f"{bench} stationary points"
     elif cycle is None:
-        raise UsageError("neither --cycle nor --bench; name a cycle, or how many stationary points")
+        raise UsageError("neither --cycle nor --bench is given; name a cycle, or the number of stationary points")
     else:
         with progress(f"simulating {cycle}") as report:
             speed = 100.0 if rate is None else rate

@@ -179,8 +179,9 @@ def along_log(form: Form, log: Log, time: Array) -> Array:
         known = np.isfinite(values)
         if not known.any():
             raise DataError(
-                f"{log.name}: channel '{name}' is missing, and the model's effect '{form.id({})}' follows it; record it, or "
-                f"name the result from before it was refined"
+                f"{log.name}: channel '{name}' is missing, and the model's effect '{form.id({})}' depends on it; record "
+                "this channel, or "
+                f"name the result from before `lpvobs refine`"
             )
         return np.asarray(np.interp(log.time, log.time[known], values[known]))
 

@@ -131,7 +131,9 @@ def course_on(known_effect: KnownEffect, log: Log, time: Array) -> Array:
 def _channel(log: Log, name: str) -> Array:
     if name in log.channels or name in log.auxiliary:
         return log.channels[name] if name in log.channels else log.auxiliary[name]
-    raise DataError(f"{log.name}: channel '{name}' is missing, and an effect of the model follows it; record it")
+    raise DataError(
+        f"{log.name}: channel '{name}' is missing, and an effect of the model depends on it; record this channel"
+    )
 
 
 def active(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
@@ -168,7 +170,7 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
     if found is None:
         known = ", ".join(effect.id for effect in model.catalogue)
         raise DataError(
-            f"the model's effect '{name}' is unknown for this engine, expected one of {known}; refine again"
+            f"the refined model has the effect '{name}', which this engine does not have, expected one of {known}; refine again"
         )
     return found
 
@@ -215,8 +217,8 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
         return along_log(curve, log, time)
     if curve.channel not in log.auxiliary:
         raise DataError(
-            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect 'channel:{curve.channel}' follows it; "
-            f"record it, or name the result from before it was refined"
+            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect 'channel:{curve.channel}' depends on it; "
+            f"record this channel, or name the result from before `lpvobs refine`"
         )
     recorded = log.auxiliary[curve.channel]
     known = np.isfinite(recorded)

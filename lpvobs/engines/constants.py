@@ -45,7 +45,7 @@ class Within:
             return None
         unit = "" if self.unit == "1" else f" {self.unit}"
         meant = " or ".join(self._meant(value))
-        hint = f"did you mean {meant}?" if meant else "mend that key"
+        hint = f"did you mean {meant}?" if meant else "correct that key"
         return f"{value:g}{unit} is no {self.what}, expected {self.low:g} to {self.high:g}; {hint}"
 
     def _meant(self, value: float) -> list[str]:

@@ -48,7 +48,7 @@ def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequ
     units = {effect.id: effect.unit for effect in catalogue} | dict.fromkeys(balances, unit)
     unknown = [name for name in day.levels if name not in units]
     if unknown:
-        raise UsageError(f"[trace.levels]: '{unknown[0]}' is unknown; expected some of {', '.join(units)}")
+        raise UsageError(f"[trace.levels]: '{unknown[0]}' is unknown; expected names out of {', '.join(units)}")
     return tuple(Level(name, units[name], value) for name, value in day.levels.items())
 
 

@@ -48,7 +48,7 @@ class Computed:
         known = dict(units) | {name: self.constant(name)[1] for name in self.constants}
         found = _kind(_tree(self.formula), {name: unit_of(unit) for name, unit in known.items()})
         if found is not None and _counted(found) != _counted(unit_of(self.unit)):
-            raise ValueError(f"'{self.formula}' is in {found:~}, expected the kind of {self.unit}; mend one of them")
+            raise ValueError(f"'{self.formula}' is in {found:~}, expected the kind of {self.unit}; correct one of them")
 
     def values(self, channels: Mapping[str, Array]) -> Array:
         """Return the result at the samples of the channels; not finite is NaN."""

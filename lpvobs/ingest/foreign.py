@@ -46,7 +46,10 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     for name, item in profile.computed.items():
         absent = (other for other in profile.channels if other not in values)
         if lacking := [other for other in absent if re.search(rf"\b{re.escape(other)}\b", item.formula)]:
-            raise DataError(f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave one out")
+            raise DataError(
+                f"computed channel '{name}' needs '{lacking[0]}', which no source has; leave the computed channel out, "
+                "or add the source"
+            )
         values[name], units[name] = item.values(values), item.unit
         count = int(np.count_nonzero(np.isfinite(values[name])))
         said = f"{name} = {item.formula}" + "".join(f", {key} = {text}" for key, text in item.constants.items())
@@ -76,7 +79,8 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
             hints = "; ".join(nearest(recording.heads, rules.names) for recording in sources)
             raise DataError(
                 f"{', '.join(str(recording.path) for recording in sources)}: channel '{name}' is missing, expected "
-                f"{' or '.join(repr(item) for item in rules.names)}; {hints}; mend the name in the profile or set optional = true"
+                f"{' or '.join(repr(item) for item in rules.names)}; {hints}; correct the name in the profile or set "
+                "optional = true"
             )
     for recording, names in zip(sources, found, strict=True):
         _refuse_twice(recording.path, names)
@@ -92,7 +96,7 @@ def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
         if full in by_column:
             raise DataError(
                 f"{path}: '{full}' is used twice, for channel '{by_column[full]}' and for '{name}', expected once; "
-                f"take one of them out of the profile, or compute it from the other in [computed]"
+                f"take one channel out of the profile, or compute it from the other one in [computed]"
             )
         by_column[full] = name
 
@@ -125,8 +129,8 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     files = ", ".join(part.done.file for part in parts)
     if wrong and (profile.time.backward == "refuse" or wrong > MOST_BACKWARD * time.size):
         raise DataError(
-            f"{files}: channel '{name}': the parts overlap in {wrong} samples, expected one after the other; order "
-            f'them, or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
+            f"{files}: channel '{name}': the parts overlap in {wrong} samples; put the parts in order, "
+            f'or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
         )
     repairs: dict[str, Any] = {"overlap": wrong} if wrong else {}
     for part in parts:

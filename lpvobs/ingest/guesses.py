@@ -56,7 +56,9 @@ def own_names(path: Path) -> dict[str, str]:
         if channel is None or name is None or line.startswith(("[", "#", "*")):
             continue
         if found.setdefault(bare(name), channel) != channel:
-            raise UsageError(f"{path}: '{name}' is {found[bare(name)]} and {channel}; expected one; mend the table")
+            raise UsageError(
+                f"{path}: '{name}' stands for {found[bare(name)]} and for {channel}; expected one channel; correct the table"
+            )
     if not found:
         raise UsageError(f"{path}: names no channel; expected lines NAME;CHANNEL of {', '.join(known_channels())}")
     return found
@@ -140,7 +142,10 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     delimiter = max(DELIMITERS, key=lambda sign: _width(lines, sign)[1])
     width, _ = _width(lines, delimiter)
     if width < 2:
-        raise DataError(f"{path}: the first lines are no table with , ; | or tab in between; see [source] in a profile")
+        raise DataError(
+            f"{path}: the first lines are not a table with comma, semicolon, | or tab between the columns; see [source] "
+            "in a profile"
+        )
     rows = [_fields(line, delimiter) for line in lines]
     header = next(number for number, row in enumerate(rows) if len(row) == width)
     body = [row for row in rows[header + 1 :] if any(row)]

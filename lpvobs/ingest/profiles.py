@@ -143,7 +143,9 @@ def profile_of(text: str, path: Path) -> Profile:
     """Return the profile in a text; `path` names it in errors."""
     profile = convert(path, parse(text, path), Profile, EXAMPLE)
     if profile.schema != SCHEMA:
-        raise UsageError(f"{path}: schema = {profile.schema}, expected {SCHEMA}; the file is for another version")
+        raise UsageError(
+            f"{path}: schema = {profile.schema}, expected {SCHEMA}; this file is for another version of lpvobs"
+        )
     if not profile.channels:
         sensor = usual_engine().air_path.sensor
         raise UsageError(f"{path}: [channels] is empty; give at least one table such as [channels.{sensor}]")
@@ -159,6 +161,7 @@ def profile_of(text: str, path: Path) -> Profile:
     for name in units:
         if name == "time" or name.startswith("ref_"):
             raise UsageError(
-                f"{path}: {name}: the name is taken; time has its own table, and a recording does not hold true values"
+                f"{path}: {name}: a channel cannot have this name; time has its own table [time], and names with ref_ "
+                "are for true values"
             )
     return profile

@@ -73,7 +73,9 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
     with opened(path) as stream:
         magic = stream.read(8)
     if magic not in MDF_MAGIC:  # the library would unpack it
-        raise DataError(f"{path}: does not begin like an MDF file; unpack it, or drop format in the profile's [source]")
+        raise DataError(
+            f"{path}: does not begin like an MDF file; unpack the file if it is packed, or drop format in the profile's [source]"
+        )
     if path.suffix.lower() in ARCHIVES:  # the library would take it for its own copy of an archive, and delete it
         raise DataError(f"{path}: is an MDF file under an archive's name; rename it to .mf4")
     return _opened(path, MDF)

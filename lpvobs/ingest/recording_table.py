@@ -146,8 +146,8 @@ def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
                 first = first or (number if line.count(b'"') % 2 else 0)
     if first and rows < lines:
         raise DataError(
-            f"{path}: {lines - rows} lines stand inside a quotation that begins at line {first}, expected a row in each line; "
-            f"mend that line, or export the file again"
+            f"{path}: a quotation mark in line {first} is not closed for {lines - rows} lines, expected a row in each line; "
+            f"close it, or export the file again"
         )
 
 
@@ -158,7 +158,9 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
     names = _fields(path, text, rules.header_row, rules.delimiter)
     units = _fields(path, text, rules.unit_row, rules.delimiter) if rules.unit_row else [""] * len(names)
     if len(names) != len(units):
-        raise DataError(f"{path}: {len(names)} names, {len(units)} units, expected as many; mend header_row, unit_row")
+        raise DataError(
+            f"{path}: {len(names)} names but {len(units)} units; correct header_row or unit_row in the profile"
+        )
     heads: dict[str, Head] = {}
     often = Counter(names)
     for number, (full, unit) in enumerate(zip(names, units, strict=True), 1):
@@ -186,7 +188,7 @@ def _decoded(path: Path, lines: list[bytes], encoding: str) -> tuple[str, list[s
             return candidate, [line.decode(candidate).lstrip("\ufeff") for line in lines]
         except (ValueError, LookupError):  # also of codecs that are none of text
             continue
-    raise DataError(f"{path}: the header is not {encoding}; name another encoding in the profile's [source]")
+    raise DataError(f"{path}: the header is not encoded in {encoding}; name another encoding in the profile's [source]")
 
 
 def _fields(path: Path, lines: list[str], row: int, delimiter: str) -> list[str]:

@@ -74,7 +74,7 @@ def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | 
         fitting = [full for full, head in recording.heads.items() if head.name == name]
         if len(fitting) > 1:
             raise DataError(
-                f"{recording.path}: {what}: '{name}' is there {len(fitting)} times: {', '.join(fitting[:6])}; "
+                f"{recording.path}: {what}: '{name}' stands for {len(fitting)} columns: {', '.join(fitting[:6])}; "
                 f"name one of them in full"
             )
         if fitting:

@@ -112,7 +112,7 @@ def time_column(recording: ForeignRecording, profile: Profile, rules: ChannelRul
     if full is None:
         raise DataError(
             f"{recording.path}: time column '{wanted}' is missing; {nearest(recording.heads, [wanted])}; "
-            f"mend source in the profile's [time]"
+            f"correct source in the profile's [time]"
         )
     return full
 
@@ -122,7 +122,9 @@ def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: 
     path = recording.path
     time, repairs = _seconds(recording, column, name, profile) if is_clock else (column.time, {})
     if time is None:
-        raise DataError(f"{path}: the format keeps no time with each channel; name its column, source in [time]")
+        raise DataError(
+            f"{path}: the format stores no time with a channel; name the time column as source in the profile's [time]"
+        )
     finite = np.isfinite(time)
     stamped = int(np.count_nonzero(finite))
     if stamped < 2:
@@ -151,7 +153,9 @@ def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Pr
     try:
         found = stamps(column.data, unit, profile.source.decimal)
     except ValueError as error:
-        raise DataError(f"{recording.path}: time column '{name}' {error}; mend unit in the profile's [time]") from None
+        raise DataError(
+            f"{recording.path}: time column '{name}' {error}; correct unit in the profile's [time]"
+        ) from None
     return found.time, {"nights": found.nights, "unreadable": found.unreadable}
 
 
@@ -209,7 +213,7 @@ def _in_turn(recording: ForeignRecording, full: str, clock: str, values: Array) 
     if late > 1 and late > TURNS_MISSED * changes:
         raise DataError(
             f"{recording.path}: '{full}' changes {late} of {changes} times in rows of other columns, expected one column per "
-            f"row in turn; lines are missing, or leave out polled in the profile's [source]"
+            f"row in turn; lines are missing, or the file is not polled: then drop polled in the profile's [source]"
         )
     return np.arange(values.size) % len(turns) == turn, late
 
@@ -223,7 +227,9 @@ def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelR
     try:
         values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)
     except ValueError as error:
-        raise DataError(f"{path}: channel '{name}' has the {error}; mend unit or source_unit in the profile") from None
+        raise DataError(
+            f"{path}: channel '{name}' has the {error}; correct unit or source_unit in the profile"
+        ) from None
     outside = (values < rules.low) | (values > rules.high)
     counts: dict[str, int | str] = {
         "empty": int(np.count_nonzero(~np.isfinite(raw))),

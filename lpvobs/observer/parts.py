@@ -186,8 +186,8 @@ def inform(
     """
     if np.any(gain.L[:, -1] != 0.0):
         raise DataError(
-            "gain: the sensor corrects the state (last column of L is not zero), expected a cascade for the default method; "
-            "synthesise with cascade = true in [gain], or use --method published"
+            "gain: the last column of L is not zero, so the air flow sensor corrects the state; run `lpvobs synth-gain` with "
+            "cascade = true in [gain], or use --method published"
         )
     seen = RangeSeen(len(air_path.parameter_names), gain.region, air_path.sensor)
     windows, walk = _windows(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)

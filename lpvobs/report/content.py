@@ -80,8 +80,8 @@ def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> Loade
     owner = next((result for result in results if any(log.sha256 == digest for log in result.logs)), None)
     if owner is None:
         raise DataError(
-            f"{path}: no result here was made from this log (SHA-256 {digest[:12]}...); "
-            f"expected one of the very files that `lpvobs estimate` read; leave it out, or estimate from it first"
+            f"{path}: none of the given results was made from this log (SHA-256 {digest[:12]}...); "
+            f"expected a log that `lpvobs estimate` read, unchanged; leave this log out, or run `lpvobs estimate` on it first"
         )
     log = read_log(path, air_path_of(owner).channels, _policies(owner))
     return log, read_references(path, log.rows)
@@ -92,7 +92,7 @@ def _policies(result: StoredResult) -> LogPolicies:
     try:
         return msgspec.convert(tomllib.loads(result.provenance.config).get("policies", {}), LogPolicies)
     except (ValueError, AttributeError, RecursionError, msgspec.MsgspecError) as error:
-        raise DataError(f"{result.path}: damaged configuration in it ({error}); {REMEDY}") from None
+        raise DataError(f"{result.path}: the configuration in this file is damaged ({error}); {REMEDY}") from None
 
 
 SEEN = 0.1

@@ -107,7 +107,7 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
     if metric in OF_RESULT and (words := OF_RESULT[metric].words):
         if relation not in ("==", "!=") or limit not in words:
             raise UsageError(
-                f"--gate '{expression}': {metric} is a word; expected == or !=, and one of {', '.join(words)}"
+                f"--gate '{expression}': {metric} is a text, not a number; expected == or !=, and one of {', '.join(words)}"
             )
         return Gate(metric, relation, limit)
     try:
@@ -164,7 +164,7 @@ def enforce(verdicts: Sequence[Verdict]) -> None:
     if failed:
         raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or widen the gate")
     if missing:
-        raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide it, or drop the gate")
+        raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide what is missing, or drop the gate")
 
 
 def _finite(value: float | str | None) -> float | str | None:

@@ -96,10 +96,10 @@ def verdict(view: ResultView) -> Iterator[str]:
             constant = ENGINES[stored.air_path].air_path.rate_names
             held = f", {' and '.join(constant)} held constant" if stored.method == "published" else ""
             yield (
-                f"{view.name}: on {cycle_title(log.name)} the map misses the sensor's true error by "
-                f"{tables.percent(m.mean_relative_error)} on average (floor of the grid "
+                f"{view.name}: on {cycle_title(log.name)} the map differs from the sensor's true error by "
+                f"{tables.percent(m.mean_relative_error)} on average (the best map on this grid: "
                 f"{tables.percent(m.floor_mean_relative_error)}{paper}), {tables.grams(m.rmse)} g/s rms; "
-                f"{tables.percent(log.share_certified, 1)} of the samples where stability is certified{held}."
+                f"stability is proven for {tables.percent(log.share_certified, 1)} of the samples{held}."
             )
     if all(log.metrics is None for log in stored.logs):
         yield "The true error of these logs is unknown (no references): the intervals say how accurate the map is."

@@ -157,7 +157,7 @@ def check_span(name: str, onset: float | None, end: float | None) -> None:
         if moment is not None and not (isfinite(moment) and moment >= 0.0):
             raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log")
     if end is not None and end <= (onset or 0.0):
-        raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; mend one of them")
+        raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; correct one of them")
 
 
 def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray[np.bool_]:

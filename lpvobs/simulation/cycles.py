@@ -105,7 +105,7 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
 def _columns(path: Path) -> dict[str, list[str]]:
     """Return the columns of a CSV file with a header, as text."""
     if path.exists() and not (path.is_file() and path.stat().st_size <= LARGEST):
-        raise UsageError(f"{path}: is no file of at most {LARGEST} bytes; name a cycle or a CSV table")
+        raise UsageError(f"{path}: is not a file, or is larger than {LARGEST} bytes; name a cycle or a CSV table")
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             header, *rows = [row for row in csv.reader(stream) if row]
@@ -115,7 +115,7 @@ def _columns(path: Path) -> dict[str, list[str]]:
         raise UsageError(f"{path}: is not a CSV table with a header line; see data/cycles for examples") from None
     short = next((number for number, row in enumerate(rows, 2) if len(row) != len(header)), None)
     if short is not None:
-        raise UsageError(f"{path}: row {short} does not have {len(header)} fields as the header has; mend that row")
+        raise UsageError(f"{path}: row {short} does not have {len(header)} fields as the header has; correct that row")
     return {name.strip(): [row[index] for row in rows] for index, name in enumerate(header)}
 
 
@@ -128,14 +128,16 @@ def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
         except ValueError:
             values[row] = np.nan
         if not np.isfinite(values[row]):
-            raise UsageError(f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is no finite number; mend it")
+            raise UsageError(f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is no finite number; correct it")
     return values
 
 
 def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
     """Return which rows to use, and refuse a time that does not rise or is too short or too long."""
     if time.size < 2 or not (np.diff(time) > 0).all():
-        raise UsageError(f"{path}: column 'time_s' must rise from row to row over at least two rows; sort or mend it")
+        raise UsageError(
+            f"{path}: column 'time_s' must rise from row to row over at least two rows; sort the rows or correct them"
+        )
     if time[-1] - time[0] > LONGEST:
         raise UsageError(
             f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected {LONGEST:g} at most; check that it is in seconds"

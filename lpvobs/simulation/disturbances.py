@@ -42,9 +42,9 @@ class ChannelEffect(Timed):
         if self.form == "switch":
             _check_strength(self.id, self.form, self.amplitude)
         if self.reference is not None and self.form not in ("additive", "gain"):
-            raise UsageError(f"{self.id}: form '{self.form}' has no reference; leave it out")
+            raise UsageError(f"{self.id}: form '{self.form}' takes no reference; delete that key")
         if self.threshold is not None and self.form != "switch":
-            raise UsageError(f"{self.id}: form '{self.form}' has no threshold; leave it out")
+            raise UsageError(f"{self.id}: form '{self.form}' takes no threshold; delete that key")
         check_span(self.id, self.onset, self.end)
 
     @property
@@ -57,7 +57,7 @@ class ChannelEffect(Timed):
         course = truth[self.channel]
         if float(np.ptp(course)) == 0.0:
             raise UsageError(
-                f"{self.id}: {self.channel} does not change on this drive, nothing can follow it; "
+                f"{self.id}: {self.channel} is constant on this drive, so no error can depend on it; "
                 f"take a longer cycle or another seed"
             )
         if self.form in ("additive", "gain"):
@@ -94,7 +94,8 @@ class Telegraph:
     def __post_init__(self) -> None:
         if not (self.seed >= 0 and SHORTEST <= self.on < float("inf") and SHORTEST <= self.off < float("inf")):
             raise UsageError(
-                f"unlogged: telegraph needs a seed that is not negative and mean times on and off of at least {SHORTEST:g} s"
+                f"unlogged: telegraph: expected a seed of zero or more, and a mean duration of at least {SHORTEST:g} s in each of "
+                f"the keys on and off"
             )
 
     def episodes(self, duration: float) -> tuple[tuple[float, float], ...]:
@@ -186,7 +187,7 @@ def _check_strength(name: str, form: str, strength: float) -> None:
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
         raise UsageError(
-            f"unlogged: {len(episodes)} episodes, expected at least two; write a single one as an effect with an onset"
+            f"unlogged: {len(episodes)} episodes, expected at least two; give a single episode as an effect with an onset"
         )
     for start, stop in episodes:
         check_span("unlogged", start, stop)

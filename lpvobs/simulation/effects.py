@@ -85,10 +85,12 @@ class CatalogueEffect(Timed):
             )
         check_span(self.id, self.onset, self.end)
         if self.bump and not (kind.bump and all(map(isfinite, self.bump)) and self.bump[1] > 0.0):
-            raise UsageError(f"{self.id}: centre and width belong to a curve, the latter above zero; mend or drop them")
+            raise UsageError(
+                f"{self.id}: only a curve has centre and width, and its width is above zero; correct or delete both keys"
+            )
         if self.id.endswith((".lag", ".delay")) and self.course is not None and self.course.name in GRADED:
             raise UsageError(
-                f"{self.id}: cannot be there in part, as in course {self.course.name}; "
+                f"{self.id}: is either on or off, and cannot grow as in course {self.course.name}; "
                 f"take one of {', '.join(name for name in KEYS if name not in GRADED)}"
             )
 
@@ -109,7 +111,9 @@ def kind_of(identifier: str) -> Kind:
         return CATALOGUE[identifier]
     if identifier in OTHER_ENGINE:
         sensor = identifier.partition(".")[0]
-        raise UsageError(f"{identifier}: the diesel has no {sensor}, only the throttled engine has; leave it out")
+        raise UsageError(
+            f"{identifier}: the diesel has no {sensor}, which belongs to the throttled engine; delete this effect"
+        )
     known = (*CATALOGUE, *OUTSIDE)
     near = difflib.get_close_matches(identifier, known, n=1, cutoff=0.4)
     hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
@@ -127,7 +131,7 @@ class Entry:
         """Refuse the first key that does not belong to this effect."""
         for key in self.table:
             if key not in known:
-                raise UsageError(f"{self.name}: unknown key '{key}'; it has {', '.join(known)}")
+                raise UsageError(f"{self.name}: unknown key '{key}'; expected {', '.join(known)}")
 
     def number(self, key: str) -> float:
         """Return a number that has to be there."""
@@ -149,7 +153,7 @@ class Entry:
         """Return a text that has to be there."""
         value = self.table.get(key)
         if not isinstance(value, str):
-            raise UsageError(f"{self.name}: key '{key}' is missing or no text")
+            raise UsageError(f"{self.name}: key '{key}' is missing or not a text in quotes")
         return value
 
     def pairs(self, key: str) -> tuple[tuple[float, float], ...]:

@@ -112,7 +112,9 @@ def simulate(
     Raises UsageError for an unknown cycle, an impossible rate or seed, or an effect that cannot show on this drive.
     """
     if not 0 < rate <= 1.0 / parameters.step:
-        raise UsageError(f"--rate {rate:g}: expected more than 0, at most {1.0 / parameters.step:g} Hz, one per step")
+        raise UsageError(
+            f"--rate {rate:g}: expected above 0 and at most {1.0 / parameters.step:g} Hz, the step of the simulation"
+        )
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")
     scene = scene_of(engine, parameters, cycle, auxiliary, seed)
@@ -161,7 +163,7 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
     if effect.id == "maf.drift":
         _check_drift(effect, scene)
     if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
-        raise UsageError(f"{effect.id}: T_amb is {WARM:g} K always, where it does nothing; add an [auxiliary] table")
+        raise UsageError(f"{effect.id}: has no influence, because T_amb stays at {WARM:g} K; add an [auxiliary] table")
 
 
 def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
@@ -226,7 +228,9 @@ def drawn(
     within = tolerance if isinstance(tolerance, Mapping) else {name: tolerance for name in names if name not in GIVEN}
     for name in within:
         if name not in names or name.startswith("Q_") or name == "n_cyl":
-            raise UsageError(f"'{name}' cannot be drawn; expected some of {', '.join(sorted(set(names) - GIVEN))}")
+            raise UsageError(
+                f"'{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
+            )
     deviation = {name: size * _draw(name, seed, normal) for name, size in within.items()}
     return scaled(engine, deviation), deviation
 

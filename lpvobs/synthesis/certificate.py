@@ -153,7 +153,10 @@ def prove_bound(problem: GainProblem, L: Array, bound: StateBound) -> str:
     n, r = L.shape
     shapes = bound.of_rates.shape, bound.of_outputs.shape
     if shapes != ((n, n), (n, r)) or not all(np.isfinite(each).all() for each in vars(bound).values()):
-        raise DataError(f"gain: its bound has the shapes {shapes}, expected finite numbers in {((n, n), (n, r))}")
+        raise DataError(
+            f"gain: its stored error bound has arrays of shapes {shapes}, expected {((n, n), (n, r))} with finite "
+            "numbers; synthesise it again"
+        )
     if min(each.min() for each in vars(bound).values()) < 0.0:
         return "the bound of the state has a negative entry"
     X, N = fractions(bound.of_rates), comparison(problem, L)

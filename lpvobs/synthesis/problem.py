@@ -33,8 +33,8 @@ class GainProblem:
         n = len(A)
         if n == 0 or any(len(row) != n for row in (*A, *C)):
             raise UsageError(
-                f"system: A has rows of {[len(row) for row in A]} and C of {[len(row) for row in C]} entries; "
-                "expected a square A and as many columns in C"
+                f"system: the rows of A have {[len(row) for row in A]} entries and those of C {[len(row) for row in C]}; "
+                "expected a square A, and as many columns in C as in A"
             )
         if not 0 <= self.map_output < len(C):
             raise UsageError(f"system: map_output is {self.map_output}, expected a row of C, 0 to {len(C) - 1}")

@@ -124,11 +124,16 @@ def _refuse_bad_pairs(region: Region) -> None:
     paired = [name for pair in region.nonnegative_sums for name in pair]
     if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
         raise UsageError(
-            f"region: nonnegative_sums {region.nonnegative_sums} must pair names of {region.names}, each at most once"
+            f"region: nonnegative_sums is {region.nonnegative_sums}, expected pairs of the names {region.names}, each "
+            "name in one pair "
+            f"at most"
         )
     for first, second in region.nonnegative_sums:
         if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
-            raise UsageError(f"region: {first} + {second} is negative everywhere, expected room for zero or more")
+            raise UsageError(
+                f"region: {first} + {second} is negative in the whole region, expected a region in which the sum can be "
+                "zero or more; raise an upper bound"
+            )
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,9 @@ def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float]
     the correction l [1/s] is not negative. Raises NotProven if the gain is no cascade, or no k makes V fall.
     """
     if np.any(gain.L[:, problem.map_output] != 0.0):
-        raise NotProven("gain: the sensor corrects the state, expected a cascade; set cascade = true in [gain]")
+        raise NotProven(
+            "gain: the innovation of the air flow sensor corrects the state; set cascade = true in [gain] and synthesise again"
+        )
     n, r = gain.L.shape
     L = np.zeros((n + 1, r))
     L[:n], L[n, problem.map_output] = gain.L, correction
@@ -70,7 +72,8 @@ def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) ->
             if smallest <= 0:
                 place = problem.region.place(vertex)
                 raise NotProven(
-                    f"sensor state: the Lyapunov function does not fall at {place}, tau = {1.0 / float(slowness):.4g} s"
+                    f"sensor state: the Lyapunov function does not decrease at {place} with "
+                    f"tau = {1.0 / float(slowness):.4g} s"
                 )
     return SensorState(L, P, tau, count, smallest)
 

@@ -74,7 +74,7 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = No
     L = np.array(L, dtype=float)
     _, r, n = C.shape
     if L.shape != (n, r) or not np.all(np.isfinite(L)):
-        raise DataError(f"gain: L has the shape {L.shape}, expected finite numbers in {(n, r)}")
+        raise DataError(f"gain: L has the shape {L.shape}, expected {(n, r)} with finite numbers; synthesise it again")
     closed = A - L @ C
     units = balance(closed, C)
     T, S, rate = units.states, units.outputs, units.rate

@@ -90,7 +90,7 @@ def test_a_region_and_gates(tmp_path):
     assert high - low == pytest.approx(2 * 1.645 * np.sqrt(2 * 0.9) * 1e-4, rel=0.03)
     with pytest.raises(NotProven, match=r"largest_change = 0.001.*the gate is largest_change<=0.0005"):
         lpvobs.compare(*pair, gates=["largest_change<=0.5 g/s"])
-    with pytest.raises(UsageError, match="no unit of a flow: 'bar'"):
+    with pytest.raises(UsageError, match="'bar' is not a unit of flow"):
         lpvobs.compare(*pair, gates=["largest_change<=0.5 bar"])
     with pytest.raises(UsageError, match="did you mean 'largest_change'"):
         lpvobs.compare(*pair, gates=["largest<=0.5"])

@@ -90,7 +90,10 @@ def test_tables_of_components_are_taken(lpvobs, folder):
     table.write_text("\n".join([*lines, "120000,0.066,1.5"]), encoding="utf-8")
     call = ("calibrate", "--config", DIESEL, "--map", f"compressor={table}", "--out", folder / "map.h5")
     done = lpvobs(*call)
-    assert (done.code, "compressor.csv: 'T_reference' is missing" in done.err) == (3, True), done.err
+    assert (
+        done.code,
+        "compressor.csv: 'T_reference' (temperature that corrected quantities refer to) is missing" in done.err,
+    ) == (3, True), done.err
     text = table.read_text(encoding="utf-8")
     table.write_text("# T_reference = 298 K\n# p_reference = 1 bar\n" + text, encoding="utf-8")
     done = lpvobs(*call, "--json")

@@ -89,4 +89,4 @@ def test_a_gain_for_other_temperatures_is_refused(lpvobs, config, chain, tmp_pat
     odd.write_text(config.read_text().replace("T_im = [280, 400]", "T_im = [260, 400]"))
     done = lpvobs("estimate", "--config", odd, "--gain", chain.gain, chain.log, "--out", tmp_path / "map.h5")
     assert done.code == 3
-    assert "gain for other temperatures: T_im is 280 to 400 K there" in done.err
+    assert "was made for other temperatures: T_im is 280 to 400 K in the gain" in done.err

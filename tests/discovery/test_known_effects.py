@@ -68,7 +68,7 @@ def test_a_curve_follows_the_channel_of_the_other_log(first, second, laid_out):
     undone = problem.signals["W_maf"] / signals["W_maf"]
     expected = 1.0 + 0.1 * np.sin(0.05 * problem.signals.time)
     assert undone == pytest.approx(expected, abs=1e-3)  # the channel is read between samples
-    with pytest.raises(DataError, match=r"^second: channel 'heat' is missing, .*record it"):
+    with pytest.raises(DataError, match=r"^second: channel 'heat' is missing, .*record this channel"):
         term_on(effect, laid_out(second), [second])
 
 

@@ -45,7 +45,7 @@ def test_the_table_of_accuracy(place):
     assert alike(table("exact constants, noise")[place::2], noisy)
     within = row("drawn_constants", f"within 1 % | {cycle}")
     assert alike(table("constants drawn within 1 %")[place], within[0])
-    assert alike(told("knows the truth has # and # %")[place], within[2])
+    assert alike(told("fitted to the truth is off by # and # %")[place], within[2])
 
 
 def test_the_engine_of_another_structure():
@@ -55,13 +55,13 @@ def test_the_engine_of_another_structure():
 
 def test_the_blind_bank():
     single = "single effect: first named right, or in a set of three at most"
-    (logs,) = told("bank of # simulated diesel drives")
+    (logs,) = told("On # blind simulated drives")
     right, of, clean = told("# of # single effects were named rightly and none of # clean drives was suspected")
     assert [right, of] == row("blind", "diesel", single)[:2]
     assert row("blind", "diesel", "clean: `none`")[:2] == [clean, clean]
-    assert told("only # of # pairs were found whole") == row("blind", "diesel", "pair: both found")[:2]
-    assert told("# of # single effects were named, and") == row("blind", "throttled", single)[:2]
-    assert told("and # % of the 90 % intervals") == [
+    assert told("Both effects were named in # of # drives with two") == row("blind", "diesel", "pair: both found")[:2]
+    assert told("# of # single effects were named, but") == row("blind", "throttled", single)[:2]
+    assert told("but only # % of the 90 % intervals") == [
         round(row("blind", "throttled", "truth inside its 90 % interval")[2])
     ]
     text = (ROOT / "benchmarks" / "results" / "blind.md").read_text(encoding="utf-8")

@@ -19,7 +19,10 @@ def test_it_has_less_than_a_thousand_words():
     [
         ("What is it?", r"estimates\s+that error from recorded drives, as a map"),
         ("Can my log do it?", r"\*\*Can my log do it\?\*\* [^-]*docs/your-logs\.md"),
-        ("Where do the constants come from?", r"\*\*Where do the constants come from\?\*\* [^-]*\s+`lpvobs calibrate`"),
+        (
+            "Where do the constants come from?",
+            r"\*\*Where do the constants come from\?\*\* [^-]*\s+`lpvobs\s+calibrate`",
+        ),
         ("How good?", r"\*\*How good is it\?\*\* [^-]*%"),
         ("What next?", r"\*\*What next\?\*\* `make run`, then the \[tutorial\]"),
     ],

@@ -38,7 +38,7 @@ def test_every_constant_of_every_engine_has_bounds(kind):
         ("eta_c_max = 0.72", "eta_c_max = 72.0", "did you mean 0.72 (72 %)?"),
         ("W_c_opt = 0.085", "W_c_opt = 306.0", "did you mean 0.306 (306 g/s) or 0.085 (306 kg/h)?"),
         ("c_vol3 = 1.005", "c_vol3 = 1005.0", "did you mean 1.005?"),
-        ("J_t = 1.6e-5", "J_t = -16.0", "mend that key"),
+        ("J_t = 1.6e-5", "J_t = -16.0", "correct that key"),
         ("Q = [32.0, -8.0, 2.15]", "Q = [32.0, -8.0, nan]", "engine.compressor.Q = nan"),
     ],
 )  # fmt: skip

@@ -199,7 +199,7 @@ def test_channels_come_from_several_files(run):
 GOOD = "t,map [Pa]\n0,1e5\n1,1e5\n2,1e5\n"
 REFUSED = {
     "missing": (MINIMAL, "t,mop [Pa]\n0,1\n1,1\n", "channel 'p_im' is missing.*nearest: mop"),
-    "twice": (MINIMAL, "t,map [Pa],map [kPa]\n0,1,1\n1,1,1\n", "is there 2 times"),
+    "twice": (MINIMAL, "t,map [Pa],map [kPa]\n0,1,1\n1,1,1\n", "stands for 2 columns"),
     "no unit": (MINIMAL, "t,map\n0,1\n1,1\n", "has no unit.*source_unit"),
     "wrong unit": (MINIMAL, "t,map [degC]\n0,1\n1,1\n", "'degC' cannot be converted to 'Pa'"),
     "no time": (MINIMAL, "s,map [Pa]\n0,1\n1,1\n", "time column 't' is missing"),
@@ -249,8 +249,8 @@ BAD = {
     "rule": (MINIMAL + 'rule = "cubic"', "rule must be one of hold, linear, mean"),
     "scale": (MINIMAL + "scale = 0.0", "scale must be finite and not zero"),
     "range": (MINIMAL + "low = 2.0\nhigh = 1.0", "low must be below high"),
-    "reference": (MINIMAL.replace("p_im", "ref_W_c"), "the name is taken"),
-    "time": (MINIMAL.replace("p_im", "time"), "the name is taken"),
+    "reference": (MINIMAL.replace("p_im", "ref_W_c"), "cannot have this name"),
+    "time": (MINIMAL.replace("p_im", "time"), "cannot have this name"),
     "schema": (MINIMAL.replace("= 1", "= 2", 1), "expected 1"),
     "decimal": (MINIMAL + '[source]\ndecimal = ","', "not the delimiter"),
     "not TOML": ("schema = ", "is not TOML"),

@@ -56,7 +56,7 @@ def refused(path, match, **how):
 def test_a_quotation_that_is_left_open_swallows_no_rows(tmp_path):
     path = tmp_path / "drive.csv"
     path.write_text("t,p\n" + ROWS.replace("0.5,105", '0.5,"105'))
-    refused(path, "94 lines stand inside a quotation that begins at line 7")
+    refused(path, "a quotation mark in line 7 is not closed for 94 lines")
     path.write_text("t,p\n" + ROWS.replace("0.5,105", '0.5,"105"').replace("0.6,106", '0.6,5"'))
     assert made(path).channels["time"].size == 100
 
@@ -73,7 +73,7 @@ def test_a_line_that_ends_within_a_letter_is_named_and_nothing_else_is_said(tmp_
 def test_a_doubled_column_is_not_chosen_silently(tmp_path):
     path = tmp_path / "drive.csv"
     path.write_text("t,p,p,p#2,p#2#\n1,2,3,4,5\n2,3,4,5,6\n")
-    with pytest.raises(DataError, match="'p' is there 2 times"):
+    with pytest.raises(DataError, match="'p' stands for 2 columns"):
         made(path)
     assert list(open_csv(path, RULES).heads) == ["t", "p#2", "p#3", "p#2#", "p#2##"]
     assert made(path, source="p#3").channels["p_im"].tolist() == [3000.0, 4000.0]

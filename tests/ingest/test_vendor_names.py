@@ -122,7 +122,7 @@ def test_own_names_come_first(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("a;b\n", "names no channel"), ("f;W_maf\nf;p_im\n", "'f' is W_maf and p_im")]
+    ("text", "said"), [("a;b\n", "names no channel"), ("f;W_maf\nf;p_im\n", "'f' stands for W_maf and for p_im")]
 )
 def test_a_table_of_names_that_says_nothing_or_two_things_is_refused(tmp_path, text, said):
     path = tmp_path / "names.csv"

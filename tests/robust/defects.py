@@ -685,9 +685,9 @@ def table():
         "# Defects of logs",
         "",
         "Written by `make defects` from `tests/robust/defects.py`; every row is a test. *Shown* is what `lpvobs inspect` prints",
-        "(`--json` lists it under `defects`), and what a result keeps and `report` shows for every log that made it. A refused log",
-        "ends with exit code 3 and one line. The rules look at the log alone: they cannot see a wrong unit that leaves every",
-        "reading possible, such as g/s said to be kg/h, or a turbine speed in Hz said to be in rad/s.",
+        "(`--json` lists it under `defects`). A result keeps the same for each of its logs, and `report` shows it. A refused log",
+        "gives one line and exit code 3. The rules look at the log alone: they cannot see a wrong unit that leaves every reading",
+        "possible, such as g/s said to be kg/h, or a turbine speed in Hz said to be in rad/s.",
     ]
     body = []
     for group in GROUPS:

@@ -87,7 +87,7 @@ def test_devices_are_not_read(path):
 def test_a_device_in_the_place_of_a_cycle_is_not_read(tmp_path):
     link = tmp_path / "cycle.csv"
     link.symlink_to("/dev/zero")
-    with pytest.raises(UsageError, match="no file"):
+    with pytest.raises(UsageError, match="is not a file"):
         load_cycle(str(link))
 
 

@@ -109,7 +109,7 @@ def test_a_period_that_no_step_counts_is_a_usage_error(tmp_path):
     text = DIESEL.read_text()
     odd.write_text(text.replace("period = 0.01 ", "period = 1e308 "))
     assert odd.read_text() != text
-    with pytest.raises(UsageError, match="proportion"):
+    with pytest.raises(UsageError, match="far too large"):
         load_config(odd)
 
 

@@ -153,8 +153,8 @@ def test_a_telegraph_disturbs_during_its_episodes(on_road):
         (lambda: ChannelEffect("T_oil", "gain", 1e-3), "no such auxiliary channel; expected one of T_coolant"),
         (lambda: ChannelEffect("humidity", "cubic", 1e-3), "form = 'cubic', expected one of additive"),
         (lambda: ChannelEffect("humidity", "gain", float("nan")), "finite"),
-        (lambda: ChannelEffect("humidity", "rate", 1e-3, reference=3.0), "has no reference"),
-        (lambda: ChannelEffect("humidity", "gain", 1e-3, threshold=3.0), "has no threshold"),
+        (lambda: ChannelEffect("humidity", "rate", 1e-3, reference=3.0), "takes no reference"),
+        (lambda: ChannelEffect("humidity", "gain", 1e-3, threshold=3.0), "takes no threshold"),
         (lambda: ChannelEffect("humidity", "gain", 1e-3, onset=5.0, end=5.0), "does not lie after"),
         (lambda: ChannelEffect("ac_switch", "switch", 0.5), "move the reading by 0.5 kg/s"),
         (lambda: UnloggedEffect("rate", 1e-3, EPISODES), "expected one of additive, gain"),
@@ -163,7 +163,7 @@ def test_a_telegraph_disturbs_during_its_episodes(on_road):
         (lambda: UnloggedEffect("gain", 0.1, EPISODES[:1]), "at least two"),
         (lambda: UnloggedEffect("gain", 0.1, EPISODES[::-1]), "overlap or run backward"),
         (lambda: UnloggedEffect("gain", 0.1, ((20.0, 10.0), (30.0, 40.0))), "does not lie after"),
-        (lambda: Telegraph(-1, 10.0, 10.0), "not negative"),
+        (lambda: Telegraph(-1, 10.0, 10.0), "zero or more"),
         (lambda: Telegraph(1, 1e-6, 10.0), "at least 0.1 s"),
         (lambda: Telegraph(1, 10.0, float("inf")), "at least 0.1 s"),
     ],
@@ -195,7 +195,7 @@ def test_what_would_leave_no_trace_on_a_drive_is_refused(config, cycle, effect, 
 
 
 def test_a_channel_that_stands_still_is_followed_by_nothing():
-    with pytest.raises(UsageError, match="does not change on this drive"):
+    with pytest.raises(UsageError, match="is constant on this drive"):
         ChannelEffect("ac_switch", "switch", 5e-4).settled({"ac_switch": np.zeros(100)}, 10.0)
 
 

@@ -39,5 +39,5 @@ def test_normal_draws_have_the_same_spread(config):
 
 @pytest.mark.parametrize("name", ["V_x", "n_cyl", "Q_11"])
 def test_what_cannot_be_drawn_is_refused(config, name):
-    with pytest.raises(UsageError, match=f"'{name}' cannot be drawn"):
+    with pytest.raises(UsageError, match=f"'{name}' cannot be varied at random"):
         drawn(config.engine, {name: 0.01}, 1)

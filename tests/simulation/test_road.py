@@ -170,7 +170,7 @@ def test_a_speed_cycle_logs_the_vehicles_speed(config, tmp_path):
 def test_impossible_channels_are_refused(config, cycle):
     from lpvobs.errors import UsageError
 
-    with pytest.raises(UsageError, match="no vehicle"):
+    with pytest.raises(UsageError, match="without a vehicle"):
         simulate(config.engine, config.simulation, cycle, auxiliary=Auxiliary(("v_veh",)))
     with pytest.raises(ValueError, match="'T_oil' is no channel"):
         Auxiliary(("T_oil",))

@@ -48,7 +48,7 @@ def test_a_bound_that_is_a_little_too_small_is_not_proven(name, place):
 
 def test_numbers_that_do_not_fit_are_refused():
     found = state_bound(two_states(), L)
-    with pytest.raises(DataError, match="the shapes"):
+    with pytest.raises(DataError, match="arrays of shapes"):
         prove_bound(two_states(), L, StateBound(found.of_rates, found.of_outputs[:, :2]))
     with pytest.raises(DataError, match="finite"):
         prove_bound(two_states(), L, replace(found, of_rates=np.full((2, 2), np.nan)))

@@ -35,9 +35,9 @@ def test_matrices_at_the_vertices_are_stacked_in_their_order():
     [
         ([], [], 0, "expected a square A"),
         ([], [[]], 0, "expected a square A"),
-        ([[-1, 0]], [[1]], 0, "rows of \\[2\\] and C of \\[1\\]"),
-        ([[-1, 0], [0]], [[1, 1]], 0, "rows of \\[2, 1\\]"),
-        ([[-1]], [[1], [1, 1]], 0, "C of \\[1, 2\\]"),
+        ([[-1, 0]], [[1]], 0, "rows of A have \\[2\\] entries and those of C \\[1\\]"),
+        ([[-1, 0], [0]], [[1, 1]], 0, "rows of A have \\[2, 1\\]"),
+        ([[-1]], [[1], [1, 1]], 0, "those of C \\[1, 2\\]"),
         ([[-1]], [[1], [1]], 2, "map_output is 2, expected a row of C, 0 to 1"),
         ([[-1]], [[1]], -1, "map_output is -1, expected a row of C, 0 to 0"),
         ([[-1.0]], [[1]], 0, "-1.0 is a float"),

@@ -188,9 +188,9 @@ def test_a_place_as_text():
 def test_a_sum_that_can_just_be_zero_is_room_enough():
     assert box((-3, -1), (0, 1)).vertices() == ((-1, 1),)
     assert box((-3, 0.25), (-2, 0.5)).contains(np.array([[0.25, 0.25]])).all()
-    with pytest.raises(UsageError, match="x \\+ y is negative everywhere"):
+    with pytest.raises(UsageError, match="x \\+ y is negative in the whole region"):
         box((-3, 2), (-4, -2.5))
-    with pytest.raises(UsageError, match="x \\+ y is negative everywhere"):
+    with pytest.raises(UsageError, match="x \\+ y is negative in the whole region"):
         box((-4, -2.5), (-3, 2))
 
 
@@ -203,8 +203,8 @@ def test_a_sum_that_can_just_be_zero_is_room_enough():
         (("x",), (2.0,), (1.0,), (), "x has the bounds \\[2, 1\\]"),
         (("x",), (-float("inf"),), (1.0,), (), "x has the bounds"),
         (("x",), (0.0,), (float("nan"),), (), "x has the bounds"),
-        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "x"),), "each at most once"),
-        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "z"),), "must pair names"),
+        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "x"),), "each name in one pair"),
+        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "z"),), "expected pairs of the names"),
     ],
 )
 def test_the_refusal_of_a_region_says_why(names, lower, upper, sums, words):

@@ -56,7 +56,7 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); name an A2L file") from None
     if b"/begin" not in text:  # the library would print words of its own
-        raise DataError(f"{path}: is no A2L file; name the control unit's description")
+        raise DataError(f"{path}: is not an A2L file; name the control unit's A2L file")
     if len(text) > LARGEST:
         raise DataError(f"{path}: {len(text) >> 20} MiB, expected an A2L file of {LARGEST >> 20} at most")
     try:
@@ -71,7 +71,7 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
         if name in found:
             return _map(path, module, found[name])
     names = [item.Name.Value for module in modules for item in module.CHARACTERISTIC if item.Type == "MAP"][:8]
-    raise DataError(f"{path}: has no map '{name}'; has {', '.join(names) or 'no map at all'}; name one: --name")
+    raise DataError(f"{path}: has no map '{name}'; it has {', '.join(names) or 'no map at all'}; name one with --name")
 
 
 def _map(path: Path, module: Any, item: Any) -> A2lMap:

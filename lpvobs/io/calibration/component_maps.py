@@ -57,8 +57,8 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
     for name, within in forms[0].items():
         if name not in found.column_names:
             raise DataError(
-                f"{path}: '{name}' is missing, the {within.what}; give it as a column, "
-                f"or before the names in a line '# {name} = VALUE {within.unit}'"
+                f"{path}: '{name}' ({within.what}) is missing; give it as a column, "
+                f"or above the column names in a line '# {name} = VALUE {within.unit}'"
             )
     columns = {name: column_of(path, found, name, within.unit) for name, within in forms[0].items()}
     _refuse_impossible(path, columns, forms[0])
@@ -87,7 +87,9 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
         _refuse_impossible(path, columns, known.forms[0])
         return columns, known.tolerance
     wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
-    raise DataError(f"{path}: map '{label}' is in '{item.unit_x}', '{item.unit_y}', '{item.unit}'; expected {wanted}")
+    raise DataError(
+        f"{path}: map '{label}' has the units '{item.unit_x}', '{item.unit_y}' and '{item.unit}'; expected {wanted}"
+    )
 
 
 def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, constants.Within]) -> None:

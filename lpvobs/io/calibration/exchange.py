@@ -35,7 +35,9 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
             try:
                 by, name = np.full(surface.values.shape, float(convert(np.ones(1), surface.unit, unit)[0])), unit
             except ValueError:
-                raise UsageError(f"--unit {unit}: is no flow; expected such as kg/h, g/s, mg/stroke or %") from None
+                raise UsageError(
+                    f"--unit {unit}: is not a unit of flow; expected for example kg/h, g/s, mg/stroke or %"
+                ) from None
         values = by * surface.values + (1.0 if unit == FACTOR else 0.0)
     known = np.isfinite(by) | (surface.origin == NONE)
     scale = np.where(np.isfinite(by), by, 0.0).ravel()

@@ -49,7 +49,8 @@ def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
         return OldMap(item, x, y, values, bool(turned))
     raise DataError(
         f"{path}: map '{item.name}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected "
-        f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or what converts to them; mend EINHEIT_X, EINHEIT_Y, EINHEIT_W"
+        f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or units that convert to these; correct EINHEIT_X, "
+        "EINHEIT_Y, EINHEIT_W"
     )
 
 
@@ -86,14 +87,15 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
         for its, own in zip(item.axes, nodes, strict=True):
             if own.size > its.most:
                 raise DataError(
-                    f"{path}: an axis of '{item.name}' in {its.unit} holds {its.most} points, the map has {own.size}; give the "
+                    f"{path}: the axis of '{item.name}' in {its.unit} has room for {its.most} points, but the map has "
+                    f"{own.size}; give the "
                     f"control unit's points with --old OLD.dcm"
                 )
         return OldMap(found, x, y, np.full((x.size, y.size), np.nan), bool(turned))
     units = ", ".join((*(axis.unit for axis in item.axes), item.unit))
     raise DataError(
-        f"{path}: map '{item.name}' has the units {units}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or what "
-        f"converts to them; say with --unit what the values are"
+        f"{path}: map '{item.name}' has the units {units}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "
+        f"that convert to these; give the unit of the values with --unit"
     )
 
 
@@ -105,7 +107,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
     empty = int(np.count_nonzero(surface.origin == NONE))
     if empty:
         raise DataError(
-            f"map '{name}': {empty} of {surface.origin.size} nodes have no value, and a DCM has a value everywhere; run "
+            f"map '{name}': {empty} of {surface.origin.size} nodes have no value, but a DCM needs a value at every node; run "
             f"`lpvobs extrapolate`, or give old values with --old"
         )
     surface = replace(surface, values=np.where(surface.origin == LEFT_OUT, nothing, surface.values))

@@ -209,7 +209,8 @@ def _check_names(path: Path, config: Config) -> None:
     for name, sensor in config.sensors.items():
         if sensor.pulsation and (name != air_path.sensor or config.kind.pulsation is None):
             raise UsageError(
-                f"{path}: sensors.{name}.pulsation = {sensor.pulsation:g}: nothing is known of pulses there; leave it out"
+                f"{path}: sensors.{name}.pulsation = {sensor.pulsation:g}: the tool has no model of pulsation for this "
+                "sensor; delete the key"
             )
     if len(config.published.x_0) != len(states):
         raise UsageError(f"{path}: published.x_0: has {len(config.published.x_0)} values, expected {', '.join(states)}")

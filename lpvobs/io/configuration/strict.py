@@ -40,13 +40,13 @@ def read_text(path: Path) -> str:
 def parse(text: str, path: Path) -> dict[str, Any]:
     """Return the document in a TOML text; `path` names it in errors."""
     if _ENDLESS_KEY.search(text):
-        raise UsageError(f"{path}: has a key of more than 32 parts, which no configuration has; mend that line")
+        raise UsageError(f"{path}: has a key of more than 32 parts, which no configuration has; correct that line")
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise UsageError(f"{path}: nests brackets deeper than any configuration; mend that line") from None
+        raise UsageError(f"{path}: brackets are nested deeper than in any configuration; correct that line") from None
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
-        raise UsageError(f"{path}: is not TOML ({error}); mend that line") from None
+        raise UsageError(f"{path}: is not TOML ({error}); correct that line") from None
 
 
 def convert(path: Path, document: Mapping[str, Any], record: type[Record], example: str) -> Record:
@@ -55,9 +55,9 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
     try:
         converted = msgspec.convert(document, record)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{path}: {_in_words(error, document, record)}; mend that key") from None
+        raise UsageError(f"{path}: {_in_words(error, document, record)}; correct that key") from None
     except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
-        raise UsageError(f"{path}: a value is out of all proportion ({error}); mend it") from None
+        raise UsageError(f"{path}: a value is far too large or too small ({error}); correct the value") from None
     for where, complaint in _out_of_bounds(converted, ""):
         raise UsageError(f"{path}: {where} = {complaint}")
     return converted

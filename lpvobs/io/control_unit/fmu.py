@@ -33,7 +33,9 @@ def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
 
 def _library(sources: Mapping[str, str]) -> bytes:
     if which("cc") is None:
-        raise UsageError("--format fmu: needs a C compiler, and `cc` is none; install gcc or clang, or take c99")
+        raise UsageError(
+            "--format fmu: needs a C compiler, but there is no `cc`; install gcc or clang, or take --format c99"
+        )
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -41,7 +43,9 @@ def _library(sources: Mapping[str, str]) -> bytes:
         command = ["cc", *FLAGS, *files_in_c, "-lm", "-o", f"{NAME}.so"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise UsageError(f"--format fmu: the compiler failed: {done.stderr.strip().splitlines()[-1]}; try another")
+            raise UsageError(
+                f"--format fmu: the C compiler failed: {done.stderr.strip().splitlines()[-1]}; try another compiler"
+            )
         return (Path(folder) / f"{NAME}.so").read_bytes()
 
 

@@ -71,7 +71,9 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
         _refuse_impossible(path, name, values, air_path.channels.get(name))
     error = table.setdefault(DEVIATION, METER * np.abs(table[REFERENCE]))
     if not (error > 0.0).all():
-        raise DataError(f"{path}: {DEVIATION} is {error.min():g} kg/s at a point; expected more than 0; mend the table")
+        raise DataError(
+            f"{path}: {DEVIATION} is {error.min():g} kg/s at a point; expected more than 0; correct the table"
+        )
     _refuse_meter(path, table, air_path)
     return table
 
@@ -119,15 +121,17 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
     """Raise for values that are not there, or that no sensor reads."""
     lost = np.flatnonzero(~np.isfinite(values))
     if lost.size:
-        raise DataError(f"{path}: {name} is no number at point {lost[0] + 1}, expected one in every row; leave it out")
+        raise DataError(
+            f"{path}: {name} is not a number at point {lost[0] + 1}, expected a number in every row; delete this row or the column"
+        )
     if channel is None or not values.size:
         return
     low, high = channel.typical
     middle = float(np.median(values))
     if not low <= middle <= high or values.min() < channel.low or values.max() > channel.high:
         raise DataError(
-            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, {middle:g} in the middle; "
-            f"expected a middle of {low:g} to {high:g} {channel.unit}; check its unit"
+            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, with the median {middle:g}; "
+            f"expected a median from {low:g} to {high:g} {channel.unit}; check its unit"
         )
 
 
@@ -158,8 +162,9 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath
         off = float(np.median(table[REFERENCE] / burnt)) - 1.0
         if not abs(off) <= LAMBDA_ERROR + 2.0 * float(np.median(table[DEVIATION] / table[REFERENCE])):
             raise DataError(
-                f"{path}: {REFERENCE} is {100 * off:+.1f} % off the air flow from {FUEL} and {LAMBDA} (ratio {AIR_FOR_FUEL:g}), "
-                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; check meter, fuel and probe"
+                f"{path}: {REFERENCE} differs by {100 * off:+.1f} % from the air flow that {FUEL} and {LAMBDA} give "
+                f"(stoichiometric ratio {AIR_FOR_FUEL:g}), "
+                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; check meter, fuel and lambda probe"
             )
     if FUEL in table:
         burns = table[REFERENCE] >= RICHEST * table[FUEL]
@@ -179,8 +184,8 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
     near = np.isin(np.unique(rows.point), rows.point[own & (ratio >= AGREES[0]) & (ratio <= AGREES[1])])
     if np.mean(~near) > most:
         raise DataError(
-            f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws, at {np.sum(~near)} of "
-            f"{near.size} points outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check its unit, and the constants in [engine]"
+            f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws; {np.sum(~near)} of "
+            f"{near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check its unit, and the constants in [engine]"
         )
 
 

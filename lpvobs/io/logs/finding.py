@@ -57,9 +57,11 @@ def log_names(paths: Sequence[Path]) -> dict[Path, str]:
         except UnicodeEncodeError:
             usable = None
         if not usable:
-            raise UsageError(f"{str(path)!a}: results keep logs by name, and this file has none; rename it")
+            raise UsageError(
+                f"{str(path)!a}: results tell logs apart by name, and this file has an empty name; rename it"
+            )
     if again := next((path for path, name in names.items() if Counter(names.values())[name] > 1), None):
-        raise UsageError(f"{again}: cannot be told from another log by name or folders; rename one")
+        raise UsageError(f"{again}: has the same name and folders as another log; rename one of the two")
     return names
 
 
@@ -95,7 +97,9 @@ class Origins:
         shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
         found = re.search(f"(?:^|/){shape}$", path.as_posix())
         if found is None:
-            raise UsageError(f"{path}: does not end as --path {self.pattern} says; mend the pattern or name others")
+            raise UsageError(
+                f"{path}: does not fit the pattern --path {self.pattern}; correct the pattern or name other logs"
+            )
         return found.groupdict()
 
 
@@ -128,8 +132,8 @@ def day_of(path: Path, origin: Mapping[str, str]) -> float:
     except ValueError:
         said = f"'{text}'" if text else "nothing"
         raise DataError(
-            f"{path}: {said} says when it was driven; expected 2025-01-31 or 2025-01 as date or month: "
-            f"give --path, --origins, or record it with --date"
+            f"{path}: {said} says when this log was driven; expected 2025-01-31 or 2025-01 as date or month: "
+            f"give --path or --origins, or --date when you ingest the log"
         ) from None
     return float((whole - EPOCH).days)
 

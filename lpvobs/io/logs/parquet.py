@@ -41,7 +41,7 @@ def _refuse_long_footer(path: Path) -> None:
         length = int.from_bytes(stream.read(4), "little")
     if MOST_FOOTER < length < path.stat().st_size:
         raise DataError(
-            f"{path}: describes itself in {length} bytes, expected at most {MOST_FOOTER}; "
+            f"{path}: its description has {length} bytes, expected at most {MOST_FOOTER}; "
             f"export fewer channels, or larger row groups"
         )
 
@@ -153,7 +153,7 @@ def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
         raise DataError(f"{path}: channel '{name}' is {state}; expected once, in {wanted}; present: {present}")
     if not _unit(schema.field(found[0])):
         raise DataError(
-            f"{path}: channel '{name}' has no unit; expected '{wanted}' or one that converts to it "
+            f"{path}: channel '{name}' has no unit; expected '{wanted}' or a unit that converts to it, "
             f"in the field's metadata under the key 'unit'"
         )
 

@@ -97,5 +97,5 @@ class SlabCounts:
         why = f" ({', '.join(kinds)})" if kinds else ""
         return DataError(
             f"{path}: {self.samples} of {self.defects.samples_read} samples are usable, expected at least two; "
-            f"channel '{worst}' spoils the most{why}, see `lpvobs inspect`"
+            f"channel '{worst}' makes the most samples unusable{why}, see `lpvobs inspect`"
         )

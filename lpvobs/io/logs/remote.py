@@ -40,7 +40,9 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
 
             return question(*fsspec.core.url_to_fs(str(self)))
         except ImportError as error:
-            raise UsageError(f"{self}: {error}; install lpvobs[cluster] and a library for {self.parts[0]}//") from None
+            raise UsageError(
+                f"{self}: {error}; install lpvobs[cluster] and the Python library that opens {self.parts[0]}// addresses"
+            ) from None
         except FileNotFoundError:
             raise
         except Exception as error:  # every store has errors of its own

@@ -61,7 +61,9 @@ def write_learned(file: h5py.File, learning: Learning) -> None:
 def read_learned(file: h5py.File) -> Learning:
     """Return what `/engine` of an open file holds; raises DataError where there is none."""
     if GROUP not in file:
-        raise DataError(f"{file.filename}: has no learned engine; make it with `lpvobs calibrate --healthy`")
+        raise DataError(
+            f"{file.filename}: holds nothing learned from healthy logs; make it again with `lpvobs calibrate --healthy`"
+        )
     group = file[GROUP]
     own, errors = group["numbers"], group["healthy_errors"]
     known = Knowledge(
@@ -196,7 +198,9 @@ def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
     found = Unknowns(own, components, stored.mean, stored.covariance, learned=True)
     if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):
-        raise DataError(f"{group.file.filename}: has unknowns that this version does not know; {REMEDY} again")
+        raise DataError(
+            f"{group.file.filename}: holds estimated quantities that this version of lpvobs does not have; {REMEDY} again"
+        )
     return found
 
 
@@ -220,7 +224,9 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     with reading(path, KIND, REMEDY) as file:
         kept = values(file, StoredEngine)
         if kept["air_path"] != air_path.name:
-            raise DataError(f"{path}: is a {kept['air_path']} engine, configured is '{air_path.name}'; {REMEDY}")
+            raise DataError(
+                f"{path}: is for a {kept['air_path']} engine, but the configuration has '{air_path.name}'; {REMEDY}"
+            )
         expect_constants(path, "calibrated from", kept["constants"], air_path.engine_constants(), REMEDY)
         return StoredEngine(
             **kept,

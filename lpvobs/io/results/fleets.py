@@ -107,7 +107,7 @@ def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
     for effect in () if stored is None else stored.effects:
         present = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin < np.inf]
         if not present:
-            raise DataError(f"{refined}: {effect.id} was found on logs that are not in the fleet; track them as well")
+            raise DataError(f"{refined}: {effect.id} was found on logs that are not in the fleet; name these logs too")
         for vehicle in sorted({log.vehicle for log in present}):
             days = [log.date for log in present if log.vehicle == vehicle]
             others = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin == np.inf]

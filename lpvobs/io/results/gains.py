@@ -92,11 +92,14 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
 def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
     """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
     if stored.air_path != config.air_path:
-        raise DataError(f"{path}: gain for a {stored.air_path}, the configuration has a {config.air_path}; {REMEDY}")
+        raise DataError(
+            f"{path}: was made for a {stored.air_path}, the configuration has a {config.air_path}; {REMEDY}"
+        )
     expect_constants(path, "gain for", stored.engine, config.engine_path().engine_constants(), REMEDY)
     for name, (low, high) in stored.temperatures.items():
         if low < high and (low, high) != config.gain.temperatures.get(name):
             raise DataError(
-                f"{path}: gain for other temperatures: {name} is {low:g} to {high:g} K there and not in [gain.temperatures] of the "
-                f"configuration; {REMEDY} from this configuration"
+                f"{path}: was made for other temperatures: {name} is {low:g} to {high:g} K in the gain, but "
+                "[gain.temperatures] of the "
+                f"configuration has another range; {REMEDY} from this configuration"
             )

@@ -116,8 +116,8 @@ class PartsFolder(Generic[Left]):
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise DataError(
-                f"{self.path}: cannot be made ({error.strerror}); finished logs are kept there until the "
-                f"end: name a writable folder in --out"
+                f"{self.path}: this folder cannot be made ({error.strerror}); it keeps finished logs until the run ends: "
+                f"give --out in a folder that you can write to"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
         file = self._file(stored.sha256)
@@ -128,7 +128,9 @@ class PartsFolder(Generic[Left]):
         except OSError as error:
             with suppress(OSError):
                 temporary.unlink()  # half a part would take room that the disk does not have
-            raise DataError(f"{file}: writing failed ({error.strerror or error}); finished logs are kept") from None
+            raise DataError(
+                f"{file}: writing failed ({error.strerror or error}); finished logs are kept: make room, and run this again"
+            ) from None
 
     def read(self, sha256: str) -> Left:
         """Return the part of a log that is known to be there."""

@@ -127,7 +127,9 @@ def update(stored: StoredResult, change: Callable[[h5py.File], None]) -> None:
 def refuse_replaced(stored: StoredResult) -> None:
     """Raise DataError if another program has written to a result since it was read: what was found does not belong to it now."""
     if state_of(stored.path) != stored.state:
-        raise DataError(f"{stored.path}: was replaced while this verb worked on it, and stays so; run the verb again")
+        raise DataError(
+            f"{stored.path}: another process wrote this file meanwhile, and it is left as that process wrote it; run this again"
+        )
 
 
 def read_result(path: Path) -> StoredResult:

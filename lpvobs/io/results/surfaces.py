@@ -183,7 +183,9 @@ def read_readings(path: Path, surface: Surface) -> Surface:
     """Return the mean reading around each node of a result [kg/s], on the axes of a surface; nothing where nobody drove."""
     with reading(path, "result", "make it with `lpvobs estimate`") as file:
         if "readings" not in file:
-            raise DataError(f"{path}: has no /readings, which a share of the flow is taken of; estimate it again")
+            raise DataError(
+                f"{path}: has no /readings, and a share of the flow needs them; run `lpvobs estimate` again"
+            )
         own = read_surface(path, "map")
         values = file["readings/reading"][()].astype(float)
     known = np.where(np.isfinite(values), ESTIMATED, NONE).astype(np.int8)

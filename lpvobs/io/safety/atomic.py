@@ -36,7 +36,9 @@ def replacing(target: Path) -> Iterator[Path]:
                 temporary.chmod(0o666 & ~_umask())
                 temporary.replace(regular)
         except OSError as error:
-            raise DataError(f"{regular}: writing failed ({error.strerror or error}); it is as it was before") from None
+            raise DataError(
+                f"{regular}: writing failed ({error.strerror or error}); the file is as it was; make room, and run this again"
+            ) from None
 
 
 @contextmanager
@@ -127,7 +129,7 @@ def _regular(target: Path) -> Path:
     except (OSError, RuntimeError, ValueError) as error:
         raise DataError(f"{target}: cannot be written ({error}); name a file") from None
     if taken or not resolved.name:
-        raise DataError(f"{target}: is not a regular file, and would be replaced by one; name a file")
+        raise DataError(f"{target}: is not a regular file, so it is not overwritten; name a file")
     return resolved
 
 

@@ -117,7 +117,7 @@ def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
     except (RuntimeError, KeyError, OSError, ValueError, TypeError) as error:
         raise DataError(f"{name}: damaged ({error}); {remedy}") from None
     if reason:
-        raise DataError(f"{name}: {reason}, expected a file that holds all it needs; {remedy}")
+        raise DataError(f"{name}: {reason}, expected a complete file; {remedy}")
 
 
 def read_everything(path: str) -> None:

@@ -149,7 +149,7 @@ def test_an_open_valve_has_the_area_of_the_table(air_path, tmp_path):
     [
         (
             ("# T_reference = 25 degC\n", ""),
-            "'T_reference' is missing, the temperature that corrected quantities refer to",
+            "'T_reference' (temperature that corrected quantities refer to) is missing",
         ),
         (("kg/h", "kg"), "unit 'kg' cannot be converted to 'kg/s'"),
         (("kg/h", "kg/s"), "kg/s is no flow of a compressor"),

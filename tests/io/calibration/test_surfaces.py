@@ -413,7 +413,7 @@ def test_other_units_are_those_of_the_independent_reader(driven, tmp_path, unit,
 
 
 def test_a_unit_that_is_no_flow_is_refused(driven, tmp_path):
-    with pytest.raises(UsageError, match="--unit furlong: is no flow"):
+    with pytest.raises(UsageError, match="--unit furlong: is not a unit of flow"):
         export(driven, tmp_path / "maf.dcm", "dcm", unit="furlong")
 
 
@@ -429,10 +429,10 @@ def test_axes_limits_and_rounding_are_those_of_the_description(result, tmp_path)
     np.testing.assert_allclose(found.values, np.clip(wanted, -8.0, 8.0), atol=0.025 + 1e-9)
     np.testing.assert_allclose(found.values * 20.0, np.round(found.values * 20.0), atol=1e-9)
     assert done.limited == np.count_nonzero(np.abs(wanted) > 8.0) > 0
-    with pytest.raises(DataError, match=r"no map 'OTHER'; has KF_MAF"):
+    with pytest.raises(DataError, match=r"no map 'OTHER'; it has KF_MAF"):
         export(result, tmp_path / "other.dcm", "dcm", name="OTHER", a2l=tmp_path / "unit.a2l")
     (tmp_path / "unit.a2l").write_text(A2L.replace("COM_AXIS q FUEL 5", "COM_AXIS q FUEL 4"), encoding="utf-8")
-    with pytest.raises(DataError, match=r"holds 4 points, the map has 5; give .* --old"):
+    with pytest.raises(DataError, match=r"has room for 4 points, but the map has 5; give .* --old"):
         export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
     (tmp_path / "unit.a2l").write_text("KONSERVIERUNG_FORMAT 2.0", encoding="utf-8")
     with pytest.raises(DataError, match="is no A2L file"):

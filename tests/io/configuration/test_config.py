@@ -155,12 +155,12 @@ def test_a_missing_key_is_named_unless_it_has_a_default(changed, old, place):
     ("old", "new", "place"),
     [
         ("smoothing = 0.05", 'smoothing = "50 ms"', "toml: estimate.smoothing"),
-        ("R_a = 287.0", "R_a = true", "toml: engine.gas.R_a: expected a number, got true or false; mend that key"),
+        ("R_a = 287.0", "R_a = true", "toml: engine.gas.R_a: expected a number, got true or false; correct that key"),
         ("Q = [32.0, -8.0, 2.15]", "Q = [32.0, -8.0]", "toml: engine.compressor.Q"),
         ("n_cyl = 4", "n_cyl = 4.5", "toml: engine.geometry.n_cyl"),
         ("x_0 = [9.8e4, 9.8e4, 0.0]", 'x_0 = "ambient"', "toml: published.x_0"),
         ("rho_5 = [0.0, 3.15]", "rho_5 = 3.15", "toml: gain.bounds.rho_5: expected"),
-        ("R_c = 0.01", 'R_c = "1 %"', "toml: estimate.tolerance.R_c: expected a number, got a text; mend"),
+        ("R_c = 0.01", 'R_c = "1 %"', "toml: estimate.tolerance.R_c: expected a number, got a text; correct"),
         ("n_cyl = 4", "n_cyl = [4]", "toml: engine.geometry.n_cyl"),
         ("stop = 4000, step = 250", "stop = 4000, step = 333", "toml: map.n_e: step 333 does not divide"),
     ],
@@ -206,7 +206,7 @@ def test_an_impossible_value_is_refused(changed, old, new, words):
         ("nonnegative_sums = []", 'nonnegative_sums = [["rho_2", "rho_9"]]', "rho_9"),
         ("omega_t = 500.0", "omega = 500.0", "omega"),
         ("\n[policies]", "\n[sensors.T_exhaust]\ntau = 1.0\n[policies]", "sensors: 'T_exhaust'"),
-        ("\n[policies]", "\n[sensors.T_im]\npulsation = 0.1\n[policies]", "nothing is known of pulses"),
+        ("\n[policies]", "\n[sensors.T_im]\npulsation = 0.1\n[policies]", "no model of pulsation"),
     ],
 )
 def test_a_name_that_the_engine_does_not_have_is_refused(changed, old, new, word):
@@ -278,12 +278,12 @@ def test_a_surface_is_read_as_strictly(tmp_path):
         ("[[effect]]\nid = 'unloged'", "did you mean 'unlogged'?"),
         ("[[effect]]\nid = 'chanel:humidity'", "did you mean 'channel:NAME'?"),
         ("[[effect]]\nid = '??'", "no such effect; known: maf.gain"),
-        ("[[effect]]\nid = 'p_ic.gain'\nfactor = 1.1", "only the throttled engine has"),
+        ("[[effect]]\nid = 'p_ic.gain'\nfactor = 1.1", "which belongs to the throttled engine"),
         ("[[effect]]\nid = 'alpha_th.offset'\noffset = 1", "the diesel has no alpha_th"),
         ("[[effect]]\nid = 'maf.lag'", "parameter 'tau' is missing"),
         (
             "[[effect]]\nid = 'maf.lag'\ntau = 0.1\nfactor = 2",
-            "unknown key 'factor'; it has id, tau, course, onset, end",
+            "unknown key 'factor'; expected id, tau, course, onset, end",
         ),
         ("[[effect]]\nid = 'maf.lag'\ntau = '80 ms'", "tau = '80 ms', expected a number"),
         ("[[effect]]\nid = 'maf.lag'\ntau = true", "expected a number"),

@@ -222,7 +222,7 @@ def test_an_observer_of_a_calibrated_engine_starts_at_zero(chain, other_engine, 
     np.testing.assert_array_equal(values, known.unknowns.mean[len(known.unknowns.constants) :])
     assert np.abs(values).max() > 1e-3
     assert file_digest(other_engine.known) in (tmp_path / "unit" / "lpvobs_tables.c").read_text(encoding="utf-8")
-    with pytest.raises(UsageError, match="name one of the two"):
+    with pytest.raises(UsageError, match="already contains an engine"):
         export_unit(chain.gain, tmp_path / "unit", "c99", result=chain.result, engine=other_engine.known)
 
 
@@ -240,7 +240,7 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
     L = stored.gain.L.copy()
     L[0, -1] = 1.0
     monkeypatch.setattr("lpvobs.api.export_unit.read_gain", lambda _: replace(stored, gain=replace(stored.gain, L=L)))
-    with pytest.raises(UsageError, match="nothing is proven"):
+    with pytest.raises(UsageError, match="not proven stable"):
         export_unit(chain.gain, tmp_path / "unit", "c99", map_gain="falling")
 
 

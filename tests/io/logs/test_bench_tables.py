@@ -119,8 +119,11 @@ def one_speed(columns, units):
         (kilopascal_called_pascal, "p_im goes from .* check its unit"),
         (flow_in_kilograms_an_hour, "W_reference is 3.* times the flow .* check its unit"),
         (too_little_air_for_the_fuel, "the fuel would not burn"),
-        (a_meter_that_is_off_fuel_and_lambda, r"W_reference is \+9.0 % off the air flow from W_f and lambda"),
-        (a_hole, "T_em is no number at point 7"),
+        (
+            a_meter_that_is_off_fuel_and_lambda,
+            r"W_reference differs by \+9.0 % from the air flow that W_f and lambda give",
+        ),
+        (a_hole, "T_em is not a number at point 7"),
         (negative_error, "sd_W_reference is -0.0001 kg/s at a point; expected more than 0"),
         (few, "19 points, expected 20 to 1000"),
         (one_speed, "n_e goes from .* rpm only"),
