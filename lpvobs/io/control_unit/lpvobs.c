@@ -82,7 +82,7 @@ static void smooth(const lpvobs_state *s, uint32_t k, real_t u[LPVOBS_CHANNELS])
     uint32_t c;
     double width = LPVOBS_HALF_WIDTH;
     real_t scale;
-    real_t inverse;
+    real_t determinant;
     real_t s0 = R(0.0);
     real_t s1 = R(0.0);
     real_t s2 = R(0.0);
@@ -122,23 +122,26 @@ static void smooth(const lpvobs_state *s, uint32_t k, real_t u[LPVOBS_CHANNELS])
         c00 = (s2 * s4) - (s3 * s3);
         c01 = (s2 * s3) - (s1 * s4);
         c02 = (s1 * s3) - (s2 * s2);
-        inverse = R(1.0) / ((s0 * c00) + (s1 * c01) + (s2 * c02));
-        for (c = 0U; c < LPVOBS_SMOOTHED; c++) {
-            value[c] = R(0.0);
-        }
-        for (i = lo; i <= hi; i++) {
-            const real_t tau = R(between(s, k, i)) * scale;
-            const real_t t2 = tau * tau;
-            const real_t w = ((R(1.0) - t2) * (R(1.0) - t2)) * inverse;
-            const real_t value_weight = w * (c00 + (c01 * tau) + (c02 * t2));
+        determinant = (s0 * c00) + (s1 * c01) + (s2 * c02);
+        if ((determinant < R(0.0)) || (determinant > R(0.0))) { /* stamps that all but repeat have none */
+            const real_t inverse = R(1.0) / determinant;
             for (c = 0U; c < LPVOBS_SMOOTHED; c++) {
-                value[c] += value_weight * s->channel[index_of(s, i)][lpvobs_smoothed[c]];
+                value[c] = R(0.0);
             }
-        }
-        for (c = 0U; c < LPVOBS_SMOOTHED; c++) {
-            const uint32_t to = lpvobs_smoothed[c];
-            if ((value[c] >= lpvobs_range[to][0]) && (value[c] <= lpvobs_range[to][1])) { /* stamps that all but repeat give none */
-                u[to] = value[c];
+            for (i = lo; i <= hi; i++) {
+                const real_t tau = R(between(s, k, i)) * scale;
+                const real_t t2 = tau * tau;
+                const real_t w = ((R(1.0) - t2) * (R(1.0) - t2)) * inverse;
+                const real_t value_weight = w * (c00 + (c01 * tau) + (c02 * t2));
+                for (c = 0U; c < LPVOBS_SMOOTHED; c++) {
+                    value[c] += value_weight * s->channel[index_of(s, i)][lpvobs_smoothed[c]];
+                }
+            }
+            for (c = 0U; c < LPVOBS_SMOOTHED; c++) {
+                const uint32_t to = lpvobs_smoothed[c];
+                if ((value[c] >= lpvobs_range[to][0]) && (value[c] <= lpvobs_range[to][1])) {
+                    u[to] = value[c];
+                }
             }
         }
     }

@@ -9,6 +9,10 @@
 
 #include <stdint.h>
 
+#if defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ != 0)
+#error "compile without -ffast-math, -Ofast and -ffinite-math-only: they remove the guards against NaN"
+#endif
+
 #ifdef LPVOBS_FLOAT
 typedef float real_t;
 #define LPVOBS_SQRT(x) sqrtf(x)

@@ -27,19 +27,28 @@ static uint32_t place_of_name(const char *name)
     return (strcmp(name, "time") == 0) ? LPVOBS_CHANNELS : OTHER;
 }
 
-/* Fill `places` with what each column of the line of names holds; return the number of columns, 0 if one is missing. */
+/* Fill `places` with what each column of the line of names holds; return the number of columns, 0 unless each is there once. */
 static uint32_t heading(char *line, uint32_t places[COLUMNS])
 {
+    uint32_t times[OTHER + 1U] = {0U};
     uint32_t columns = 0U;
-    uint32_t found = 0U;
-    char *name = strtok(line, ",\r\n");
+    uint32_t c;
+    char *name = line;
     while ((name != NULL) && (columns < COLUMNS)) {
+        char *end = name + strcspn(name, ",\r\n");
+        char *next = (*end == ',') ? (end + 1) : NULL;
+        *end = '\0';
         places[columns] = place_of_name(name);
-        found += (places[columns] != OTHER) ? 1U : 0U;
+        times[places[columns]]++;
         columns++;
-        name = strtok(NULL, ",\r\n");
+        name = next;
     }
-    return (found == (LPVOBS_CHANNELS + 1U)) ? columns : 0U;
+    for (c = 0U; c < OTHER; c++) {
+        if (times[c] != 1U) {
+            return 0U;
+        }
+    }
+    return columns;
 }
 
 /* An empty or unreadable field is a missing reading. */
@@ -112,7 +121,7 @@ int main(int count, char **names)
     }
     columns = heading(line, places);
     if (columns == 0U) {
-        fprintf(stderr, "%s: needs the columns time", names[1]);
+        fprintf(stderr, "%s: needs each of these columns once, with commas between: time", names[1]);
         for (columns = 0U; columns < LPVOBS_CHANNELS; columns++) {
             fprintf(stderr, ", %s", lpvobs_channel_names[columns]);
         }
@@ -145,5 +154,9 @@ int main(int count, char **names)
            uncertified, seen);
     printf("state %lu bytes, tables %lu bytes\n", (unsigned long)sizeof(lpvobs_state), (unsigned long)lpvobs_table_bytes);
     fclose(log);
+    if (dropped == samples) {
+        fprintf(stderr, "%s: no sample could be used; see the flags\n", names[1]);
+        return 3;
+    }
     return ((fclose(map) != 0) || ((states != NULL) && (fclose(states) != 0))) ? 1 : 0;
 }

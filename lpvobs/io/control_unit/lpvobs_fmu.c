@@ -98,7 +98,7 @@ EXPORT void fmi2FreeInstance(void *instance)
 EXPORT fmi2Status fmi2Reset(void *instance)
 {
     component *c = instance;
-    static const variables nothing = {{{0}}};
+    static const variables nothing;
     c->now = nothing;
     lpvobs_init(&c->now.state);
     return OK;

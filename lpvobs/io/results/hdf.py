@@ -124,8 +124,8 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
             schema = str(file.attrs.get("schema", ""))
             if schema != f"lpvobs/{kind}/1":
                 its = schema.split("/")[1] if schema.count("/") == 2 else "file that lpvobs did not write"
-                its = f"an {its}" if its == "engine" else f"a {its}"
-                raise DataError(f"{path}: not a {kind} file but {its}; {remedy}")
+                own, its = (f"an {each}" if each == "engine" else f"a {each}" for each in (kind, its))
+                raise DataError(f"{path}: not {own} file but {its}; {remedy}")
             yield file
         except DAMAGE as error:
             raise DataError(f"{path}: damaged {kind} file ({error}); {remedy}") from None

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import subprocess
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -168,6 +169,37 @@ def test_hostile_steps_leave_everything_finite_and_flagged(exported, number, tmp
     assert updates > 1000
     assert seen == 0b1_1011_1111  # every flag but that of a state beyond all bounds, for which the guards leave nothing
     assert most <= 22  # never more than the ring holds
+
+
+def test_a_compiler_that_would_remove_the_guards_is_refused(exported, tmp_path):
+    call = ("gcc", "-std=c99", "-Ofast", "-c", "-o", tmp_path / "unit.o", exported[1] / "lpvobs.c")
+    done = subprocess.run([*map(str, call)], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "remove the guards against NaN" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "code", "said"),
+    [
+        (lambda names: [names[1], *names[1:]], 3, 3, "each of these columns once"),
+        (lambda names: names, 0, 3, "no sample could be used"),
+        (lambda names: ["", *names], 3, 0, ""),
+    ],
+    ids=["a column twice, another missing", "a head alone", "a nameless column first, as pandas writes its index"],
+)
+def test_the_bench_reads_every_column_or_says_why_not(exported, program, uneven, tmp_path, head, rows, code, said):
+    names = [*exported[0].channels, "time"]
+    columns = [*(uneven.channels[name] for name in exported[0].channels), uneven.time]
+    nameless = len(head(names)) - len(names)
+    lines = [
+        ",".join(head(names)),
+        *("0," * nameless + ",".join(map(repr, map(float, row))) for row in list(zip(*columns, strict=True))[:rows]),
+    ]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    call = [str(program), str(tmp_path / "log.csv"), str(tmp_path / "map.csv")]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+    assert code or " 0 dropped" in done.stdout
 
 
 @pytest.mark.skipif(shutil.which("clang") is None, reason="clang is not here")

@@ -56,7 +56,7 @@ def test_a_damaged_file_and_another_kind_are_refused(other_engine, chain, air_pa
     (tmp_path / "broken.h5").write_bytes(broken)
     with pytest.raises(DataError, match="damaged"):
         read_engine(tmp_path / "broken.h5", air_path)
-    with pytest.raises(DataError, match="not a engine file"):
+    with pytest.raises(DataError, match="not an engine file"):
         read_engine(chain.gain, air_path)
 
 
