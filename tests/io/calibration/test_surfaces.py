@@ -435,5 +435,5 @@ def test_axes_limits_and_rounding_are_those_of_the_description(result, tmp_path)
     with pytest.raises(DataError, match=r"has room for 4 points, but the map has 5; give .* --old"):
         export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
     (tmp_path / "unit.a2l").write_text("KONSERVIERUNG_FORMAT 2.0", encoding="utf-8")
-    with pytest.raises(DataError, match="is no A2L file"):
+    with pytest.raises(DataError, match="is not an A2L file"):
         export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
