@@ -13,7 +13,9 @@ def calibrate(
         "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
     ),
     healthy: list[Path] | None = option("LOG", "A log whose air flow sensor reads right.", "--healthy"),
-    reference: list[Path] | None = option("LOG", "A log with W_reference, a meter beside the sensor.", "--reference"),
+    reference: list[Path] | None = option(
+        "LOG", "A log that also has W_reference, the flow from a reference meter in the same air path.", "--reference"
+    ),
     maps: list[str] | None = option(
         "KIND=FILE",
         "The map of one component: CSV with a second line of units, Parquet, or FILE.dcm:LABEL. A compressor's map states "

@@ -97,7 +97,7 @@ def verdict(view: ResultView) -> Iterator[str]:
             held = f", {' and '.join(constant)} held constant" if stored.method == "published" else ""
             yield (
                 f"{view.name}: on {cycle_title(log.name)} the map differs from the sensor's true error by "
-                f"{tables.percent(m.mean_relative_error)} on average (the best map on this grid: "
+                f"{tables.percent(m.mean_relative_error)} on average (at best on this grid: "
                 f"{tables.percent(m.floor_mean_relative_error)}{paper}), {tables.grams(m.rmse)} g/s rms; "
                 f"stability is proven for {tables.percent(log.share_certified, 1)} of the samples{held}."
             )

@@ -113,7 +113,7 @@ def simulate(
     """
     if not 0 < rate <= 1.0 / parameters.step:
         raise UsageError(
-            f"--rate {rate:g}: expected above 0 and at most {1.0 / parameters.step:g} Hz, the step of the simulation"
+            f"--rate {rate:g}: expected above 0 and at most {1.0 / parameters.step:g} Hz, the rate of the simulation"
         )
     if seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number that is not negative")

@@ -40,7 +40,7 @@ def read_text(path: Path) -> str:
 def parse(text: str, path: Path) -> dict[str, Any]:
     """Return the document in a TOML text; `path` names it in errors."""
     if _ENDLESS_KEY.search(text):
-        raise UsageError(f"{path}: has a key of more than 32 parts, which no configuration has; correct that line")
+        raise UsageError(f"{path}: a key has more than 32 names with dots between; correct that key")
     try:
         return tomllib.loads(text)
     except RecursionError:

@@ -74,7 +74,7 @@ def unreadable(path: Path, error: Exception) -> DataError:
     with suppress(OSError), path.open("rb") as stream:
         if stream.read(4) not in (b"PAR1", b"PARE", b""):
             remedy = "`lpvobs profile` and then `lpvobs ingest` make a log of a CSV, MAT or MDF recording"
-            return DataError(f"{path}: not a Parquet file, as logs are; {remedy}")
+            return DataError(f"{path}: not a Parquet file, but logs are Parquet files; {remedy}")
     reason = str(error).splitlines()[0] if str(error) else type(error).__name__
     return DataError(f"{path}: not a readable Parquet log ({reason}); record or export it again")
 
