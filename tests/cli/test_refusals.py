@@ -109,7 +109,11 @@ def test_units_and_formats_that_are_not_a_logs_say_what_to_do(lpvobs, config, ch
     refused(lpvobs(*call), 3, "channel 'W_maf': unit 'mg/cycle' cannot be converted to 'kg/s'; give it")
     for recording in (b"time,n_e\n0,800\n", b"MDF     4.10    "):
         log.write_bytes(recording)
-        refused(lpvobs(*call), 3, f"{log}: not a Parquet file, as logs are; `lpvobs profile` and then `lpvobs ingest`")
+        refused(
+            lpvobs(*call),
+            3,
+            f"{log}: not a Parquet file, but logs are Parquet files; `lpvobs profile` and then `lpvobs ingest`",
+        )
     log.write_bytes(b"PAR1 cut short")
     refused(lpvobs(*call), 3, "record or export it again")
 

@@ -684,10 +684,10 @@ def table():
     head = [
         "# Defects of logs",
         "",
-        "`make defects` writes the tables below from `tests/robust/defects.py`. Every row is a test. *Shown* is what `lpvobs inspect`",
-        "prints (`--json` lists it under `defects`). A result keeps the same for each of its logs, and `report` shows it. A refused log",
-        "gives one line and exit code 3. The checks look at the log alone. They cannot find a wrong unit if every reading is still",
-        "plausible with it, for example g/s labelled kg/h, or a turbine speed in Hz labelled rad/s.",
+        "`make defects` writes the tables below from `tests/robust/defects.py`. Every row is a test. *Shown* is what",
+        "`lpvobs inspect` prints (`--json` lists it under `defects`). A result keeps the same for each of its logs, and `report`",
+        "shows it. A refused log gives one line and exit code 3. The checks look at the log alone. They cannot find a wrong unit",
+        "if every reading is still plausible with it, for example g/s labelled kg/h, or a turbine speed in Hz labelled rad/s.",
     ]
     body = []
     for group in GROUPS:

@@ -184,7 +184,7 @@ def read_readings(path: Path, surface: Surface) -> Surface:
     with reading(path, "result", "make it with `lpvobs estimate`") as file:
         if "readings" not in file:
             raise DataError(
-                f"{path}: has no /readings; without them an error cannot be given as a share of the flow; run `lpvobs estimate` again"
+                f"{path}: has no /readings, so errors cannot be given as a share of the flow; run `lpvobs estimate` again"
             )
         own = read_surface(path, "map")
         values = file["readings/reading"][()].astype(float)
