@@ -111,7 +111,9 @@ def compare(
     if values not in SOURCES:
         raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")
     if vehicle or second is None:
-        if second is not None or not vehicle or not len(periods) == len({*periods}) == 2 or values != "map":
+        if values != "map":
+            raise UsageError(f"--values {values}: a fleet has no extrapolated maps; drop --values")
+        if second is not None or not vehicle or not len(periods) == len({*periods}) == 2:
             raise UsageError("expected two results, or one fleet with --vehicle NAME and two different --period")
         change, later = _between(as_path(first), vehicle, (periods[0], periods[1]))
         names = [f"{first}: {vehicle} {period}" for period in periods]
@@ -192,9 +194,9 @@ def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
     parsed = [parse_gate(*_in_units(gate), METRICS) for gate in ([gates] if isinstance(gates, str) else gates)]
     failed = [gate for gate in parsed if not gate.holds(known[gate.metric])]
     if failed:
-        gate = failed[0]
+        gate, unit = failed[0], "" if failed[0].metric == "p_value" else " kg/s"
         raise NotProven(
-            f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}, the gate is {gate}; "
+            f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}{unit}, the gate is {gate}{unit}; "
             f"look at the significant nodes, or widen the gate"
         )
 
@@ -203,6 +205,8 @@ def _in_units(gate: str) -> tuple[str, float]:
     """Return a gate without the unit of its limit, and what the unit is in kg/s."""
     text, _, unit = gate.strip().rpartition(" ")
     if not text or unit[:1].isdigit() or unit[:1] in "<>=.-+":
+        if gate.strip().startswith(METRICS[:2]):
+            raise UsageError(f"--gate '{gate}': the limit has no unit; expected for example {METRICS[0]}<=0.5 g/s")
         return gate, 1.0
     try:
         return text, float(convert(np.ones(1), unit, "kg/s")[0])

@@ -127,7 +127,10 @@ def track(
     with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
-        sums, reused = read_fleet(target).kept if target.is_file() else None, 0
+        before = read_fleet(target) if target.is_file() else None
+        if before is not None and before.provenance.config != text:
+            raise _other(target)
+        sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
         whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
@@ -175,6 +178,13 @@ def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str])
         effects=fleet.kept.effects,
         next=found.cells,
         power=found.power,
+    )
+
+
+def _other(path: Path) -> DataError:
+    return DataError(
+        f"{path}: was made with another configuration, gain, engine or version: give what it was made with, or name a new file "
+        f"in --out and all logs"
     )
 
 
@@ -272,10 +282,7 @@ class _Adding:
             else:
                 basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
                 if before.key != self.key(task.point):
-                    raise DataError(
-                        f"{self.out}: was made with another configuration, gain, engine or version, so new logs cannot be added: "
-                        f"give what it was made with, or name a new file in --out and all logs"
-                    )
+                    raise _other(self.out)
             key = self.key(task.point)
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
             task = replace(task, done=folder.found())

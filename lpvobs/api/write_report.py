@@ -128,8 +128,11 @@ def kind_of(path: Path) -> str:
     """Return what kind of file it says it is, such as result, engine or fleet; nothing where it does not say."""
     if not path.is_file() or not is_hdf5(path):
         return ""
-    with h5py.File(path, "r") as file:
-        return str(file.attrs.get("schema", "")).partition("/")[2].partition("/")[0]
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("schema", "")).partition("/")[2].partition("/")[0]
+    except OSError:  # damaged, which whoever reads it says
+        return ""
 
 
 def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:

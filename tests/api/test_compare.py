@@ -83,12 +83,12 @@ def test_the_figure_frames_what_has_changed_and_shows_every_node(tmp_path):
 def test_a_region_and_gates(tmp_path):
     pair = two(tmp_path, 1e-3)
     region = {"n_e": (1000.0, 2000.0), "u_delta": (10.0, 30.0)}
-    found = lpvobs.compare(*pair, region=region, gates=["largest_change<=2 g/s", "mean_change < 2", "p_value>=0"])
+    found = lpvobs.compare(*pair, region=region, gates=["largest_change<=2 g/s", "mean_change < 2 kg/s", "p_value>=0"])
     low, high = found.mean.ci90
     assert low <= 1e-3 <= high
     # Nine tenths of the errors are common to all nodes: the mean is hardly surer than a node.
     assert high - low == pytest.approx(2 * 1.645 * np.sqrt(2 * 0.9) * 1e-4, rel=0.03)
-    with pytest.raises(NotProven, match=r"largest_change = 0.001.*the gate is largest_change<=0.0005"):
+    with pytest.raises(NotProven, match=r"largest_change = 0.001.*the gate is largest_change<=0.0005 kg/s"):
         lpvobs.compare(*pair, gates=["largest_change<=0.5 g/s"])
     with pytest.raises(UsageError, match="'bar' is not a unit of flow"):
         lpvobs.compare(*pair, gates=["largest_change<=0.5 bar"])

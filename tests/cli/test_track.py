@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from repository import CONFIGS
 
 from lpvobs.api.track import track as follow
 from lpvobs.discovery.known_effects import KnownEffect, Span
@@ -162,6 +163,9 @@ def test_another_configuration_is_refused(whole, fleet, track, config, tmp_path)
     done = track(out, [log], "--config", other)
     assert done.code == 3
     assert "another configuration" in done.err
+    for logs in ((), (fleet / "a",)):  # nothing to read: what is there is evaluated again, with another map
+        done = track(out, logs, "--config", CONFIGS / "heavy-duty.toml")
+        assert (done.code, "another configuration" in done.err) == (3, True), done.err
 
 
 def test_origins_come_from_metadata_and_dates_are_checked(lpvobs, config, chain, tmp_path):
@@ -187,6 +191,18 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     assert re.search(r"drive next: \d+ s each at \d+ rpm and [\d., ]+ mg/cycle", text)
     assert "-0.0 sd" not in text
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
+
+
+def test_the_page_of_half_a_fleet_is_refused(lpvobs, whole, tmp_path):
+    (tmp_path / "half.h5").write_bytes(whole[0].read_bytes()[:100_000])
+    done = lpvobs("report", tmp_path / "half.h5", "--html", tmp_path / "fleet.html")
+    assert done.code == 3
+    assert "half.h5" in done.err
+
+
+def test_a_pattern_with_a_field_twice_is_refused(fleet, track, tmp_path):
+    done = track(tmp_path / "fleet.h5", [fleet / "a"], "--path", "{vehicle}/{vehicle}.parquet")
+    assert (done.code, "a field is there twice" in done.err) == (2, True)
 
 
 def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
@@ -217,6 +233,10 @@ def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
     done = compare("c")
     assert done.code == 3
     assert "has no map of c in 2025-01; its vehicles are a, b" in done.err
+    done = compare("b", "--gate", "largest_change<=0.5")  # of what?
+    assert (done.code, "the limit has no unit" in done.err) == (2, True)
+    done = compare("b", "--values", "extrapolation")
+    assert (done.code, "a fleet has no extrapolated maps" in done.err) == (2, True)
     assert "a has 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
     for wrong in (compare("a", periods=("2025-01",)), compare("a", whole[0]), lpvobs("compare", whole[0])):
         assert wrong.code == 2

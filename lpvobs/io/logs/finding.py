@@ -95,7 +95,12 @@ class Origins:
             )
         parts = FIELD.split(re.escape(self.pattern).replace(r"\{", "{").replace(r"\}", "}"))
         shape = "".join(f"(?P<{part}>[^/]+?)" if i % 2 else part for i, part in enumerate(parts))
-        found = re.search(f"(?:^|/){shape}$", path.as_posix())
+        try:
+            found = re.search(f"(?:^|/){shape}$", path.as_posix())
+        except re.error:
+            raise UsageError(
+                f"--path {self.pattern}: a field is there twice, or its name begins with a digit; expected each field once"
+            ) from None
         if found is None:
             raise UsageError(
                 f"{path}: does not fit the pattern --path {self.pattern}; correct the pattern or name other logs"
