@@ -196,8 +196,8 @@ def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
     if failed:
         gate, unit = failed[0], "" if failed[0].metric == "p_value" else " kg/s"
         raise NotProven(
-            f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}{unit}, the gate is {gate}{unit}; "
-            f"look at the significant nodes, or widen the gate"
+            f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}{unit}, "
+            f"the gate is {gate}{unit}; look at the significant nodes, or widen the gate"
         )
 
 
