@@ -129,7 +129,7 @@ def _told(stored: StoredEngine, component: Component) -> str:
     """Return how much of a correction the data determined."""
     own = stored.unknowns.places()[component.name]
     share = float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))
-    return f"the data determined {100 * share:.0f} % of its nodes, the tolerance the others"
+    return f"{100 * share:.0f} % of its nodes follow from the data, the others from the tolerance"
 
 
 def _constants(found: CalibrateOutput) -> Table:

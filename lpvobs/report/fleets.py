@@ -16,7 +16,7 @@ def fleet_summary(fleet: StoredFleet) -> str:
     unusual = sum(each.stands_out for each in found.vehicles)
     return (
         f"{len(found.vehicles)} vehicles, {len(fleet.kept.logs)} logs, {periods[0]} to {periods[-1]}\n"
-        f"{unusual} of them stand out, {len(found.changes)} changes found"
+        f"vehicles that stand out: {unusual}; changes found: {len(found.changes)}"
         + "".join(
             f"\n{each.logs} logs of a vehicle should show a drift of {100 * each.drift:.2g} % a month "
             f"or a step of {100 * each.step:.2g} % nine times out of ten"
