@@ -89,7 +89,9 @@ def calibrate(
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
-                raise UsageError(f"{as_path(config)}: learns from healthy logs alone; give --healthy LOG")
+                raise UsageError(
+                    f"{as_path(config)}: this kind of engine is learned from healthy logs only; give --healthy LOG"
+                )
             stored = _learned(configuration, text, known)
         elif not air_path.components:
             raise UsageError(

@@ -188,8 +188,8 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
         step = float(np.median(np.diff(log.time)))
         if step > SLOWEST:
             raise DataError(
-                f"{log.name}: a sample every {step:.3g} s is too slow to tell a cause that is not listed from fast "
-                f"transients; record at least 20 samples a second"
+                f"{log.name}: a sample every {step:.3g} s is too slow to tell an unlisted cause from fast transients; "
+                f"record at least 20 samples a second"
             )
 
 
@@ -199,7 +199,9 @@ def _refuse_copies(logs: Sequence[Log]) -> None:
         if log.sha256 == other.sha256:
             raise UsageError(f"{log.name}: same bytes as {other.name}; the same drive would count twice, leave one out")
         if log.name == other.name:
-            raise UsageError(f"{log.name}: two logs of this name; results keep logs by name, rename one")
+            raise UsageError(
+                f"{log.name}: two logs have this name, but a result tells logs apart by name; rename one of them"
+            )
 
 
 def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:

@@ -114,7 +114,9 @@ def compare(
         if values != "map":
             raise UsageError(f"--values {values}: a fleet has no extrapolated maps; drop --values")
         if second is not None or not vehicle or not len(periods) == len({*periods}) == 2:
-            raise UsageError("expected two results, or one fleet with --vehicle NAME and two different --period")
+            raise UsageError(
+                "expected two results, or one fleet with --vehicle NAME and --period twice, with different periods"
+            )
         change, later = _between(as_path(first), vehicle, (periods[0], periods[1]))
         names = [f"{first}: {vehicle} {period}" for period in periods]
     else:
@@ -122,7 +124,9 @@ def compare(
         change, later, names = after.difference(before), after.values, [str(first), str(second)]
     on = np.flatnonzero(np.isfinite(change.values.ravel()) & np.isfinite(change.standard_error.ravel()))
     if not on.size:
-        raise DataError(f"{names[0]}, {names[1]}: no node has a value with an error in both; extrapolate both")
+        raise DataError(
+            f"{names[0]}, {names[1]}: no node has a value with a standard error in both; run `lpvobs extrapolate` on both"
+        )
     nodes = Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
     alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
     mean = alike if region is None else change.mean(region)

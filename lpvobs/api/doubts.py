@@ -90,8 +90,8 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
     reads = _reads(sums)
     if not READS <= reads <= 1.0 / READS:
         yield (
-            f"{config.kind.air_path.sensor} reads {reads:.2g} times the flow of the balances; check its unit: g/s called kg/h "
-            f"reads 0.28 times, kg/h called g/s 3.6 times"
+            f"{config.kind.air_path.sensor} reads {reads:.2g} times the air flow that the balances give; check its unit: g/s "
+            f"labelled kg/h gives a factor of 0.28, kg/h labelled g/s a factor of 3.6"
         )
     mistake = sums.mended_by()
     if mistake is not None:

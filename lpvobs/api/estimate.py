@@ -242,7 +242,7 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
             "--jobs: starts processes on this machine, but --scheduler uses workers on others; drop one of the two options"
         )
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
-        raise UsageError(f"--method {method}: goes through the logs in turn; drop --jobs and --scheduler")
+        raise UsageError(f"--method {method}: processes one log after the other; drop --jobs and --scheduler")
     if jobs is not None and jobs < 1:
         raise UsageError(f"--jobs {jobs}: expected at least 1")
     if jobs is None:

@@ -159,7 +159,9 @@ def unit_of(
             air_path = air_path.knowing(known.learned.known) if known.learned else air_path.deviating(known.deviation)
             corrections = known.corrections()
         elif air_path.learns:
-            raise UsageError(f"a {air_path.name} engine is known from healthy logs alone; name RESULT.h5 or --engine")
+            raise UsageError(
+                f"the curves of a {air_path.name} engine come from healthy logs only; name RESULT.h5 or --engine"
+            )
     elif engine is not None:
         raise UsageError(f"--engine {engine}: {result} already contains an engine; drop --engine or the result")
     else:

@@ -24,7 +24,9 @@ def as_path(file: File) -> Path:
     """Return a name as a path; raises UsageError if no file can have it."""
     path = Path(file)
     if "\0" in str(path) or any(len(os.fsencode(part)) > LONGEST_NAME for part in path.parts):
-        raise UsageError(f"{str(path)!r}: no file can have this name, expected at most {LONGEST_NAME} bytes, none 0")
+        raise UsageError(
+            f"{str(path)!r}: no file can have this name, expected at most {LONGEST_NAME} bytes and no zero byte"
+        )
     return path
 
 
@@ -37,7 +39,7 @@ def some(files: Files, kind: str) -> list[Path]:
     """Return files of which at least one is needed."""
     paths = as_paths(files)
     if not paths:
-        raise UsageError(f"no {kind}; name at least one")
+        raise UsageError(f"no {kind} given; name at least one")
     return paths
 
 

@@ -164,7 +164,10 @@ def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Ta
     try:
         yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)
     except KilledWorker:
-        raise DataError("several workers died with a log, perhaps for lack of memory; finished logs are kept") from None
+        raise DataError(
+            "several workers died with the same log, perhaps for lack of memory; give them more and run again, finished "
+            "logs are kept"
+        ) from None
 
 
 def _client(address: str, patience: float) -> Any:

@@ -91,7 +91,9 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
     plant = configuration.kind.plant
     if not plant:
         able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
-        raise UsageError(f"{config}: air_path = '{configuration.air_path}': no plant simulates it; see {able}")
+        raise UsageError(
+            f"{config}: air_path = '{configuration.air_path}': there is no simulator for this engine; see {able}"
+        )
     if configuration.simulation is None:
         raise UsageError(
             f"{config}: has no [simulation] tables, simulate needs them; see configs/{configuration.kind.example}"

@@ -69,7 +69,9 @@ def synth_gain(config: File, logs: Files = (), *, out: File, published: str | No
     """
     paths = finding.find_logs(files.as_paths(logs))
     if published is not None and paths:
-        raise UsageError("--published takes no logs: its region is a column of Table 1; drop one of them")
+        raise UsageError(
+            "--published takes no logs, because the paper's Table 1 gives its region; drop --published or the logs"
+        )
     with files.writing(out, [config, *paths]) as target:
         configuration, text = load_config(files.as_path(config))
         if published is None:

@@ -126,7 +126,9 @@ def track(
     told = as_paths(refined)
     with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
-            raise UsageError(f"{target}: no such fleet, and no log to make one of; name logs")
+            raise UsageError(
+                f"{target}: there is no such fleet, and no logs are named to make it from; name logs, or correct the name"
+            )
         before = read_fleet(target) if target.is_file() else None
         if before is not None and before.provenance.config != text:
             raise _other(target)

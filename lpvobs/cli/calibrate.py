@@ -23,7 +23,7 @@ def calibrate(
         "--map",
     ),
     gain: Path | None = option(
-        "GAIN.h5", "The gain for the logs, made by synth-gain. By default a gain is made and proven first."
+        "GAIN.h5", "A gain made by synth-gain, for calibrating from logs. By default a gain is made and proven first."
     ),
     plan: bool = flag("--plan", "Say which further bench points would help most; needs no data yet."),
     config: Path | None = CONFIG,

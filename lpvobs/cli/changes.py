@@ -55,7 +55,7 @@ def compare(
             print(table([*found.axes, "A [g/s]", "B [g/s]", "change [g/s]", "5 %", "95 %"], rows))
     expect_gates(found, gate or ())
     if gate:
-        say(f"{found.second}: every gate holds")
+        say(f"{found.second}: every gate passes")
 
 
 @guarded

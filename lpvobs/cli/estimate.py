@@ -93,7 +93,7 @@ def estimate(
         if agreement:
             print("\n" + table(*told(agreement_rows(agreement))))
         if done.agreement:
-            say(f"maps made from single logs differ by {1e3 * done.scatter:.3g} g/s per node more than noise explains")
+            say(f"the maps of single logs scatter by {1e3 * done.scatter:.3g} g/s per node beyond what noise explains")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
     for item in done.agreement:

@@ -17,7 +17,7 @@ def export(
     out: Path = needed("FILE", "The file to write; for c99 the folder."),
     start: Path | None = argument(
         "[RESULT.h5]",
-        "For c99 and fmu: a result of estimate, with whose map and engine the observer starts.",
+        "For c99 and fmu: a result of estimate. The observer starts with its map and engine.",
         default=None,
     ),
     source: str = option(

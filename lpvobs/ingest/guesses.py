@@ -60,7 +60,9 @@ def own_names(path: Path) -> dict[str, str]:
                 f"{path}: '{name}' stands for {found[bare(name)]} and for {channel}; expected one channel; correct the table"
             )
     if not found:
-        raise UsageError(f"{path}: names no channel; expected lines NAME;CHANNEL of {', '.join(known_channels())}")
+        raise UsageError(
+            f"{path}: names no channel; expected lines NAME;CHANNEL, with CHANNEL one of {', '.join(known_channels())}"
+        )
     return found
 
 

@@ -184,7 +184,8 @@ def samples_of(
         )
     if numbers.values.size and numbers.unreadable == numbers.values.size:
         raise DataError(
-            f"{path}: channel '{name}' ('{full}') holds text such as '{numbers.example[:20]}', expected numbers; check decimal"
+            f"{path}: channel '{name}' ('{full}') holds text such as '{numbers.example[:20]}', expected numbers; check "
+            "decimal in [source]"
         )
     keep, late = base.keep, 0
     if profile.source.polled:

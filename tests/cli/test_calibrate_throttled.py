@@ -69,7 +69,7 @@ def test_a_report_shows_its_curves(lpvobs, engine, folder):
 def test_only_healthy_logs_teach_it(lpvobs, folder, option):
     done = lpvobs("calibrate", "--config", LIU_ICE, option, folder / "healthy.parquet", "--out", folder / "no.h5")
     assert done.code == 2
-    assert "learns from healthy logs alone" in done.err
+    assert "is learned from healthy logs only" in done.err
 
 
 def test_a_fleet_of_such_engines_is_tracked_with_what_was_taught_once(lpvobs, engine, folder):

@@ -240,7 +240,7 @@ def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
     assert "a has 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
     for wrong in (compare("a", periods=("2025-01",)), compare("a", whole[0]), lpvobs("compare", whole[0])):
         assert wrong.code == 2
-        assert "--vehicle NAME and two different --period" in wrong.err
+        assert "--vehicle NAME and --period twice" in wrong.err
 
 
 def refined(path, digests, spans):

@@ -97,7 +97,9 @@ def _conversion(path: Path, module: Any, name: str) -> tuple[str, float, float]:
     if found.ConversionType == "RAT_FUNC":  # count = (a p^2 + b p + c) / (d p^2 + e p + f) of a physical value p
         a, b, c, d, e, f = (getattr(found.COEFFS, letter).Value for letter in "ABCDEF")
         if a or d or e or not b:
-            raise DataError(f"{path}: conversion '{name}' is not linear; expected a map whose counts are evenly spaced")
+            raise DataError(
+                f"{path}: conversion '{name}' is not linear; expected a map with a linear conversion; choose another map"
+            )
         return unit, abs(f / b), -c / b
     return unit, 1.0 if found.ConversionType == "IDENTICAL" else 0.0, 0.0
 

@@ -176,7 +176,7 @@ def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
     try:
         return np.asarray(convert(values, _unit(field), wanted), dtype=float)
     except ValueError as error:
-        raise DataError(f"{path}: channel '{name}': {error}; give it a unit of the same kind") from None
+        raise DataError(f"{path}: channel '{name}': {error}; give this channel a unit of the expected kind") from None
 
 
 def further_channels(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str]:

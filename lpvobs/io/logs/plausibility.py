@@ -94,7 +94,7 @@ def _increasing(
     if wrong > MOST_BACKWARD * kept.size:
         raise DataError(
             f"{path}: channel 'time' repeats or runs backward at {wrong} of {kept.size} samples, expected at most "
-            f"{100 * MOST_BACKWARD:.0f} %; one time far in the future is enough for that: repair the log"
+            f"{100 * MOST_BACKWARD:.0f} %; a single time far in the future can cause this; repair the log"
         )
     return rows[later], wrong
 
@@ -119,7 +119,7 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
     if step > gap_limit:
         raise DataError(
             f"{path}: channel 'time' has a median step of {step:.4g} s, expected at most gap_limit = {gap_limit:g} s; "
-            f"its unit is probably wrong, or the log is too slow for [policies] gap_limit"
+            f"check the unit of time, record faster, or raise gap_limit in [policies]"
         )
     if step < FASTEST:
         raise DataError(

@@ -41,7 +41,7 @@ class RemotePath(type(Path())):  # type: ignore[misc] # the class that `Path` ma
             return question(*fsspec.core.url_to_fs(str(self)))
         except ImportError as error:
             raise UsageError(
-                f"{self}: {error}; install lpvobs[cluster] and the Python library that opens {self.parts[0]}// addresses"
+                f"{self}: {error}; install lpvobs[cluster] and the fsspec library for {self.parts[0]}// (s3fs, gcsfs, adlfs)"
             ) from None
         except FileNotFoundError:
             raise
