@@ -102,5 +102,5 @@ def test_maps_with_nothing_in_common_are_refused(tmp_path):
     values = np.zeros(SHAPE)
     values[3:] = np.nan
     one, other = write(tmp_path / "a.h5", values), write(tmp_path / "b.h5", np.flipud(values))
-    with pytest.raises(DataError, match="no node has a value with an error in both"):
+    with pytest.raises(DataError, match="no node has a value with a standard error in both"):
         lpvobs.compare(one, other)

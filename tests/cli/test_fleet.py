@@ -223,7 +223,7 @@ def test_no_process_is_left_behind(config, chain, fleet, tmp_path, sent):
 def test_usage_of_jobs(estimate, chain, fleet, tmp_path):
     out = tmp_path / "r.h5"
     for arguments, word in (
-        (("--jobs", 2, "--method", "published"), "in turn"),
+        (("--jobs", 2, "--method", "published"), "one log after the other"),
         (("--jobs", 2, "--scheduler", "tcp://127.0.0.1:1"), "drop one"),
         (("--jobs", 0), "jobs"),
     ):

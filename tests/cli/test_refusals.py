@@ -106,7 +106,7 @@ def test_units_and_formats_that_are_not_a_logs_say_what_to_do(lpvobs, config, ch
     log, out = tmp_path / "other.parquet", tmp_path / "r.h5"
     call = ("estimate", "--config", config, "--gain", chain.gain, log, "--out", out)
     rewritten(table, log, W_maf="mg/cycle")
-    refused(lpvobs(*call), 3, "channel 'W_maf': unit 'mg/cycle' cannot be converted to 'kg/s'; give it")
+    refused(lpvobs(*call), 3, "channel 'W_maf': unit 'mg/cycle' cannot be converted to 'kg/s'; give this channel")
     for recording in (b"time,n_e\n0,800\n", b"MDF     4.10    "):
         log.write_bytes(recording)
         refused(
