@@ -55,12 +55,13 @@ def test_the_engine_of_another_structure():
 
 def test_the_blind_bank():
     single = "single effect: first named right, or in a set of three at most"
-    (logs,) = told("On # blind simulated drives")
-    right, of, clean = told("# of # single effects were named rightly and none of # clean drives was suspected")
+    (logs,) = told("**# simulated drives**")
+    right, of = told("it named # of # single effects rightly, and both")
+    (clean,) = told("It suspected none of # healthy drives")
     assert [right, of] == row("blind", "diesel", single)[:2]
     assert row("blind", "diesel", "clean: `none`")[:2] == [clean, clean]
-    assert told("Both effects were named in # of # drives with two") == row("blind", "diesel", "pair: both found")[:2]
-    assert told("# of # single effects were named, but") == row("blind", "throttled", single)[:2]
+    assert told("both effects in # of # drives with two") == row("blind", "diesel", "pair: both found")[:2]
+    assert told("it named # of # single effects rightly, but") == row("blind", "throttled", single)[:2]
     assert told("but only # % of the 90 % intervals") == [
         round(row("blind", "throttled", "truth inside its 90 % interval")[2])
     ]

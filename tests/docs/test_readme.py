@@ -17,7 +17,7 @@ def test_it_has_less_than_a_thousand_words():
 @pytest.mark.parametrize(
     ("question", "answer"),
     [
-        ("What is it?", r"estimates\s+that error from recorded drives, as a map"),
+        ("What is it?", r"estimates\s+that error from\s+recorded drives, as a map"),
         ("Can my log do it?", r"\*\*Can my log do it\?\*\* [^-]*docs/your-logs\.md"),
         (
             "Where do the constants come from?",
