@@ -17,6 +17,7 @@ from typing import Annotated
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import first_order_size
@@ -162,18 +163,20 @@ def learned_from(
     for width in widths:
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
-        scale = _scales(left.mean(1), problem.transience)
+        scale = _scales(left.mean(1), problem)
         for _ in range(thresholds.HEALTHY_PASSES):
-            each = [_learned(problem, features, *row) for row in zip(left, scale, start, strict=True)]
+            each = [_learned(problem, features, *row) for row in zip(problem.shown, left, scale, start, strict=True)]
             start = [own.shares for own in each]
             weights = np.array([own.weights for own in each])
-            scale = _scales(left.mean(1) - weights @ features.mean(0).T, problem.transience)
+            scale = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
         amplitude = np.array([own.amplitude for own in each])
         whole = replace(
             bare,
             weights=weights,
             amplitude=amplitude,
-            scale=np.median(scale, axis=1),
+            scale=np.array(
+                [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
+            ),
             lasting=np.array([own.lasting for own in each]),
             unsure=np.array([own.unsure for own in each]),
             slow=np.array([own.slow for own in each]),
@@ -198,19 +201,25 @@ class _LearnedBalance:
 
 
 _START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
+_LEAST_PIECES = 10  # pieces below which nothing is learned of a balance
 
 
-def _learned(problem: Problem, features: Array, left: Array, scale: Array, start: Array = _START) -> _LearnedBalance:
-    """Return what a balance leaves, shape (2, K), as a function that is the same on all drives, and the errors beyond.
+def _learned(
+    problem: Problem, features: Array, shown: NDArray[np.bool_], left: Array, scale: Array, start: Array = _START
+) -> _LearnedBalance:
+    """Return what a balance leaves where it counts, (2, K), as a function that is the same on all drives, and the errors beyond.
 
     Variances are those of largest likelihood for means over `PIECE`; the function is the best for them at the instants.
     """
-    piece = (problem.clock // thresholds.PIECE).astype(np.int64)
+    features, left, weight = features[:, shown], left[:, shown], scale[shown] ** -2.0
+    piece = (problem.clock[shown] // thresholds.PIECE).astype(np.int64)
     first = np.flatnonzero(np.diff(piece, prepend=-1))
-    weight = scale**-2.0
+    if first.size < _LEAST_PIECES:
+        m = features.shape[2]
+        return _LearnedBalance(np.zeros(m), np.zeros((m, m)), 0.0, 1.0, np.zeros(2), start, 0.0)
     total = np.add.reduceat(weight, first)
-    usual = float(np.median(scale))
-    slow = (_logs(problem), _minutes(problem))
+    usual = float(np.median(scale[shown]))
+    slow = (_logs(problem)[shown], _minutes(problem)[shown])
 
     def mean(values: Array) -> Array:
         return np.asarray((np.add.reduceat((values.T * weight).T, first, axis=0).T / total).T)
@@ -258,7 +267,8 @@ def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
         spread=along.std(0), centres=np.zeros((0, len(channels))), width=width * float(np.sqrt(len(channels))),
         weights=none, amplitude=none, scale=none, lasting=none, unsure=none, slow=none,
     )  # fmt: skip
-    return replace(bare, centres=_spread_out(bare.inputs(problem)[0][:, : len(channels)], thresholds.BELLS))
+    visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(channels)]
+    return replace(bare, centres=_spread_out(visited, thresholds.BELLS))
 
 
 def _bells(x: Array, centres: Array, width: float) -> Array:
@@ -276,13 +286,14 @@ def _spread_out(x: Array, most: int) -> Array:
     return x[chosen]
 
 
-def _scales(left: Array, transience: Array) -> Array:
-    """Return the usual size of every balance's residual in its class of transience, shape (B, K) [kg/s]."""
-    scale = np.empty(left.shape)
-    for each in np.unique(transience):
-        on = transience == each
-        away = np.abs(left[:, on] - np.median(left, axis=1)[:, None])
-        scale[:, on] = np.maximum(1.4826 * np.median(away, axis=1), 1e-9)[:, None]
+def _scales(left: Array, problem: Problem) -> Array:
+    """Return the usual size of every balance's residual in its class of transience, (B, K) [kg/s], where the balance counts."""
+    scale = np.ones(left.shape)
+    for row, shown, own in zip(left, problem.shown, scale, strict=True):
+        for each in np.unique(problem.transience[shown]):
+            on = shown & (problem.transience == each)
+            alike = on if on.sum() >= thresholds.LEAST_VISIT else shown
+            own[on] = max(1.4826 * float(np.median(np.abs(row[alike] - np.median(row[shown])))), 1e-9)
     return scale
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import _learned, _scales, learned_from, unmoved
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, lay_out
@@ -80,16 +80,34 @@ def test_the_function_is_told_from_errors_that_last_and_those_that_do_not(laid_o
     rng = np.random.default_rng(3)
     noise, one = rng.standard_normal((2, problem.K)), np.ones(problem.K)
     inputs = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))
-    features = np.stack([inputs, inputs])
-    new = _learned(problem, features, noise, one)
+    features, everywhere = np.stack([inputs, inputs]), np.ones(problem.K, dtype=bool)
+    new = _learned(problem, features, everywhere, noise, one)
     assert np.abs(new.weights).max() < 0.2
     assert (new.lasting < 2.0, new.slow[1] < 0.5) == (True, True)
-    slope = _learned(problem, features, noise + 3.0 * inputs[:, 0], one)
+    slope = _learned(problem, features, everywhere, noise + 3.0 * inputs[:, 0], one)
     assert slope.weights[0] == pytest.approx(3.0, abs=0.2)
-    minutes = _learned(problem, features, noise + 3.0 * np.sin(problem.clock / 40.0), one)
+    minutes = _learned(problem, features, everywhere, noise + 3.0 * np.sin(problem.clock / 40.0), one)
     assert minutes.slow[1] > 1.0
     assert minutes.lasting < 6.0
     assert np.trace(minutes.unsure @ minutes.unsure.T) > np.trace(new.unsure @ new.unsure.T)
+
+
+def test_what_a_balance_says_where_it_does_not_count_teaches_nothing(laid_out, clean):
+    """A balance of a valve that is shut is zero elsewhere; once these zeros were learned as residuals."""
+    problem = laid_out(clean)
+    shown = problem.shown.copy()
+    shown[0] = np.sin(problem.clock / 5.0) > 0.4
+    part = replace(problem, shown=shown)
+    rng = np.random.default_rng(4)
+    left = 1e-3 * rng.standard_normal((2, *shown.shape))
+    hidden = np.where(shown, left, 0.0)
+    assert np.median(_scales(hidden.mean(0), part)[0][shown[0]]) == pytest.approx(1e-3 / np.sqrt(2.0), rel=0.1)
+    features = np.sin(problem.clock[:, None] * rng.uniform(0.05, 0.5, 5))[None].repeat(2, axis=0)
+    one = np.ones(problem.K)
+    found = [_learned(part, features, shown[0], values[:, 0], one) for values in (left, hidden)]
+    np.testing.assert_array_equal(found[0].weights, found[1].weights)
+    nothing = _learned(part, features, np.zeros_like(shown[0]), left[:, 0], one)
+    assert (nothing.weights.any(), nothing.amplitude, nothing.lasting) == (False, 0.0, 1.0)
 
 
 def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config, prior, other, clean):

@@ -58,7 +58,8 @@ def exhaust(c: Any, x: Mapping[str, Array], W_ei: Array) -> tuple[Array, Array]:
     burnt = intake.cylinder_fuel_flow(c, x["n_e"], np.maximum(x["u_delta"], 0.0))
     T_em = x["T_im"] + c.T_rise * burnt / np.maximum(W_ei, 1e-4)
     p_em = x["p_im"] + c.dp_0 + c.dp_n * x["n_e"]
-    return _or_model(x, "p_em", p_em), _or_model(x, "T_em", T_em)
+    # A search that undoes the lag of a sensor may try temperatures below zero.
+    return _or_model(x, "p_em", p_em), np.maximum(_or_model(x, "T_em", T_em), 1.0)
 
 
 def _or_model(x: Mapping[str, Array], name: str, model: Array) -> Array:
