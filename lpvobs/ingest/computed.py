@@ -48,7 +48,10 @@ class Computed:
         known = dict(units) | {name: self.constant(name)[1] for name in self.constants}
         found = _kind(_tree(self.formula), {name: unit_of(unit) for name, unit in known.items()})
         if found is not None and _counted(found) != _counted(unit_of(self.unit)):
-            raise ValueError(f"'{self.formula}' is in {found:~}, expected the kind of {self.unit}; correct one of them")
+            raise ValueError(
+                f"formula '{self.formula}' has the unit {found:~}, expected a unit that converts to {self.unit}; "
+                "correct the formula or the unit"
+            )
 
     def values(self, channels: Mapping[str, Array]) -> Array:
         """Return the result at the samples of the channels; not finite is NaN."""
@@ -61,11 +64,15 @@ class Computed:
 
 def _tree(formula: str) -> ast.expr:
     if len(formula) > LONGEST:
-        raise ValueError(f"the formula has {len(formula)} letters, expected at most {LONGEST}; compute it in steps")
+        raise ValueError(
+            f"the formula has {len(formula)} letters, expected at most {LONGEST}; split it into several computed channels"
+        )
     try:
         return ast.parse(formula.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ValueError(f"'{formula}' is no arithmetic; expected names, numbers, + - * / and brackets") from None
+        raise ValueError(
+            f"'{formula}' is not an arithmetic formula; expected names, numbers, + - * / and brackets"
+        ) from None
 
 
 def _value(node: ast.expr, known: Mapping[str, Any]) -> Any:
@@ -78,7 +85,7 @@ def _value(node: ast.expr, known: Mapping[str, Any]) -> Any:
             return -_value(inner, known)
         case ast.BinOp(left=left, op=op, right=right):
             return OPERATIONS[type(op)](_value(left, known), _value(right, known))
-    raise ValueError(f"'{ast.unparse(node)}' is no arithmetic")
+    raise ValueError(f"'{ast.unparse(node)}' is not arithmetic")
 
 
 def _kind(node: ast.expr, known: Mapping[str, "Unit"]) -> "Unit | None":
@@ -91,13 +98,15 @@ def _kind(node: ast.expr, known: Mapping[str, "Unit"]) -> "Unit | None":
         case ast.Name(id=name) if name in known:
             return known[name]
         case ast.Name(id=name):
-            raise ValueError(f"'{name}' is neither a channel nor a constant; expected some of {', '.join(known)}")
+            raise ValueError(f"'{name}' is neither a channel nor a constant; known names: {', '.join(known)}")
         case ast.UnaryOp(op=ast.USub(), operand=inner):
             return _kind(inner, known)
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
             one, other = _kind(left, known), _kind(right, known)
             if one is not None and other is not None and (1.0 * one).to_root_units() != (1.0 * other).to_root_units():
-                raise ValueError(f"'{ast.unparse(node)}' adds {one:~} and {other:~}; give both one unit in the profile")
+                raise ValueError(
+                    f"'{ast.unparse(node)}' adds the units {one:~} and {other:~}; give both terms the same unit in the profile"
+                )
             return other if one is None else one
         case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
             one, other = (unit_of("1") if kind is None else kind for kind in (_kind(left, known), _kind(right, known)))

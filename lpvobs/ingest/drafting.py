@@ -61,7 +61,11 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
 
 def _look(path: Path, own: Mapping[str, str]) -> Clues:
     kind = foreign.sniff(path)
-    rules, layout = csv_layout(path) if kind == "csv" else (profiles.SourceRules(format=kind), ["its first bytes"])
+    rules, layout = (
+        csv_layout(path)
+        if kind == "csv"
+        else (profiles.SourceRules(format=kind), ["the first bytes of the file show its format"])
+    )
     recording = foreign.open_recording(path, rules)
     names = _worth_reading(recording, kind, own)
     columns = recording.read(names)
@@ -78,7 +82,8 @@ def _look(path: Path, own: Mapping[str, str]) -> Clues:
             rules = replace(rules, polled=True)
             layout = [
                 *layout,
-                f"{100 * share:.1f} % of all changes stand in the one row of {len(turns)} that is their column's turn",
+                f"polled: {100 * share:.1f} % of all changes are in the one row of {len(turns)} in which the logger "
+                "refreshes their column",
             ]
     steps = {name: median_step(column.time) for name, column in columns.items() if column.time is not None}
     return Clues(recording, rules, layout, clocks, numbers, steps, own)
@@ -118,7 +123,7 @@ def _clock(name: str, head: recordings.Head, column: recordings.Column, rules: p
         time = found.time[np.isfinite(found.time)]
         if time.size > 1 and time.size > 0.9 * found.time.size and np.mean(np.diff(time) > 0) > 0.9:
             said = unit if unit in (head.unit, "clock", "datetime") else ""
-            return Clock(name, said, found, f"the name '{head.name}', and it runs forward")
+            return Clock(name, said, found, f"the column is named '{head.name}', and its values increase")
     return None
 
 
@@ -150,8 +155,9 @@ def _told(found: Guess, sure: Mapping[str, Guess]) -> bool:
 def _head(path: Path) -> str:
     return "\n".join(
         [
-            f"# Drafted from {_comment(path.name)}. What is not a comment seemed sure; read the rest and uncomment what is right.",
-            "# What every key means: docs/ingest.md.",
+            f"# Draft made from {_comment(path.name)}. Lines without # seemed sure. Read the comments and uncomment "
+            "the lines that are right.",
+            "# docs/ingest.md explains every key.",
             "schema = 1",
             f"description = {_text('recordings like ' + _comment(path.name))}",
         ]
@@ -172,16 +178,16 @@ def _source(seen: Clues) -> str:
 
 def _time(seen: Clues) -> str:
     if seen.rules.format == "mdf":
-        return "[time]\n# MDF keeps a time base with every channel"
+        return "[time]\n# every MDF channel has its own time base, so no key is needed here"
     if not seen.clocks:
-        return '[time]\n# no column is called like time and runs forward; name it:\n# source = ""\n# unit = "s"'
+        return '[time]\n# no column has a name of time and increasing values; name the time column:\n# source = ""\n# unit = "s"'
     mark = "" if len(seen.clocks) == 1 or seen.rules.format == "mat" else "# "
     lines = ["[time]"]
     for clock in seen.clocks[:1] if seen.rules.format == "mat" else seen.clocks:
         lines += [f"# {clock.reason}", f"{mark}source = {_text(clock.column)}"]
         if not clock.unit:
             lines += [
-                f"# the file says no unit; the usual step is {median_step(clock.found.time):.4g} of it",
+                f"# the file gives no unit of time; the usual time step is {median_step(clock.found.time):.4g} in that unit",
                 '# unit = "s"',
             ]
         elif clock.unit in ("clock", "datetime"):
@@ -192,7 +198,7 @@ def _time(seen: Clues) -> str:
 def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
     """Return the raster: as recorded where there is one time base, else the rate of the fastest channel."""
     if len(seen.clocks) == 1 and not seen.rules.polled:
-        return "# One time base: without [raster] the samples stay where they were recorded."
+        return "# All channels share one time base. Without [raster] the samples keep their times."
     steps = [seen.steps[name] for name in sure if name in seen.steps]
     if seen.rules.polled:
         steps = [median_step(seen.clocks[0].found.time) * (len(seen.recording.heads) - 1) / 2]
@@ -200,9 +206,9 @@ def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
         steps = [median_step(clock.found.time) for clock in seen.clocks if clock.unit or seen.rules.format == "mat"]
     known = [step for step in steps if step > 0]
     if not known:
-        return "[raster]\n# several time bases, or none known: state the rate of the log in Hz\n# rate = 20.0"
+        return "[raster]\n# several time bases, or none known: give the sample rate of the log in Hz\n# rate = 20.0"
     what = "twice the rate of the polling" if seen.rules.polled else "the rate of the fastest channel below"
-    return f"[raster]\n# {what}; any other will do\nrate = {1.0 / min(known):.6g}"
+    return f"[raster]\n# rate in Hz: {what}; you may choose another\nrate = {1.0 / min(known):.6g}"
 
 
 def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess], rivals: Sequence[Guess]) -> str:
@@ -211,7 +217,7 @@ def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess], rivals: Seque
     mark = "" if certain else "# "
     lines = [f"# {'; '.join(map(_comment, found.reasons))}"]
     if certain and (others := [item.column for item in rivals if item.column != found.column]):
-        lines.append(f"# the name of these may mean it, too: {', '.join(map(_comment, others))}")
+        lines.append(f"# these columns have names that may mean this channel, too: {', '.join(map(_comment, others))}")
     if not certain:
         lines.append("# not sure: other columns or channels fit as well, or name, unit and range do not agree")
     lines += [f"{mark}[channels.{found.channel}]", f"{mark}source = {_text(found.column)}"]
@@ -228,20 +234,22 @@ def _own_clock(found: Guess, seen: Clues, mark: str) -> list[str]:
     size = seen.columns[found.column].size
     fitting = [clock.column for clock in seen.clocks if clock.found.time.size == size]
     if len(fitting) == 1:
-        return [f"{mark}time = {_text(fitting[0])}  # the only one with its {size} samples"]
-    return [f"# time = {_text(name)}" for name in fitting] or ["# time: none has its number of samples"]
+        return [f"{mark}time = {_text(fitting[0])}  # the only time column with {size} samples, as this channel has"]
+    return [f"# time = {_text(name)}" for name in fitting] or [
+        "# time: no time column has as many samples as this channel"
+    ]
 
 
 def _rest(seen: Clues, guesses: Sequence[Guess]) -> str:
     """Return the columns that nothing was guessed of, with the channels that their unit would allow."""
     told = {found.column for found in guesses} | {clock.column for clock in seen.clocks}
-    lines = ["# Not used:"]
+    lines = ["# Columns that are not used:"]
     for name, head in list(seen.recording.heads.items())[:MOST_COLUMNS]:
         if name not in told:
             fits = kind_of(head.unit)
             lines.append(
                 f"#   {_comment(head.name)} [{_comment(head.unit) or 'no unit'}]"
-                + (f" (a unit for {', '.join(fits)})" if fits else "")
+                + (f" (its unit fits {', '.join(fits)})" if fits else "")
             )
     return "\n".join(lines if len(lines) > 1 else ["# Every column was looked at above."])
 

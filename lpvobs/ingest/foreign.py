@@ -78,14 +78,16 @@ def _find_all(sources: Sequence[ForeignRecording], profile: profiles.Profile) ->
         if not rules.optional and not any(name in names for names in found):
             hints = "; ".join(nearest(recording.heads, rules.names) for recording in sources)
             raise DataError(
-                f"{', '.join(str(recording.path) for recording in sources)}: channel '{name}' is missing, expected "
+                f"{', '.join(str(recording.path) for recording in sources)}: channel '{name}' is missing, expected a column "
                 f"{' or '.join(repr(item) for item in rules.names)}; {hints}; correct the name in the profile or set "
                 "optional = true"
             )
     for recording, names in zip(sources, found, strict=True):
         _refuse_twice(recording.path, names)
     if not any(found):
-        raise DataError(f"{sources[0].path}: holds no channel of the profile; {nearest(sources[0].heads, [])}")
+        raise DataError(
+            f"{sources[0].path}: has no channel of the profile; {nearest(sources[0].heads, [])}; correct the names in the profile"
+        )
     return found
 
 
@@ -95,7 +97,7 @@ def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
     for name, full in names.items():
         if full in by_column:
             raise DataError(
-                f"{path}: '{full}' is used twice, for channel '{by_column[full]}' and for '{name}', expected once; "
+                f"{path}: column '{full}' is used twice, for channel '{by_column[full]}' and for '{name}', expected once; "
                 f"take one channel out of the profile, or compute it from the other one in [computed]"
             )
         by_column[full] = name
@@ -129,7 +131,7 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
     files = ", ".join(part.done.file for part in parts)
     if wrong and (profile.time.backward == "refuse" or wrong > MOST_BACKWARD * time.size):
         raise DataError(
-            f"{files}: channel '{name}': the parts overlap in {wrong} samples; put the parts in order, "
+            f"{files}: channel '{name}': the parts overlap in {wrong} samples; name the parts in order of time, "
             f'or drop up to 10 % of the samples with backward = "drop" in the profile\'s [time]'
         )
     repairs: dict[str, Any] = {"overlap": wrong} if wrong else {}

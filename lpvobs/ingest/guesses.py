@@ -57,7 +57,8 @@ def own_names(path: Path) -> dict[str, str]:
             continue
         if found.setdefault(bare(name), channel) != channel:
             raise UsageError(
-                f"{path}: '{name}' stands for {found[bare(name)]} and for {channel}; expected one channel; correct the table"
+                f"{path}: the name '{name}' stands for {found[bare(name)]} and for {channel}; expected one channel for "
+                "each name; correct the table"
             )
     if not found:
         raise UsageError(
@@ -84,14 +85,16 @@ def guess(
     strong = said == channel if said else named and channel not in own.values()
     if not strong and (said or not (named or may)):
         return None
-    how = "means that by your own table" if said else "means that" if strong else "may mean that"
+    how = (
+        "means this channel in your own table" if said else "means this channel" if strong else "may mean this channel"
+    )
     reasons = [f"the name '{head.name}' {how}"]
     finite = values[np.isfinite(values)]
     if finite.size == 0:
-        return Guess(channel, column, False, bool(head.unit), head.unit, (*reasons, "but it holds no number"))
+        return Guess(channel, column, False, bool(head.unit), head.unit, (*reasons, "but the column has no numbers"))
     middle = float(np.median(finite))
     if head.unit and not _readable(head.unit):
-        return Guess(channel, column, False, False, "", (*reasons, f"but nobody here knows the unit '{head.unit}'"))
+        return Guess(channel, column, False, False, "", (*reasons, f"but lpvobs does not know the unit '{head.unit}'"))
     if head.unit:
         typical = _typical(known, middle, head.unit)
         if typical is None:
@@ -101,7 +104,7 @@ def guess(
         return Guess(channel, column, strong and typical, True, head.unit, tuple(reasons))
     fitting = [unit for unit in known.units if _typical(known, middle, unit)]
     found = fitting[0] if len(fitting) == 1 else ""
-    usual = " or ".join(fitting) or "no unit known for it"
+    usual = " or ".join(fitting) or "none of the known units"
     reasons.append(f"no unit in the file; the median {middle:.4g} is usual in {usual}")
     return Guess(channel, column, strong and bool(fitting), False, found, tuple(reasons))
 
@@ -145,8 +148,8 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     width, _ = _width(lines, delimiter)
     if width < 2:
         raise DataError(
-            f"{path}: the first lines are not a table with comma, semicolon, | or tab between the columns; see [source] "
-            "in a profile"
+            f"{path}: the first lines are not a table with comma, semicolon, | or tab between the columns; describe the "
+            "file in [source] of a profile"
         )
     rows = [_fields(line, delimiter) for line in lines]
     header = next(number for number, row in enumerate(rows) if len(row) == width)
@@ -158,9 +161,9 @@ def csv_layout(path: Path) -> tuple[profiles.SourceRules, list[str]]:
     )
     reasons = [f"{width} columns in {sum(len(row) == width for row in rows)} of the first {len(rows)} lines"]
     if units:
-        reasons.append(f"line {header + 2} holds no number where the later ones do")
+        reasons.append(f"line {header + 2} has no numbers, but later lines have numbers: it has the units")
     if decimal == ",":
-        reasons.append("numbers with a comma and none with a point")
+        reasons.append("numbers have a decimal comma, and none has a point")
     return rules, reasons
 
 
@@ -169,7 +172,7 @@ def _first_lines(path: Path) -> list[str]:
         lines = [stream.readline(LINE) for _ in range(LOOKED_AT)]
     kept = [line.rstrip("\r\n").lstrip("\ufeff") for line in lines if line]
     if sum(bool(line.strip()) for line in kept) < 2 or any("\0" in line for line in kept):
-        raise DataError(f"{path}: not a CSV table with names and numbers; expected text; name another file")
+        raise DataError(f"{path}: not a CSV table of names and numbers; name a text file")
     return kept
 
 

@@ -55,7 +55,7 @@ def _is_hdf(path: Path) -> bool:
 def _expect_once(names: Iterator[str]) -> None:
     twice = next((name for name, often in Counter(names).items() if often > 1), None)
     if twice is not None:
-        raise ValueError(f"variable '{twice}' is there twice")
+        raise ValueError(f"variable '{twice}' appears twice")
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -109,7 +109,7 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
     with h5py.File(path, "r") as file:
         file.visititems(look)  # goes along hard links alone
     if odd:
-        notes["names"] = f"{len(odd)} objects whose names are no text, left out"
+        notes["names"] = f"{len(odd)} objects were left out, because their names are not text"
     for item in found:
         folder, _, own = item.place.rpartition("/")
         beside = units.get(folder) if own not in TIMES else None

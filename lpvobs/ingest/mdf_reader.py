@@ -69,17 +69,21 @@ def _table(file: Any, group: int, index: int, notes: dict[str, str]) -> pa.Table
     signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
     samples = np.asarray(signal.samples)
     if samples.ndim != 1 or samples.dtype.kind not in "iufbSU" or samples.dtype == np.longdouble:
-        raise ValueError(f"channel '{name}' holds {samples.dtype} of {samples.ndim} axes, expected a number per stamp")
+        raise ValueError(
+            f"channel '{name}' holds {samples.dtype} with {samples.ndim} dimensions, expected one number per time stamp"
+        )
     if samples.dtype.kind in "SU":  # a conversion to text; ingest says so with an example
         values = pa.array([as_text(item) for item in samples], pa.string())
     else:
         mask = np.asarray(signal.invalidation_bits, dtype=bool) if signal.invalidation_bits is not None else None
         if mask is not None and mask.any():
-            notes[f"invalid in {name}"] = f"{np.count_nonzero(mask)} samples that the file marks so"
+            notes[f"invalid in {name}"] = f"{np.count_nonzero(mask)} samples that the file marks as invalid"
         values = pa.array(native(samples), mask=mask)
     stamps = np.ascontiguousarray(np.asarray(signal.timestamps, dtype=float))
     if stamps.shape != samples.shape:
-        raise ValueError(f"channel '{name}' has {samples.size} samples and {stamps.size} stamps, expected as many")
+        raise ValueError(
+            f"channel '{name}' has {samples.size} samples and {stamps.size} time stamps, expected as many as samples"
+        )
     return pa.table({"values": values, "time": pa.array(stamps)})
 
 
@@ -88,7 +92,7 @@ def _look_through(conversion: Any, name: str, depth: int) -> None:
     if conversion is None:
         return
     if depth > DEEPEST:
-        raise ValueError(f"channel '{name}' has conversions inside conversions, {DEEPEST} deep and more")
+        raise ValueError(f"channel '{name}' has conversions inside conversions, more than {DEEPEST} levels deep")
     formula = getattr(conversion, "formula", "") or ""
     if formula:
         expect_arithmetic(formula.rstrip("\0"), name)
@@ -102,12 +106,16 @@ def expect_arithmetic(formula: str, name: str) -> None:
     from numexpr import evaluate
 
     if not _FORMULA.fullmatch(formula):
-        raise ValueError(f"channel '{name}' is converted by '{one_line(formula)}', expected arithmetic of X")
+        raise ValueError(
+            f"channel '{name}' has the conversion formula '{one_line(formula)}', expected only arithmetic with X"
+        )
     numbers = np.array([1.0, 2.0])
     try:
         evaluate(formula.replace("X1", "X"), {"X": numbers})
     except Exception:
-        raise ValueError(f"channel '{name}' is converted by '{one_line(formula)}', which cannot be computed") from None
+        raise ValueError(
+            f"channel '{name}' has the conversion formula '{one_line(formula)}', which cannot be computed"
+        ) from None
 
 
 def _unit(channel: Any) -> str:

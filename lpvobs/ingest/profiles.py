@@ -38,7 +38,9 @@ class SourceRules:
         if self.decimal not in (".", ",") or self.decimal == self.delimiter:
             raise ValueError("decimal must be '.' or ',' and not the delimiter")
         if not 1 <= self.header_row <= 1000 or not 0 <= self.unit_row <= 1000 or self.unit_row == self.header_row:
-            raise ValueError("header_row and unit_row are different lines between 1 and 1000, unit_row = 0 for none")
+            raise ValueError(
+                "header_row and unit_row must be different lines from 1 to 1000; unit_row = 0 means that no line has units"
+            )
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Raster:
 
     def __post_init__(self) -> None:
         if not (0 <= self.rate <= 1e5 and 0 < self.gap < math.inf):
-            raise ValueError("rate must be from 0 to 100000 Hz and gap positive")
+            raise ValueError("rate must be from 0 to 100000 Hz, and gap must be positive")
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class ChannelRules:
         if not 0 <= self.limit < math.inf:
             raise ValueError("limit must be zero or positive")
         if not (math.isfinite(self.scale) and self.scale != 0 and math.isfinite(self.offset)):
-            raise ValueError("scale must be finite and not zero, offset finite")
+            raise ValueError("scale must be finite and not zero, and offset must be finite")
         if not self.low < self.high:
             raise ValueError("low must be below high")
 
@@ -134,7 +136,9 @@ def load_profile(name: str) -> tuple[Profile, str, str]:
     known = shipped()
     path = known.get(name, Path(name))
     if name not in known and path.suffix != ".toml" and not path.exists():
-        raise UsageError(f"--profile {name}: no such profile; shipped: {', '.join(known)}; or name your own TOML")
+        raise UsageError(
+            f"--profile {name}: no such profile; lpvobs has the profiles {', '.join(known)}; name one of them or your own TOML file"
+        )
     text = read_text(path)
     return profile_of(text, path), path.stem, text
 
@@ -153,7 +157,7 @@ def profile_of(text: str, path: Path) -> Profile:
     for name, item in profile.computed.items():
         try:
             if name in units:
-                raise ValueError("is in [channels] as well; call one of them otherwise")
+                raise ValueError("a channel in [channels] has this name as well; rename one of the two")
             item.checked(units)
         except ValueError as error:
             raise UsageError(f"{path}: computed.{name}: {error}") from None
@@ -161,7 +165,7 @@ def profile_of(text: str, path: Path) -> Profile:
     for name in units:
         if name == "time" or name.startswith("ref_"):
             raise UsageError(
-                f"{path}: {name}: a channel cannot have this name; time has its own table [time], and names with ref_ "
-                "are for true values"
+                f"{path}: {name}: a channel cannot have this name; time has its own table [time], and names that "
+                "begin with ref_ are reserved for true values"
             )
     return profile

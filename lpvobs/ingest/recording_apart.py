@@ -24,7 +24,7 @@ from lpvobs.io.safety.sandbox import call, environment
 SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
 """What a library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""
 PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
-FAILED = "its library fails on it, or takes too long"
+FAILED = "the library that reads it fails, or takes too long"
 MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
 ARCHIVES = (".zip", ".mf4z", ".gzip", ".gz", ".bz2")
 
@@ -38,7 +38,7 @@ class Library:
     remedy: str
 
 
-MAT = Library("MAT", "lpvobs.ingest.mat_reader", "save it again, -v7 or -v7.3")
+MAT = Library("MAT", "lpvobs.ingest.mat_reader", "save it again in MATLAB with -v7 or -v7.3")
 MDF = Library("MDF", "lpvobs.ingest.mdf_reader", "record or export it again")
 
 
@@ -74,10 +74,10 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
         magic = stream.read(8)
     if magic not in MDF_MAGIC:  # the library would unpack it
         raise DataError(
-            f"{path}: does not begin like an MDF file; unpack the file if it is packed, or drop format in the profile's [source]"
+            f"{path}: does not begin like an MDF file; unpack the file if it is packed, or delete format in the profile's [source]"
         )
     if path.suffix.lower() in ARCHIVES:  # the library would take it for its own copy of an archive, and delete it
-        raise DataError(f"{path}: is an MDF file under an archive's name; rename it to .mf4")
+        raise DataError(f"{path}: is an MDF file, but its name ends like that of an archive; rename it to .mf4")
     return _opened(path, MDF)
 
 
@@ -110,7 +110,7 @@ def _asked(
         with process:
             try:
                 if process.stdin is None or process.stdout is None:
-                    raise _unreadable(path, library, "no pipe to its reader")
+                    raise _unreadable(path, library, "no connection to the process that reads it")
                 process.stdin.write(json.dumps(wanted).encode())
                 process.stdin.close()
                 yield _lines(path, library, process.stdout, notes), process.stdout

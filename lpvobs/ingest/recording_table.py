@@ -45,7 +45,7 @@ class CsvRecording(ForeignRecording):
         check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
         encoding = self.encoding if survey.decodes else ANY_BYTE
         if not survey.decodes:
-            self.notes["encoding"] = f"not {self.encoding}: read as {ANY_BYTE}"
+            self.notes["encoding"] = f"the file is not {self.encoding}, so it was read as {ANY_BYTE}"
         order = list(self.heads)
         keys = [str(order.index(name)) for name in names]
         broken: list[int] = []
@@ -87,7 +87,7 @@ class CsvRecording(ForeignRecording):
                 f"{self.path}: {len(broken)} of {rows + len(broken)} lines have a wrong number of fields (the first has "
                 f"{broken[0]}), expected {len(self.heads)}; check the delimiter, or export the file again"
             )
-        self.notes["broken_lines"] = f"{len(broken)} with a wrong number of fields, left out"
+        self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
 
 
 @contextmanager
@@ -146,8 +146,8 @@ def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
                 first = first or (number if line.count(b'"') % 2 else 0)
     if first and rows < lines:
         raise DataError(
-            f"{path}: a quotation mark in line {first} is not closed for {lines - rows} lines, expected a row in each line; "
-            f"close it, or export the file again"
+            f"{path}: the quotation mark in line {first} is not closed, so {lines - rows} lines have no row of their own; "
+            f"close the quotation mark, or export the file again"
         )
 
 
@@ -159,7 +159,7 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
     units = _fields(path, text, rules.unit_row, rules.delimiter) if rules.unit_row else [""] * len(names)
     if len(names) != len(units):
         raise DataError(
-            f"{path}: {len(names)} names but {len(units)} units; correct header_row or unit_row in the profile"
+            f"{path}: the header has {len(names)} names but {len(units)} units; correct header_row or unit_row in the profile"
         )
     heads: dict[str, Head] = {}
     often = Counter(names)
@@ -169,7 +169,11 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
         while key in heads:
             key += "#"
         heads[key] = Head(bare, unit.strip().strip("[]") or inside)
-    notes = {} if encoding == rules.encoding else {"encoding": f"not {rules.encoding}: read as {encoding}"}
+    notes = (
+        {}
+        if encoding == rules.encoding
+        else {"encoding": f"the file is not {rules.encoding}, so it was read as {encoding}"}
+    )
     return CsvRecording(path, heads, rules, encoding, notes=notes)
 
 
@@ -177,7 +181,9 @@ def _first_lines(path: Path, count: int) -> list[bytes]:
     with opened(path) as stream:
         lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
     if not lines[-1].strip() or len(lines[-1]) == LONGEST_LINE or b"\0" in lines[-1]:
-        raise DataError(f"{path}: no header in line {count}; expected a CSV table; see [source] in the profile")
+        raise DataError(
+            f"{path}: line {count} is not the header of a CSV table; correct header_row and unit_row in [source] of the profile"
+        )
     return lines
 
 

@@ -74,8 +74,8 @@ def find(recording: ForeignRecording, names: Iterable[str], what: str) -> str | 
         fitting = [full for full, head in recording.heads.items() if head.name == name]
         if len(fitting) > 1:
             raise DataError(
-                f"{recording.path}: {what}: '{name}' stands for {len(fitting)} columns: {', '.join(fitting[:6])}; "
-                f"name one of them in full"
+                f"{recording.path}: {what}: the name '{name}' fits {len(fitting)} columns: {', '.join(fitting[:6])}; "
+                f"write the full name of one of them"
             )
         if fitting:
             return fitting[0]
@@ -87,9 +87,9 @@ def nearest(heads: Mapping[str, Head], names: Sequence[str]) -> str:
     present = list(dict.fromkeys(head.name for head in heads.values()))
     near = [found for name in names for found in difflib.get_close_matches(name, present, n=2, cutoff=0.6)]
     if near:
-        return f"nearest: {', '.join(dict.fromkeys(near))}"
+        return f"nearest names: {', '.join(dict.fromkeys(near))}"
     more = f" and {len(present) - 12} more" if len(present) > 12 else ""
-    return f"present: {', '.join(present[:12]) or 'nothing'}{more}"
+    return f"columns in the file: {', '.join(present[:12]) or 'none'}{more}"
 
 
 def split_unit(header: str) -> tuple[str, str]:
@@ -118,7 +118,7 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
         with path.open("rb") as stream:
             yield stream
     except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check your permission to read this file") from None
 
 
 def check_samples(path: Path, sizes: Sequence[int], text: float = 0.0) -> None:

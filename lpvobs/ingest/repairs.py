@@ -38,7 +38,7 @@ def stamps(data: "pa.Array | pa.ChunkedArray", unit: str, decimal: str = ".") ->
 
     if unit in ("clock", "datetime"):
         if pa.types.is_integer(data.type) or pa.types.is_floating(data.type):
-            raise ValueError(f"holds {data.type}, expected text or time stamps as its unit '{unit}' says")
+            raise ValueError(f"holds {data.type}, but its unit '{unit}' needs text or time stamps")
         return _clock(data) if unit == "clock" else _dates(data)
     if pa.types.is_timestamp(data.type) or pa.types.is_time(data.type):
         raise ValueError(f"holds {data.type}; expected numbers in {unit}, or the unit 'datetime'")
@@ -123,22 +123,24 @@ def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: 
     time, repairs = _seconds(recording, column, name, profile) if is_clock else (column.time, {})
     if time is None:
         raise DataError(
-            f"{path}: the format stores no time with a channel; name the time column as source in the profile's [time]"
+            f"{path}: this file format stores no time with the channels; name the time column with source in the profile's [time]"
         )
     finite = np.isfinite(time)
     stamped = int(np.count_nonzero(finite))
     if stamped < 2:
-        raise DataError(f"{path}: time '{name}' has {stamped} readable stamps, expected at least two; check [time]")
+        raise DataError(
+            f"{path}: time column '{name}' has {stamped} readable time stamps, expected at least two; check [time] in the profile"
+        )
     keep = forward(time)
     backward = np.flatnonzero(finite & ~keep)
     if backward.size and profile.time.backward == "refuse":
         raise DataError(
-            f"{path}: time '{name}' repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row "
+            f"{path}: time column '{name}' repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row "
             f'{backward[0]}); expected strictly increasing; repair the file or set backward = "drop" in the profile\'s [time]'
         )
     if backward.size > MOST_BACKWARD * time.size:
         raise DataError(
-            f"{path}: time '{name}' repeats or runs backward at {backward.size} of {time.size} samples, expected at most "
+            f"{path}: time column '{name}' repeats or runs backward at {backward.size} of {time.size} samples, expected at most "
             f"{100 * MOST_BACKWARD:.0f} %; repair the file"
         )
     repairs |= {"backward": backward.size, "empty": time.size - stamped - repairs.get("unreadable", 0)}
@@ -149,7 +151,7 @@ def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Pr
     """Return a clock column in seconds, and what in it was repaired."""
     unit = profile.time.unit or recording.heads[name].unit
     if not unit:
-        raise DataError(f"{recording.path}: time column '{name}' has no unit; state unit in the profile's [time]")
+        raise DataError(f"{recording.path}: time column '{name}' has no unit; give its unit in the profile's [time]")
     try:
         found = stamps(column.data, unit, profile.source.decimal)
     except ValueError as error:
@@ -179,8 +181,8 @@ def samples_of(
         raise DataError(f"{path}: channel '{name}' ('{full}') {error}; export it as numbers") from None
     if numbers.values.size != base.time.size:
         raise DataError(
-            f"{path}: channel '{name}' ('{full}') has {numbers.values.size} samples and its time {base.time.size}; "
-            f"name the right time base: time in the profile's [channels.{name}]"
+            f"{path}: channel '{name}' ('{full}') has {numbers.values.size} samples, but its time column has {base.time.size}; "
+            f"name the right time column with the key time in the profile's [channels.{name}]"
         )
     if numbers.values.size and numbers.unreadable == numbers.values.size:
         raise DataError(
@@ -213,8 +215,9 @@ def _in_turn(recording: ForeignRecording, full: str, clock: str, values: Array) 
     late, changes = refreshed(values, turn, len(turns))
     if late > 1 and late > TURNS_MISSED * changes:
         raise DataError(
-            f"{recording.path}: '{full}' changes {late} of {changes} times in rows of other columns, expected one column per "
-            f"row in turn; lines are missing, or the file is not polled: then drop polled in the profile's [source]"
+            f"{recording.path}: column '{full}' has {late} of {changes} changes in rows of other columns, expected one "
+            "refreshed column "
+            f"per row; add the missing lines, or delete polled in the profile's [source] if the file is not polled"
         )
     return np.arange(values.size) % len(turns) == turn, late
 
@@ -223,14 +226,14 @@ def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelR
     """Return values in the unit of the log, the unit that they were read in, and what was repaired."""
     unit = canonical(rules.source_unit or file_unit)
     if not unit:
-        raise DataError(f"{path}: channel '{name}' has no unit in the file; state source_unit in [channels.{name}]")
+        raise DataError(
+            f"{path}: channel '{name}' has no unit in the file; give it with source_unit in [channels.{name}]"
+        )
     invalid = np.isin(raw, rules.invalid)
     try:
         values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)
     except ValueError as error:
-        raise DataError(
-            f"{path}: channel '{name}' has the {error}; correct unit or source_unit in the profile"
-        ) from None
+        raise DataError(f"{path}: channel '{name}': {error}; correct unit or source_unit in the profile") from None
     outside = (values < rules.low) | (values > rules.high)
     counts: dict[str, int | str] = {
         "empty": int(np.count_nonzero(~np.isfinite(raw))),
@@ -240,7 +243,7 @@ def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelR
     if (rules.scale, rules.offset) != (1.0, 0.0):
         counts["rescaled"] = f"{rules.scale:g} * recorded + {rules.offset:g} {unit}"
     if file_unit and rules.source_unit and canonical(file_unit) != unit:
-        counts["unit"] = f"the file says {file_unit}, the profile {rules.source_unit}"
+        counts["unit"] = f"the unit is {file_unit} in the file, but {rules.source_unit} in the profile"
     elif is_broken(rules.source_unit or file_unit):
         counts["unit_spelling"] = f"{rules.source_unit or file_unit} read as {unit}"
     return np.where(outside | ~np.isfinite(values), np.nan, values), unit, counts

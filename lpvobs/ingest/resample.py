@@ -128,8 +128,8 @@ def on_raster(
         if needed > recordings.MOST_BYTES:
             file = next(iter(samples.values())).done.file
             raise DataError(
-                f"{file}: {span:.6g} s at {rate:g} Hz would take {needed / 2**30:.3g} GiB, expected at most "
-                f"{recordings.MOST_BYTES / 2**30:.0f}; check the unit of time, or lower rate in the profile's [raster]"
+                f"{file}: a log of {span:.6g} s at {rate:g} Hz would take {needed / 2**30:.3g} GiB, expected at most "
+                f"{recordings.MOST_BYTES / 2**30:.0f} GiB; check the unit of time, or lower rate in the profile's [raster]"
             )
         at = raster([item.time for item in samples.values()], rate, profile.raster.gap)
     placed = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
@@ -189,7 +189,7 @@ def _rule(step: float, rules: profiles.ChannelRules, rate: float) -> tuple[str, 
     """Return how a channel comes to the raster, and who said so."""
     aliased = rate > 0 and step * rate * FASTER < 1
     if rules.rule:
-        note = "; faster than the raster: aliases" if aliased and rules.rule != "mean" else ""
+        note = "; faster than the raster, so it aliases" if aliased and rules.rule != "mean" else ""
         return rules.rule, f"profile{note}"
     if rate == 0:
         return "as recorded", "no rate in the profile"

@@ -49,7 +49,7 @@ def load(paths: Sequence[Path]) -> Loaded:
     first, *further = paths
     for path in further:
         if not path.is_file():
-            raise DataError(f"{path}: no such file; name results, or logs that they were made from")
+            raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
     inner = [path for path in further if is_hdf5(path)]
     results = tuple(read_result(path) for path in (first, *inner))
     for result in results:
@@ -70,8 +70,8 @@ def air_path_of(result: StoredResult) -> type[AirPath]:
     """
     if result.air_path not in ENGINES:
         raise DataError(
-            f"{result.path}: result for air path '{result.air_path}', expected one of {', '.join(ENGINES)}; "
-            f"read it with the version of lpvobs that wrote it"
+            f"{result.path}: the result is for an engine of kind '{result.air_path}', expected one of {', '.join(ENGINES)}; "
+            f"read the file with the version of lpvobs that wrote it"
         )
     return ENGINES[result.air_path].air_path
 

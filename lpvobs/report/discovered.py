@@ -60,19 +60,19 @@ def sentence(found: Discovered) -> str:
     logs = ", ".join(part["log"] for part in content["logs"] if "residual" in part)
     if content["verdict"] == "none":
         left = grams(error["before"])
-        return f"{logs}: the residual shows nothing that the model lacks; held out it is {left} g/s rms."
+        return f"{logs}: the residual shows nothing that the model lacks. The held-out residual is {left} g/s rms."
     if content["verdict"] == "unexplained":
         return (
-            f"{logs}: something is left that no known effect explains, and nothing was named. The held-out residual is "
+            f"{logs}: no known effect explains the residual, so no effect is named. The held-out residual is "
             f"{grams(error['before'])} g/s rms. {where(found.left)}"
         )
     said, them = f"{logs}: {in_words(content['effects'])}.", "it" if len(content["effects"]) == 1 else "them"
     if not found.refined:
-        return f"{said} Without {them} in the model the held-out residual is {grams(error['before'])} g/s rms."
+        return f"{said} Without {them} in the model, the held-out residual is {grams(error['before'])} g/s rms."
     low, high = error["ratio_ci90"]
     return (
-        f"{said} With {them} in the model the held-out residual goes from {grams(error['before'])} to {grams(error['after'])} g/s "
-        f"rms, to {percent(error['ratio'], 1)} (90 %: {percent(low, 1)} to {percent(high, 1)})."
+        f"{said} With {them} in the model, the held-out residual goes from {grams(error['before'])} to {grams(error['after'])} g/s "
+        f"rms, which is {percent(error['ratio'], 1)} of the value before (90 %: {percent(low, 1)} to {percent(high, 1)})."
     )
 
 
@@ -95,15 +95,27 @@ def where(left: Leftover | None) -> str:
     follows = ", ".join(f"{name} ({r:+.2f})" for name, r in left.follows.items()) or "none of the logged signals"
     slow = f" Half of the power of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
     return (
-        f"{when} Most of it shows in the balance {left.balance}, and in the map at fuel {left.fuel[0]:g} to {left.fuel[1]:g} and "
-        f"speed {left.speed[0]:g} to {left.speed[1]:g} in the units of its axes, with {left.times_noise:.1f} times the usual "
-        f"power.{slow} It follows {follows}."
+        f"{when} The largest part is in the balance {left.balance}. The worst cell of the map is fuel {left.fuel[0]:g} to "
+        f"{left.fuel[1]:g}, speed {left.speed[0]:g} to {left.speed[1]:g} (units of the map's axes), with {left.times_noise:.1f} "
+        f"times the power of the median cell.{slow} The residual correlates with {follows}."
     )
 
 
 def effect_rows(found: Discovered) -> Table | None:
     """Return the effects found and those that the model had, None where there are none."""
-    header = ["effect", "", "parameter", "value", "90 % from", "to", "unit", "onset s", "end s", "explained", "p"]
+    header = [
+        "effect",
+        "status",
+        "parameter",
+        "value",
+        "5 %",
+        "95 %",
+        "unit",
+        "onset s",
+        "end s",
+        "share explained",
+        "p-value",
+    ]
     header.append("cannot be told from")
     rows = []
     for label, key in (("found", "effects"), ("in the model", "known_effects")):
@@ -124,7 +136,11 @@ def candidate_rows(content: Mapping[str, Any]) -> Table | None:
         for item in content.get("candidates", [])
         for name, p in item["parameters"].items()
     ]
-    return (["comes nearest, not proven", "", "value", "5 %", "95 %", "unit", "explains"], rows) if rows else None
+    return (
+        (["candidate, not proven", "parameter", "value", "5 %", "95 %", "unit", "share explained"], rows)
+        if rows
+        else None
+    )
 
 
 def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
@@ -135,11 +151,11 @@ def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
     parts += [(part["log"], part["error"], "residual" not in part) for part in content["logs"]]
     rows = []
     for name, error, unseen in parts:
-        row = [name, "unseen" if unseen else "parts", grams(error["before"])]
+        row = [name, "unseen log" if unseen else "held-out parts", grams(error["before"])]
         if refined:
             row += [grams(error["after"]), f"{error['ratio']:.3f}", *(f"{edge:.3f}" for edge in error["ratio_ci90"])]
         rows.append(row)
-    header = ["residual held out, g/s", "judged", "before"]
+    header = ["held-out residual, g/s rms", "judged on", "before"]
     return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows
 
 
@@ -160,7 +176,7 @@ def whiteness_rows(found: Discovered) -> Table | None:
     seen, structure = found.portrait, found.structure
     if seen is None or set(structure) != {"before", "after"}:
         return None
-    header = ["balance", "blocks", "effective before", "after", "portmanteau p before", "after"]
+    header = ["balance", "blocks", "effective blocks before", "after", "portmanteau p-value before", "after"]
     header += ["periodogram distance before", "after", "limit"]
     before, after = structure["before"], structure["after"]
     rows = []
@@ -188,7 +204,7 @@ def balance_rows(found: Discovered) -> Table | None:
 
 def day_rows(found: Discovered) -> Table | None:
     """Return what differs from the healthy day and is no fault, None where that is not told."""
-    header = ["log", "level of the day", "value", "usual between days", "unit"]
+    header = ["log", "level of the day", "value", "usual difference between days", "unit"]
     rows = [
         [part["log"], item["name"], f"{item['value']:+.3g}", f"{item['usual']:.3g}", item["unit"]]
         for part in found.content["logs"]
@@ -199,7 +215,7 @@ def day_rows(found: Discovered) -> Table | None:
 
 def lost_rows(found: Discovered) -> Table | None:
     """Return what missing channels take away, None where none is missing."""
-    header = ["log", "missing channels", "balances lost", "effects that their place no longer tells apart"]
+    header = ["log", "missing channels", "balances lost", "effects that can no longer be told apart"]
     rows = []
     for part in found.content["logs"]:
         if "missing" in part:

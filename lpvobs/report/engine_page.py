@@ -34,14 +34,15 @@ def engine_page(name: str, stored: StoredEngine, found: CalibrateOutput) -> str:
         inputs=", ".join(found.inputs) or "the configuration alone",
         tables=calibration_tables(found),
         residuals=Section("", tuple(
-            picture(residuals(f"r{number}", stored, row.kind), f"{row.kind}: error at every point")
+            picture(residuals(f"r{number}", stored, row.kind), f"{row.kind}: error at every point, before the "
+                "calibration and held out")
             for number, row in enumerate(found.rows)
         )),
         components=Section("", tuple(
             picture(correction(f"c{number}", stored, item), f"{item.name}: {item.meaning}; {_told(stored, item)}")
             for number, item in enumerate(components)
         ) + tuple(
-            picture(curve(f"l{number}", part, item), f"{part}: {item.meaning}, as healthy logs show it")
+            picture(curve(f"l{number}", part, item), f"{part}: {item.meaning}, as learned from healthy logs")
             for number, (part, item) in enumerate(learned.items())
         )),
         constants=_constants(found),
@@ -129,7 +130,7 @@ def _told(stored: StoredEngine, component: Component) -> str:
     """Return how much of a correction the data determined."""
     own = stored.unknowns.places()[component.name]
     share = float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))
-    return f"{100 * share:.0f} % of its nodes follow from the data, the others from the tolerance"
+    return f"the data determine {100 * share:.0f} % of its nodes; the tolerance determines the others"
 
 
 def _constants(found: CalibrateOutput) -> Table:

@@ -19,9 +19,9 @@ class RowsOutput:
 
     kind: str
     rows: Count
-    configured: Annotated[Finite, Meta(description="Error of the configured engine, rms over that of the flow.")]
-    held_out: Annotated[Finite, Meta(description="Error at points that were held out, rms over that of the flow.")]
-    left: Annotated[Finite, Meta(description="Share of the flow that no correction follows.")]
+    configured: Annotated[Finite, Meta(description="Rms error of the configured engine, divided by the rms flow.")]
+    held_out: Annotated[Finite, Meta(description="Rms error at held-out points, divided by the rms flow.")]
+    left: Annotated[Finite, Meta(description="Error that no smooth correction removes, as a share of the flow.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +30,11 @@ class ComponentOutput:
 
     component: str
     unit: str
-    largest: Annotated[Finite, Meta(description="Largest value of the correction, without sign.")]
-    standard_error: Annotated[Finite, Meta(description="Median over its nodes.")]
-    before: Annotated[Finite | None, Meta(description="Median before the data; null where nothing was known.")]
+    largest: Annotated[Finite, Meta(description="Largest absolute value of the correction.")]
+    standard_error: Annotated[Finite, Meta(description="Median standard error of its nodes.")]
+    before: Annotated[
+        Finite | None, Meta(description="Median standard error before the data; null where there was no prior.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,17 +43,22 @@ class ConstantOutput:
 
     deviation: Finite
     standard_error: Finite
-    determined: Annotated[bool, Meta(description="By the data: less than half of the prior's spread is left.")]
+    determined: Annotated[
+        bool,
+        Meta(description="Whether the data determine it: less than half of the prior's standard deviation is left."),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedPoint:
     """A bench point that is worth recording."""
 
-    point: Annotated[Mapping[str, Finite], Meta(description="What the bench sets, by channel.")]
+    point: Annotated[Mapping[str, Finite], Meta(description="Values that the bench has to set, by channel.")]
     units: Mapping[str, str]
-    before: Annotated[Finite, Meta(description="Uncertainty of the air flow over all points without it, rms.")]
-    after: Annotated[Finite, Meta(description="The same with it, and with those before it.")]
+    before: Annotated[Finite, Meta(description="Rms uncertainty of the air flow over all points without this point.")]
+    after: Annotated[
+        Finite, Meta(description="Rms uncertainty of the air flow with this point and the points before it.")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +66,14 @@ class CalibrateOutput:
     """What is known of an engine."""
 
     engine: str
-    points: Annotated[Count, Meta(description="Stationary bench points.")]
+    points: Annotated[Count, Meta(description="Number of stationary bench points.")]
     inputs: Sequence[str]
     rows: Sequence[RowsOutput]
     components: Sequence[ComponentOutput]
-    amplitudes: Annotated[Mapping[str, Finite], Meta(description="Of the corrections by group, over their prior's.")]
+    amplitudes: Annotated[
+        Mapping[str, Finite],
+        Meta(description="Amplitude of the corrections, divided by the prior's amplitude, by group."),
+    ]
     constants: Mapping[str, ConstantOutput]
     plan: Annotated[Sequence[PlannedPoint], Meta(description="With --plan: further bench points, the best first.")]
 

@@ -178,7 +178,7 @@ def _two_scales(figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array |
     whole.axvspan(start, stop, color=INK, alpha=0.12, linewidth=0)
     whole.set_xlim(drive.time[0], drive.time[-1])
     detail.set_xlim(start, stop)
-    detail.set_xlabel("time [s]; below the shaded stretch, enlarged")
+    detail.set_xlabel("time [s]; the lower plot enlarges the shaded part")
     for axes in (whole, detail):
         axes.set_ylabel(label)
         axes.grid(visible=True)
@@ -264,7 +264,11 @@ def _log_scale(values: Array) -> LogNorm:
 def _mark(surface: SurfaceView, j: int, i: int) -> str:
     if surface.filled[j, i]:
         return ", extrapolated"
-    return ", doubtful: alone and poorly known" if surface.doubtful is not None and surface.doubtful[j, i] else ""
+    return (
+        ", doubtful: few estimated neighbours and a large standard error"
+        if surface.doubtful is not None and surface.doubtful[j, i]
+        else ""
+    )
 
 
 def _where(surface: SurfaceView, i: int, j: int) -> str:

@@ -31,14 +31,19 @@ class ResidualFit:
     result: str
     log: str
     balance: str
-    samples: Annotated[Count, Meta(description="Means that were compared, where the map is estimated.")]
-    step: Annotated[Seconds, Meta(description="Length of a lag, s.")]
-    fit: Annotated[Fraction, Meta(description="1 - |y - prediction| / |y - mean y|.")]
-    rms: Annotated[KgPerS, Meta(description="Of the residual.")]
-    autocorrelation: Annotated[Sequence[Finite], Meta(description="At lags 0 to 25.")]
-    band: Annotated[Finite, Meta(description="99 % of white noise lies within it, on either side.")]
-    cross: Annotated[Mapping[str, Sequence[Finite]], Meta(description="By input, residual later by -25 to 25 lags.")]
-    cross_band: Annotated[Mapping[str, Finite], Meta(description="The same band by input.")]
+    samples: Annotated[
+        Count, Meta(description="Number of means over one lag that were compared, where the map is estimated.")
+    ]
+    step: Annotated[Seconds, Meta(description="Length of a lag in s.")]
+    fit: Annotated[Fraction, Meta(description="1 - |y - prediction| / |y - mean y|, with the reading y.")]
+    rms: Annotated[KgPerS, Meta(description="Rms of the residual.")]
+    autocorrelation: Annotated[Sequence[Finite], Meta(description="Autocorrelation of the residual at lags 0 to 25.")]
+    band: Annotated[Finite, Meta(description="Half width of the 99 % band of white noise.")]
+    cross: Annotated[
+        Mapping[str, Sequence[Finite]],
+        Meta(description="Correlation with each input, for a residual that is -25 to 25 lags later."),
+    ]
+    cross_band: Annotated[Mapping[str, Finite], Meta(description="Half width of the 99 % band for each input.")]
 
     @property
     def lags_outside(self) -> float:

@@ -31,7 +31,7 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         values = np.where(known, each.mean, np.nan).reshape(fleet.grid.shape)
         view = SurfaceView(fleet.grid, (fuel, speed), values, np.zeros(fleet.grid.shape, dtype=bool))
         drawing = error_map(f"t{number}", f"map of type {each.kind}", view, error_limit([view]))
-        caption = f"Type {each.kind}: what its vehicles have in common, where it is known within 1 g/s."
+        caption = f"Type {each.kind}: the mean error map of its vehicles. Nodes with a standard error above 1 g/s are left out."
         pictures.append(picture(drawing, caption))
     return rendered(
         BODY,
@@ -65,12 +65,13 @@ def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
         x = np.linspace(1.0, 89.0, mean.size) if mean.size > 1 else np.array([1.0])
         next_cells = [f"{where} and {', '.join(fuels)}{unit}" for where, fuels in cells[each.vehicle].items()]
         told = [
-            f"{change[1]} on {change[2]} (90 %: {change[3]} to {change[4]}): {change[5]} {change[6]} g/s, {change[7]} {change[8]} %"
+            f"{change[1]} on {change[2]} (90 %: {change[3]} to {change[4]}): level {change[5]} {change[6]} g/s, gain "
+            f"{change[7]} {change[8]} %"
             for change in changes
             if change[0] == each.vehicle
         ]
         told += [
-            f"refine found {effect[1]} from {effect[8]} to {effect[9]}: "
+            f"refine found {effect[1]} in logs from {effect[8]} to {effect[9]}: "
             f"{effect[2]} {effect[3]} {effect[6]} (90 %: {effect[4]} to {effect[5]})"
             for effect in effects
             if effect[0] == each.vehicle
@@ -87,6 +88,6 @@ def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
             "lines": [
                 f"{date_of(each.first)} to {date_of(each.last)}, type {each.type}",
                 *told,
-                *([f"drive next: {'; '.join(next_cells)}"] if next_cells else []),
+                *([f"cells to drive next: {'; '.join(next_cells)}"] if next_cells else []),
             ],
         }

@@ -18,8 +18,8 @@ def fleet_summary(fleet: StoredFleet) -> str:
         f"{len(found.vehicles)} vehicles, {len(fleet.kept.logs)} logs, {periods[0]} to {periods[-1]}\n"
         f"vehicles that stand out: {unusual}; changes found: {len(found.changes)}"
         + "".join(
-            f"\n{each.logs} logs of a vehicle should show a drift of {100 * each.drift:.2g} % a month "
-            f"or a step of {100 * each.step:.2g} % nine times out of ten"
+            f"\nwith {each.logs} logs of a vehicle, a drift of {100 * each.drift:.2g} % a month "
+            f"or a step of {100 * each.step:.2g} % should be found in nine of ten cases"
             for each in found.power
             if each.logs in (12, 24)
         )
@@ -52,7 +52,18 @@ def change_rows(fleet: StoredFleet) -> Table:
 
 def effect_rows(fleet: StoredFleet) -> Table:
     """Return a row per effect that `refine` found: its size, the last log without it, the first and the last with it."""
-    header = ["vehicle", "found by refine", "parameter", "value", "5 %", "95 %", "unit", "not yet", "first", "last"]
+    header = [
+        "vehicle",
+        "found by refine",
+        "parameter",
+        "value",
+        "5 %",
+        "95 %",
+        "unit",
+        "last log without",
+        "first log with",
+        "last log with",
+    ]
     return header, [
         [
             *(each.vehicle, each.id, each.parameter),

@@ -15,7 +15,11 @@ from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
 Logs = Sequence[ReportedLog]
-TRUTH, SOUGHT, GIVEN = "a log with reference channels", "trace or refine on the result", "the log beside the result"
+TRUTH, SOUGHT, GIVEN = (
+    "a log with reference channels",
+    "a run of trace or refine on the result",
+    "the log as an argument",
+)
 
 
 @dataclass(frozen=True)
@@ -29,37 +33,57 @@ class Metric:
 
 
 METRICS: Mapping[str, Metric] = {
-    "samples": Metric("1", "samples that the estimate used"),
-    "samples_read": Metric("1", "samples in the file"),
-    "dropped_rows": Metric("1", "samples that a policy dropped"),
-    "gaps": Metric("1", "pauses of the recording that split the log"),
-    "repeated": Metric("1", "samples whose time repeats or runs backward"),
-    "duration": Metric("s", "time that the samples cover"),
+    "samples": Metric("1", "number of samples that the estimate used"),
+    "samples_read": Metric("1", "number of samples in the file"),
+    "dropped_rows": Metric("1", "number of samples that were dropped because of defects"),
+    "gaps": Metric("1", "number of pauses in the recording that split the log"),
+    "repeated": Metric("1", "number of samples whose time repeats or runs backward"),
+    "duration": Metric("s", "duration that the samples cover"),
     "share_certified": Metric("1", "share of the samples where the observer is proven stable"),
-    "balance_ratio": Metric("1", "disagreement of the balances on this log, over what noise and tolerances allow"),
+    "balance_ratio": Metric("1", "difference of the balances on this log, divided by what noise and tolerances allow"),
     "mean_relative_error": Metric("1", "mean of |estimate - reference| / |reference|", TRUTH),
-    "share_left_out": Metric("1", "share of the samples whose reference is too small for that mean", TRUTH),
-    "rms_ratio": Metric("1", "rms of estimate - reference, over the rms of the reference", TRUTH),
+    "share_left_out": Metric(
+        "1", "share of the samples that mean_relative_error leaves out, because their reference is small", TRUTH
+    ),
+    "rms_ratio": Metric("1", "rms of estimate - reference, divided by the rms of the reference", TRUTH),
     "rmse": Metric("kg/s", "rms of estimate - reference", TRUTH),
     "bias": Metric("kg/s", "mean of estimate - reference", TRUTH),
-    "visited_cells": Metric("1", "cells of the map with a compared sample", TRUTH),
-    "compared_samples": Metric("1", "samples that were compared with the reference", TRUTH),
-    "floor_mean_relative_error": Metric("1", "mean_relative_error of the best bilinear map", TRUTH),
-    "floor_rms_ratio": Metric("1", "rms_ratio of the best bilinear map", TRUTH),
-    "fit": Metric("1", "1 - |reading - prediction| / |reading - its mean|, of the best balance", GIVEN),
-    "lags_outside": Metric("1", "share of 25 lags at which its residual's autocorrelation leaves the 99 % band", GIVEN),
-    "input_lags_outside": Metric("1", "the same of 51 lags, with the input that it goes with most", GIVEN),
+    "visited_cells": Metric("1", "number of map cells with samples that were compared with the reference", TRUTH),
+    "compared_samples": Metric("1", "number of samples that were compared with the reference", TRUTH),
+    "floor_mean_relative_error": Metric(
+        "1", "mean_relative_error of the bilinear map that fits the reference best", TRUTH
+    ),
+    "floor_rms_ratio": Metric("1", "rms_ratio of the bilinear map that fits the reference best", TRUTH),
+    "fit": Metric(
+        "1", "1 - |reading - prediction| / |reading - mean reading|, for the balance that predicts best", GIVEN
+    ),
+    "lags_outside": Metric(
+        "1", "share of 25 lags at which the autocorrelation of the residual of `fit` is outside the 99 % band", GIVEN
+    ),
+    "input_lags_outside": Metric(
+        "1", "share of 51 lags at which the residual of `fit` and one input correlate beyond the 99 % band", GIVEN
+    ),
     "paper_mean_relative_error": Metric(
         "1", "mean_relative_error that the paper prints for this cycle", "a cycle of the paper"
     ),
 }
 """What every log of a result may have."""
 OF_RESULT: Mapping[str, Metric] = {
-    "nodes_estimated": Metric("1", "nodes of the map that the logs inform"),
-    "standard_error": Metric("kg/s", "median standard error of these nodes", "a method that has one"),
-    "balance_agreement": Metric("1", "disagreement of the balances over all logs: about 1 or less", "two balances"),
-    "verdict": Metric("-", "what trace has found, or else refine", SOUGHT, ("none", "effect", "unexplained")),
-    "residual": Metric("kg/s", "rms of the residual held out; after refine, with its effects in the model", SOUGHT),
+    "nodes_estimated": Metric("1", "number of map nodes that were estimated"),
+    "standard_error": Metric(
+        "kg/s", "median standard error of the estimated nodes", "a method that computes standard errors"
+    ),
+    "balance_agreement": Metric(
+        "1",
+        "difference of the balances over all logs, divided by what is allowed; about 1 or less is right",
+        "two balances",
+    ),
+    "verdict": Metric(
+        "-", "verdict of trace, or of refine if trace has not run", SOUGHT, ("none", "effect", "unexplained")
+    ),
+    "residual": Metric(
+        "kg/s", "rms of the held-out residual; after refine, with the found effects in the model", SOUGHT
+    ),
 }
 """What a result has as a whole."""
 RELATIONS: Mapping[str, Callable[[Any, Any], bool]] = {
@@ -102,12 +126,13 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
     metric, relation, limit = found["metric"], found["relation"], found["limit"]
     if metric not in metrics:
         near = difflib.get_close_matches(metric, metrics, n=1, cutoff=0.4)
-        hint = f"did you mean '{near[0]}'?" if near else "lpvobs report --list-metrics shows what there is"
+        hint = f"did you mean '{near[0]}'?" if near else "`lpvobs report --list-metrics` lists all metrics"
         raise UsageError(f"--gate '{expression}': no metric '{metric}'; {hint}")
     if metric in OF_RESULT and (words := OF_RESULT[metric].words):
         if relation not in ("==", "!=") or limit not in words:
             raise UsageError(
-                f"--gate '{expression}': {metric} is a text, not a number; expected == or !=, and one of {', '.join(words)}"
+                f"--gate '{expression}': the value of {metric} is a word, not a number; expected == or != and one of "
+                f"{', '.join(words)}"
             )
         return Gate(metric, relation, limit)
     try:
@@ -119,7 +144,7 @@ def parse_gate(expression: str, unit: float = 1.0, metrics: Collection[str] = (*
     return Gate(metric, relation, unit * number)
 
 
-NO_GATE = "is no condition; expected metric<=number (or <, >=, >, ==, !=), such as mean_relative_error<=0.02 for 2 %"
+NO_GATE = "is not a condition; expected metric<=number (or <, >=, >, ==, !=), such as mean_relative_error<=0.02 for 2 %"
 
 
 @dataclass(frozen=True)
@@ -140,8 +165,8 @@ class Verdict:
         place = f"{self.result}: log {self.log}" if self.log else self.result
         if self.value is None:
             needs = {**METRICS, **OF_RESULT}[self.gate.metric].needs
-            said = f"{place} has no {self.gate.metric}, which the gate {self.gate} asks for"
-            return f"{said}; it takes {needs}" if needs else said
+            said = f"{place} has no value of {self.gate.metric} for the gate {self.gate}"
+            return f"{said}; this metric needs {needs}" if needs else said
         return f"{place} has {self.gate.metric} = {_said(self.value)}, the gate is {self.gate}"
 
 
@@ -162,9 +187,9 @@ def enforce(verdicts: Sequence[Verdict]) -> None:
     failed = [str(item) for item in verdicts if item.value is not None and not item.holds]
     missing = [str(item) for item in verdicts if item.value is None]
     if failed:
-        raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or widen the gate")
+        raise NotProven(f"gate failed: {_first_of(failed)}; estimate from more or better data, or relax the gate")
     if missing:
-        raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide what is missing, or drop the gate")
+        raise DataError(f"gate cannot be judged: {_first_of(missing)}; provide what is missing, or remove the gate")
 
 
 def _finite(value: float | str | None) -> float | str | None:

@@ -27,7 +27,9 @@ class LogOutput:
 
     log: str
     sha256: Sha
-    found: Annotated[Mapping[str, Count], Meta(description="Stuck, saturated and spiked samples, by kind and channel.")]
+    found: Annotated[
+        Mapping[str, Count], Meta(description="Number of stuck, saturated and spiked samples, by kind and channel.")
+    ]
     samples: Count
     samples_read: Count
     dropped_rows: Count
@@ -36,7 +38,10 @@ class LogOutput:
     duration: Seconds
     share_certified: Fraction
     balance_ratio: Annotated[
-        float, Meta(description="Disagreement of the balances over what noise and tolerances allow: about 1 or less.")
+        float,
+        Meta(
+            description="Difference of the balances, divided by what noise and tolerances allow; about 1 or less is right."
+        ),
     ]
     mean_relative_error: Fraction
     share_left_out: Fraction
@@ -99,9 +104,19 @@ class ReportedLog(LogOutput):
     result: str
     method: str
     paper_mean_relative_error: Fraction
-    fit: Annotated[Fraction, Meta(description="Of the balance that follows the reading best; null without the log.")]
-    lags_outside: Annotated[Fraction, Meta(description="Of its residual's autocorrelation, beyond the 99 % band.")]
-    input_lags_outside: Annotated[Fraction, Meta(description="The same of the input that it goes with most.")]
+    fit: Annotated[
+        Fraction, Meta(description="Fit of the balance that predicts the reading best; null if the log was not given.")
+    ]
+    lags_outside: Annotated[
+        Fraction, Meta(description="Share of lags at which the residual's autocorrelation is outside the 99 % band.")
+    ]
+    input_lags_outside: Annotated[
+        Fraction,
+        Meta(
+            description="Share of lags at which the residual's correlation with an input is outside the 99 % band; "
+            "largest of all inputs."
+        ),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,10 +144,14 @@ class ReportedResult:
     method: str
     map: MapCounts
     nodes_estimated: Count
-    standard_error: Annotated[KgPerS | None, Meta(description="Median over the estimated nodes.")]
-    balance_agreement: Annotated[float, Meta(description="Disagreement of the balances over all logs.")]
-    verdict: Annotated[str | None, Meta(description="Of trace, or else of refine; null where neither has run.")]
-    residual: Annotated[KgPerS | None, Meta(description="Rms held out, from the same.")]
+    standard_error: Annotated[KgPerS | None, Meta(description="Median standard error of the estimated nodes.")]
+    balance_agreement: Annotated[
+        float, Meta(description="Difference of the balances over all logs, divided by what noise and tolerances allow.")
+    ]
+    verdict: Annotated[
+        str | None, Meta(description="Verdict of trace, or of refine if trace has not run; null if neither has run.")
+    ]
+    residual: Annotated[KgPerS | None, Meta(description="Rms of the held-out residual from that run.")]
     extrapolation: QuadraticOutput | None
     gain: ReportedGain
     trace: StoredOutcome | UnsetType = UNSET
@@ -158,7 +177,9 @@ class ReportOutput:
     extrapolation: QuadraticOutput | None
     results: Sequence[ReportedResult]
     regions: Sequence[RegionMean]
-    fits: Annotated[Sequence[ResidualFit], Meta(description="Fit and residual of each balance on the logs given.")]
+    fits: Annotated[
+        Sequence[ResidualFit], Meta(description="Fit and residual of each balance on the logs that were given.")
+    ]
     refused: Refused
 
 

@@ -96,13 +96,13 @@ def verdict(view: ResultView) -> Iterator[str]:
             constant = ENGINES[stored.air_path].air_path.rate_names
             held = f", {' and '.join(constant)} held constant" if stored.method == "published" else ""
             yield (
-                f"{view.name}: on {cycle_title(log.name)} the map differs from the sensor's true error by "
-                f"{tables.percent(m.mean_relative_error)} on average (at best on this grid: "
-                f"{tables.percent(m.floor_mean_relative_error)}{paper}), {tables.grams(m.rmse)} g/s rms; "
-                f"stability is proven for {tables.percent(log.share_certified, 1)} of the samples{held}."
+                f"{view.name}: on {cycle_title(log.name)}, the map differs from the sensor's true error by "
+                f"{tables.percent(m.mean_relative_error)} on average (best bilinear map on this grid: "
+                f"{tables.percent(m.floor_mean_relative_error)}{paper}) and by {tables.grams(m.rmse)} g/s rms. "
+                f"Stability is proven for {tables.percent(log.share_certified, 1)} of the samples{held}."
             )
     if all(log.metrics is None for log in stored.logs):
-        yield "The true error of these logs is unknown (no references): the intervals say how accurate the map is."
+        yield "The logs have no reference channels, so the true error is unknown; the 90 % intervals show how accurate the map is."
 
 
 def gain_rows(view: ResultView) -> tables.Table:
@@ -114,7 +114,16 @@ def gain_rows(view: ResultView) -> tables.Table:
 
 def defect_rows(report: Report) -> tables.Table:
     """Return what was found wrong with every log and dropped."""
-    header = ["log", "samples used", "of", "dropped", "because of", "gaps", "repeated or backward", "duration s"]
+    header = [
+        "log",
+        "samples used",
+        "samples read",
+        "dropped",
+        "causes",
+        "gaps",
+        "time repeated or backward",
+        "duration s",
+    ]
     rows = {}
     for view in report.results:
         for log in view.stored.logs:
@@ -136,35 +145,36 @@ def _maps(cycle: CycleView, name: str) -> Iterator[Picture]:
     if drive is not None and drive.surface is not None:
         yield picture(
             figures.error_map(f"{name}-ref", f"reference error, {title}", drive.surface, limit),
-            f"Reference error where the drive goes, as the best bilinear map shows it{printed('the paper: Figure 3')}.",
+            f"True error of the sensor (reference) at the nodes that the drive informs, as the best bilinear "
+            f"map{printed('the paper: Figure 3')}.",
         )
     for index, view in enumerate(each.result for each in cycle.corrections):
         own, what = f"{name}-r{index}", f"{title}, {method_title(view.stored.method)}"
-        doubted = " A dotted frame marks a node that stands alone and is poorly known."
+        doubted = " Dotted frames mark doubtful nodes: few estimated neighbours and a large standard error."
         yield picture(
             figures.error_map(f"{own}-map", f"estimated map, {what}", view.estimated, limit),
-            f"Estimated error map, {what}{printed('Figures 5a, 8a')}. The drive says nothing of empty nodes."
+            f"Estimated error map, {what}{printed('Figures 5a, 8a')}. The drive gives no information on empty nodes."
             + (doubted if view.estimated.doubtful is not None and view.estimated.doubtful.any() else ""),
         )
         if view.extrapolated is not None:
             yield picture(
                 figures.error_map(f"{own}-full", f"extrapolated map, {what}", view.extrapolated, limit),
-                f"The same map, filled{printed('Figures 5b, 8b')}. Hatched nodes are extrapolated.",
+                f"The estimated map with its empty nodes filled{printed('Figures 5b, 8b')}. Hatched nodes are extrapolated.",
             )
         whole = view.extrapolated or view.estimated
         if np.isfinite(view.stored.theta).any():
             yield picture(
                 surface_figures.surface_view(f"{own}-space", f"map in space, {what}", whole, limit),
-                f"The map as a surface, {what}. What is extrapolated is pale.",
+                f"The map as a surface, {what}. Extrapolated parts are pale.",
             )
             yield picture(
                 surface_figures.cuts(f"{own}-cuts", f"cuts through the map, {what}", whole, view.deviation),
-                f"Cuts through the map with 90 % intervals, {what}. Marks are estimated nodes, dashes are extrapolated.",
+                f"Cuts through the map with 90 % intervals, {what}. Marks are estimated nodes; dashed lines are extrapolated.",
             )
     if drive is not None:
         yield picture(
             figures.trajectory(f"{name}-path", f"operating points, {title}", cycle, drive, shown[0]),
-            f"Operating points of the drive over the grid{printed('Figures 4b, 7b')}.",
+            f"Operating points of the drive on the grid of the map{printed('Figures 4b, 7b')}.",
         )
 
 
@@ -177,12 +187,12 @@ def _courses(cycle: CycleView, name: str) -> Iterator[Picture]:
         what = f"{cycle.title}, {method_title(correction.result.stored.method)}"
         yield picture(
             figures.flow_course(f"{name}-f{index}", f"flows over time, {what}", drive, correction),
-            f"Reading, and reading after correction, {what}{' (Figures 6b, 9b)' if cycle.printed else ''}.",
+            f"Sensor reading before and after the correction, {what}{' (Figures 6b, 9b)' if cycle.printed else ''}.",
         )
         if drive.reference is not None and correction.estimate is not None:
             yield picture(
                 figures.error_course(f"{name}-e{index}", f"errors over time, {what}", drive, correction),
-                f"Reference and estimated error, {what}{' (Figures 6a, 9a)' if cycle.printed else ''}.",
+                f"True (reference) and estimated error of the sensor, {what}{' (Figures 6a, 9a)' if cycle.printed else ''}.",
             )
     if cycle.printed:
         yield picture(
@@ -196,8 +206,8 @@ def _driving(report: Report) -> Iterator[Section]:
         found = plan_of(view)
         if found is not None and found.cells:
             shown = surface_figures.plan_map(f"p{number}", f"cells to drive next, {view.name}", view.estimated, found)
-            caption = "How long to drive in each cell; numbered frames are the cells of the table."
-            table = drive_rows(view, found), f"Cells that improve the map most per second, {view.name}"
+            caption = "Time to drive in each cell. The numbered frames are the cells of the table."
+            table = drive_rows(view, found), f"Cells where a second of driving improves the map most, {view.name}"
             yield Section(view.name, (picture(shown, caption),), (table,))
 
 
@@ -206,11 +216,11 @@ def _quality(view: ResultView, number: int) -> Iterator[Picture]:
     if (view.stored.standard_error > 0).any():
         yield picture(
             figures.standard_error_map(f"q{number}-se", f"standard error, {view.name}", errors),
-            "Standard error of every estimated node, tolerance of the engine's constants included.",
+            "Standard error of every estimated node. It includes the tolerance of the engine constants.",
         )
     yield picture(
         figures.excitation_map(f"q{number}-pe", f"excitation, {view.name}", view.estimated, view.stored.excitation),
-        "How well the drive excites every cell: smallest eigenvalue of the integral of Eq. (29).",
+        "Excitation of every cell by the drive: the smallest eigenvalue of the integral in Eq. (29).",
     )
 
 

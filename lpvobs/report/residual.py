@@ -14,7 +14,9 @@ from lpvobs.report.fit import ResidualFit
 from lpvobs.report.tables import Table, fit_rows
 
 MOST_LOGS = 6  # logs whose residual is drawn over time; the tables have all
-WHITENESS = "Whiteness of sums over blocks: their effective number, portmanteau test, cumulated periodogram"
+WHITENESS = (
+    "Whiteness tests of the residual in blocks of time: effective blocks, portmanteau test, cumulated periodogram"
+)
 TITLES = {"refine": "refined", "trace": "traced"}
 
 
@@ -55,13 +57,19 @@ def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
         return None
     best = {(item.result, item.log): item for item in sorted(fits, key=lambda item: -(item.rms or 0.0))}
     return Section(
-        title="Does the model follow the log?",
-        tables=((fit_rows(fits), "Reading against the flow of each balance plus the map"),),
+        title="How well does the model predict the reading?",
+        tables=(
+            (
+                fit_rows(fits),
+                "Sensor reading compared with its prediction: the air flow from each balance, plus the map",
+            ),
+        ),
         pictures=tuple(
             picture(
                 figures.resid_panels(f"fit{number}", f"correlations of the residual, {log}, {result}", item),
-                f"{log}, {result}: what the balance {item.balance} leaves. First its autocorrelation, then its correlation with "
-                f"each input. Lags outside the shaded band show what the model lacks.",
+                f"{log}, {result}: residual of the balance {item.balance}. The first panel is its autocorrelation, the "
+                "other panels are its "
+                f"correlation with each input. Values outside the shaded band show that the model lacks something.",
             )
             for number, ((result, log), item) in enumerate(best.items())
         ),
@@ -71,15 +79,21 @@ def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
 def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
     for rows, title in (
         (discovered.effect_rows(found), "Effects, with 90 % intervals"),
-        (discovered.candidate_rows(found.content), "What comes nearest, each alone in the model"),
-        (discovered.error_rows(found.content, found.refined), "Residual on data held out"),
-        (discovered.balance_rows(found), "Balances where the effects act: rms of the relative residual"),
+        (
+            discovered.candidate_rows(found.content),
+            "Candidates that come nearest to the residual, each tried alone in the model",
+        ),
+        (discovered.error_rows(found.content, found.refined), "Residual on held-out data"),
+        (discovered.balance_rows(found), "Balances on which the effects act: rms of the relative residual"),
         (
             discovered.day_rows(found),
-            "Differences from the healthy day that are no fault, beside what is usual between days",
+            "Differences from the healthy day that are not faults, and the usual difference between days",
         ),
-        (discovered.lost_rows(found), "What cannot be told without the missing channels"),
-        (discovered.ranking_rows(found), "Every candidate, tried alone"),
+        (discovered.lost_rows(found), "What the logs cannot show because channels are missing"),
+        (
+            discovered.ranking_rows(found),
+            "Candidates, each tried alone in the model (unevenness near 1: one size fits the whole log)",
+        ),
         (discovered.whiteness_rows(found), WHITENESS),
     ):
         if rows is not None:
@@ -95,32 +109,36 @@ def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[
         if "surface" in effect:
             yield picture(
                 figures.component_curve(f"{name}-{effect['id']}", f"{effect['id']}, {result}", effect["surface"]),
-                f"{effect['id']}: deviation of the component from its model, where the logs went, with the 90 % interval.",
+                f"{effect['id']}: deviation of the component from its model in the range that the logs cover, with the "
+                "90 % interval.",
             )
     if any(item.gain > 0.0 for item in found.ranking):
         yield picture(
             figures.ranking_bars(f"{name}-rank", f"ranking of candidates, {result}", found.ranking),
-            "What each candidate would explain if it were the only one.",
+            "Evidence for each candidate if it were the only one in the model.",
         )
     for index, partial in enumerate(seen.partials):
         yield picture(
             figures.partial_residual(f"{name}-part{index}", f"partial residual of {partial.id}, {result}", partial),
-            f"Partial residual of {partial.id}: the residual without this effect, over what the effect predicts, both without what "
-            f"map, constants and the other effects explain. On the dashed line the size is right.",
+            f"Partial residual of {partial.id}: the residual without this effect, plotted over the prediction of this "
+            "effect. From both, "
+            f"the part that map, constants and other effects explain is removed. Points on the dashed line agree with "
+            "the estimated size.",
         )
     yield from _structure(found, seen, result, name)
 
 
 def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Iterator[Picture]:
     parts: Mapping[str, Mapping[str, Any]] = {part["log"]: part for part in found.content["logs"]}
-    held = "shaded parts were used for no fit and no choice"
-    in_turn = "every part was left out in turn"
+    held = "Shaded parts were held out: they were used neither for the fit nor for the choice of effects"
+    in_turn = "Every part of the log was held out in turn"
     for index, track in enumerate(seen.tracks[:MOST_LOGS]):
         effects = parts[track.log]["effects"]
         judged, title = held if track.judged.any() else in_turn, f"residual over time, {track.log}"
         yield picture(
             figures.residual_course(f"{name}-time{index}", title, track, seen.balances, effects),
-            f"Residual of every balance on {track.log}, before and after: smallest and largest value of each column of pixels; "
+            f"Residual of every balance on {track.log}, before and after. Each column of pixels shows the smallest and "
+            "the largest value. "
             f"{judged}.",
         )
 
@@ -128,22 +146,23 @@ def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Itera
 def _structure(found: discovered.Discovered, seen: Portrait, result: str, name: str) -> Iterator[Picture]:
     yield picture(
         figures.spectra(f"{name}-spectrum", f"spectra of the residual, {result}", seen),
-        "Spectral density of the residual in units of its noise, before and after.",
+        "Power spectral density of the residual, divided by the standard deviation of its noise, before and after.",
     )
     if set(found.structure) == {"before", "after"}:
         yield picture(
             figures.autocorrelations(f"{name}-acf", f"autocorrelation, {result}", seen, found.structure),
-            "Autocorrelation of the sums over blocks, with the band of white noise of the same uneven variance.",
+            "Autocorrelation of the residual, summed over blocks of time. The band is that of white noise with the "
+            "same changes of variance.",
         )
         yield picture(
             figures.periodograms(f"{name}-cum", f"cumulated periodogram, {result}", seen, found.structure),
-            "Cumulated periodogram of the sums over blocks; white noise stays in the band.",
+            "Cumulated periodogram of the residual, summed over blocks of time. White noise stays in the band.",
         )
     if seen.signals:
         yield picture(
             figures.cross_correlations(f"{name}-cross", f"cross-correlation, {result}", seen),
-            "Correlation with every input and channel, the strongest among the balances, at lags of either sign; dots are beyond "
-            "what noise gives.",
+            "Correlation of the residual with every input and channel at positive and negative lags, for the balance with the "
+            "strongest correlation. Dots mark correlations that noise cannot explain.",
         )
 
 

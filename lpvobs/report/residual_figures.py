@@ -22,7 +22,7 @@ BEFORE, AFTER = "#c4621a", "#2f7fc1"
 GRAMS = 1e3
 MOST_BARS = 12
 LABELS, COLOURS = ("before", "after"), (BEFORE, AFTER)
-WHITE: dict[str, Any] = {"color": INK, "alpha": 0.12, "linewidth": 0, "label": "95 % of white noise"}
+WHITE: dict[str, Any] = {"color": INK, "alpha": 0.12, "linewidth": 0, "label": "95 % band of white noise"}
 
 
 @drawn()
@@ -77,7 +77,7 @@ def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     axes.plot(first, more, color=AFTER, label=label)
     axes.axhline(0.0, color=INK, linewidth=0.7)
     axes.set_xlabel(f"{surface['inputs'][0]} [{surface['units'][0]}]")
-    axes.set_ylabel("more than the model [%]")
+    axes.set_ylabel("deviation from the model [%]")
     axes.grid(visible=True)
     figure.legend(loc="outside upper left")
 
@@ -92,7 +92,7 @@ def ranking_bars(figure: Figure, ranking: Sequence[Ranked]) -> None:
     axes.barh(place, [item.gain for item in shown], color=AFTER, height=0.7)
     axes.set_yticks(place, [label_of(item.id) for item in shown])
     axes.set_xscale("log")
-    axes.set_xlabel("evidence: fall of half the sum of squares, in units of the noise")
+    axes.set_xlabel("evidence: half the decrease of the sum of squares, in noise variances")
     axes.grid(visible=True, axis="x")
 
 
@@ -103,13 +103,13 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
     few: dict[str, Any] = {"color": BEFORE, "markersize": 2.0, "alpha": 0.5, "label": "some instants"}
     axes.plot(seen.regressor, seen.residual, ".", **few, rasterized=True)
     reach = np.array([seen.binned[0].min(), seen.binned[0].max()])
-    axes.plot(reach, reach, color=INK, linestyle="--", label="the effect at its size")
+    axes.plot(reach, reach, color=INK, linestyle="--", label="effect with its estimated size")
     mean, residual, error = seen.binned
-    axes.errorbar(mean, residual, 1.645 * error, fmt="o", color=AFTER, markersize=3.5, label="means of all instants")
+    axes.errorbar(mean, residual, 1.645 * error, fmt="o", color=AFTER, markersize=3.5, label="means over all instants")
     spread = float(np.quantile(np.abs(seen.residual), 0.995)) if seen.residual.size else 1.0
     axes.set_ylim(min(-spread, residual.min()) * 1.05, max(spread, residual.max()) * 1.05)
-    axes.set_xlabel(f"what {label_of(seen.id)} says [noise standard deviations]")
-    axes.set_ylabel("residual without it")
+    axes.set_xlabel(f"prediction of {label_of(seen.id)} [noise standard deviations]")
+    axes.set_ylabel("residual without the effect")
     axes.grid(visible=True)
     axes.legend(loc="upper left")
 
@@ -175,7 +175,7 @@ def resid_panels(figure: Figure, seen: ResidualFit) -> None:
     drawn_in += [(name, np.array(seen.cross[name]), -LAGS_99, seen.cross_band[name]) for name in seen.outside]
     for axes, (name, values, first, band) in zip(panels, drawn_in, strict=False):
         lag = np.arange(first, LAGS_99 + 1)
-        axes.axhspan(-band, band, **WHITE | {"label": "99 % of independent noise"})
+        axes.axhspan(-band, band, **WHITE | {"label": "99 % band of independent noise"})
         axes.vlines(lag, 0.0, values, color=AFTER, linewidth=1.2)
         axes.axhline(0.0, color=INK, linewidth=0.5)
         axes.set_title(label_of(name), fontsize=7.5)
@@ -184,7 +184,7 @@ def resid_panels(figure: Figure, seen: ResidualFit) -> None:
             axes.set_ylim(*np.clip([min(values.min(), -band) * 1.3, max(values.max(), band) * 1.3], -1.05, 1.05))
     for spare in panels[len(drawn_in) :]:
         spare.set_visible(False)
-    figure.supxlabel(f"residual later by lags of {seen.step:.3g} s", fontsize=8.0)
+    figure.supxlabel(f"delay of the residual behind the input, in lags of {seen.step:.3g} s", fontsize=8.0)
 
 
 @drawn()
@@ -200,7 +200,7 @@ def cross_correlations(figure: Figure, seen: Portrait) -> None:
         if beyond.size:
             axes.plot(lag[beyond[:, 1]], beyond[:, 0], ".", color="#000000", markersize=2.5)
         axes.set_title(label)
-        axes.set_xlabel("residual later by [s]")
+        axes.set_xlabel("delay of the residual [s]")
     panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
     panels[0].invert_yaxis()
     figure.colorbar(image, ax=panels, label="correlation", pad=0.015)

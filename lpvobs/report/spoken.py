@@ -77,7 +77,7 @@ BY_KIND = {
     "offset Pa": Phrase("{name} reads {} Pa too [much|little]"),
     "offset %": Phrase("{name} reads {} % of its range too [much|little]"),
     "curve": Phrase("{name} is {} % [higher|lower]", 100.0),
-    "lag": Phrase("{name} [follows|runs ahead] with a time constant of {} s"),
+    "lag": Phrase("{name} [lags|leads] with a time constant of {} s"),
     "delay": Phrase("{name} reads {} s [late|early]"),
 }
 """By the second half of the identifier, with the unit where it decides."""
@@ -90,10 +90,10 @@ BY_IDENTIFIER = {
     "egr.area": Phrase("the EGR passage is {} % [wider|narrower]", 100.0, 1.0),
     "compressor.flow": Phrase("the compressor passes {} % [more|less] air", 100.0, 1.0),
     "turbine.efficiency": Phrase("the turbine is {} % [more|less] efficient", 100.0, 1.0),
-    "compressor.curve": Phrase("the compressor passes {} % [more|less]", 100.0),
+    "compressor.curve": Phrase("the compressor passes {} % [more|less] air", 100.0),
     "egr.curve": Phrase("the EGR passage is {} % [wider|narrower]", 100.0),
     "turbine.curve": Phrase("the turbine is {} % [more|less] efficient", 100.0),
-    "throttle.curve": Phrase("the throttle passes {} % [more|less]", 100.0),
+    "throttle.curve": Phrase("the throttle passes {} % [more|less] air", 100.0),
     "exhaust.restriction": Phrase("the exhaust's back pressure is {} % [higher|lower]", 100.0, 1.0),
 }
 
@@ -114,7 +114,7 @@ def headline(
     """
     on = np.flatnonzero(supported)
     if not on.size:
-        return "the drives say nothing of the map"
+        return "the logs inform no node of the map"
     weights = driven[0][None] if driven else np.where(supported.ravel(), 1.0 / on.size, 0.0)[None]
     sure = bool(np.isfinite(covariance[np.ix_(on, on)]).all())
     mean = combined(weights, theta.ravel(), covariance) if sure else None
@@ -129,14 +129,14 @@ def headline(
     place = ", ".join(spelled(x, axis) for x, axis in ((grid.speed[row], axes[1]), (grid.fuel[column], axes[0])))
     said = [
         f"the sensor reads {share}{shown} g/s on average" + (f" (90 %: {low} to {high})" if mean else ""),
-        f"worst {1e3 * theta.ravel()[worst]:+.2g} g/s at {place}",
+        f"largest error {1e3 * theta.ravel()[worst]:+.2g} g/s at {place}",
     ]
     if sure:
         known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
-        said.append(f"half of the {on.size} nodes are known to {known:.2g} g/s")
+        said.append(f"half of the {on.size} nodes are known to {known:.2g} g/s (90 %)")
     if math.isfinite(disagreement):
         agree = disagreement <= DISAGREE
-        differ = f"the balances differ by {disagreement:.1f} times what is allowed"
+        differ = f"the balances differ by {disagreement:.1f} times the allowed difference"
         said.append("the balances agree" if agree else differ)
     return "; ".join(said)
 
@@ -154,7 +154,7 @@ def in_words(effects: Sequence[Mapping[str, Any]]) -> str:
 def _what(effect: Mapping[str, Any]) -> str:
     name = str(effect["id"])
     if name.startswith("channel:") and effect.get("curve"):
-        return f"{effect['curve']['changes']} follows the logged channel {name.removeprefix('channel:')}"
+        return f"{effect['curve']['changes']} changes with the logged channel {name.removeprefix('channel:')}"
     if "formula" in effect:
         return f"{effect['formula']} ({_plain('coefficient', effect['parameters']['coefficient'])})"
     of, _, kind = name.partition(".")
@@ -205,8 +205,9 @@ def _on_course(course: str, by: Mapping[str, Any], begin: str) -> str:
     return {
         "ramp": f", growing{begin or ' from the start'} on",
         "saturating": f", building up{begin or ' from the start'} with a time constant of {by['time_constant']:.3g} s",
-        "hysteresis": f" from where {by['input']} exceeds {by['high']:.4g} to where it falls below {by['low']:.4g}",
-        "lagged": f" whole where {by['input']}, {by['time_constant']:.3g} s late, is {by['high']:.4g}, and not at {by['low']:.4g}",
+        "hysteresis": f" from when {by['input']} exceeds {by['high']:.4g} until it falls below {by['low']:.4g}",
+        "lagged": f" in full where {by['input']}, delayed by {by['time_constant']:.3g} s, is {by['high']:.4g}, and "
+        f"zero at {by['low']:.4g}",
     }[course]
 
 

@@ -76,9 +76,9 @@ def many_lines(logs: Sequence[LogSummary], agreement: Sequence[Agreement], refus
     hours, apart = sum(log.duration for log in logs) / 3600.0, sum(item.disagrees for item in agreement)
     longest = max(logs, key=lambda log: log.duration)
     return (
-        f"{len(logs) + refused} logs, {len(logs)} used, {refused} left out; {reused} had been done before\n"
+        f"{len(logs) + refused} logs, {len(logs)} used, {refused} left out; {reused} finished in an earlier run\n"
         f"{sum(log.samples for log in logs)} samples, {hours:.1f} h; the longest is {longest.name}, {longest.duration:.0f} s\n"
-        f"{len(agreement) - apart} agree with the map of all, {apart} do not"
+        f"{len(agreement) - apart} logs agree with the map of all logs, {apart} do not"
     )
 
 
@@ -100,7 +100,15 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
 
 def fit_rows(fits: Sequence[ResidualFit]) -> Table:
     """Return how well each balance follows its log, and what its residual still goes with."""
-    header = ["result", "log", "balance", "fit", "residual g/s rms", "lags outside 99 %", "inputs outside 99 %"]
+    header = [
+        "result",
+        "log",
+        "balance",
+        "fit",
+        "residual g/s rms",
+        "lags outside 99 % band",
+        "input lags outside 99 % band",
+    ]
     rows = []
     for item in fits:
         inputs = [f"{name} {percent(share, 0)}" for name, share in list(item.outside.items())[:3] if share > 0.02]
@@ -170,8 +178,8 @@ def gain_line(gain: StoredGain) -> str:
     """Return in one sentence whose gain it is and what was proven of it."""
     certificate = gain.gain.certificate
     if not certificate.proven:
-        return f"{gain.origin}: not proven"
-    drawn = f"; its region was drawn from the logs ({', '.join(gain.log_bounds)})" if gain.log_bounds else ""
+        return f"{gain.origin}: stability is not proven"
+    drawn = f"; its region comes from the logs ({', '.join(gain.log_bounds)})" if gain.log_bounds else ""
     return f"{gain.origin}; outputs {', '.join(gain.outputs)}; Theorem 1 proven at all {certificate.vertices} vertices{drawn}"
 
 
@@ -188,7 +196,7 @@ def state_bound_table(gain: StoredGain) -> Table:
 
 def ingest_rows(record: Mapping[str, Any]) -> Table:
     """Return header and rows of what `ingest` did: one row per channel."""
-    header = ["channel", "from", "recorded in", "in", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
+    header = ["channel", "source", "unit read", "unit", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
     rows = [
         [
             name,
@@ -208,20 +216,20 @@ def ingest_rows(record: Mapping[str, Any]) -> Table:
 
 def ingest_notes(record: Mapping[str, Any]) -> list[str]:
     """Return what `ingest` did to a recording as a whole, one line each: profile, sources, stamps, raster."""
-    lines = [f"ingested by profile '{record['profile']['name']}' (sha256 {record['profile']['sha256'][:12]})"]
+    lines = [f"ingested with profile '{record['profile']['name']}' (sha256 {record['profile']['sha256'][:12]})"]
     for source in record["sources"]:
         notes = [f"{key}: {text}" for key, text in source["notes"].items()]
         for clock, repairs in source["time_repairs"].items():
             notes.append(f"{clock}: " + ", ".join(f"{key} {count}" for key, count in repairs.items()))
         lines.append(f"  {source['name']} (sha256 {source['sha256'][:12]})" + "".join(f"; {note}" for note in notes))
     time, raster = record["time"], record["raster"]
-    zero = f", starts at 0 instead of {time['start']:.6g} s" if time["from_zero"] else ""
+    zero = f", time starts at 0 instead of {time['start']:.6g} s" if time["from_zero"] else ""
     rate = f"{raster['rate']:g} Hz" if raster["rate"] else "as recorded"
     lines.append(
-        f"  raster {rate}, {raster['samples']} samples, none where all channels pause over {raster['gap']:g} s{zero}"
+        f"  raster {rate}, {raster['samples']} samples, no samples where all channels pause longer than {raster['gap']:g} s{zero}"
     )
     if record["missing"]:
-        lines.append(f"  optional channels that are not there: {', '.join(record['missing'])}")
+        lines.append(f"  optional channels that are missing: {', '.join(record['missing'])}")
     return lines
 
 

@@ -50,7 +50,7 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
     try:
         from pya2l.parser import A2lParser
     except ImportError:
-        raise UsageError(f"--a2l {path}: needs the library pya2l; pip install 'lpvobs[a2l]'") from None
+        raise UsageError(f"--a2l {path}: needs the library pya2l; install it with: pip install 'lpvobs[a2l]'") from None
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -58,7 +58,7 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
     if b"/begin" not in text:  # the library would print words of its own
         raise DataError(f"{path}: is not an A2L file; name the control unit's A2L file")
     if len(text) > LARGEST:
-        raise DataError(f"{path}: {len(text) >> 20} MiB, expected an A2L file of {LARGEST >> 20} at most")
+        raise DataError(f"{path}: has {len(text) >> 20} MiB, expected an A2L file of at most {LARGEST >> 20} MiB")
     try:
         with A2lParser() as parser:
             modules = parser.tree_from_a2l(text).PROJECT.MODULE
@@ -71,13 +71,18 @@ def read_a2l_map(path: Path, name: str) -> A2lMap:
         if name in found:
             return _map(path, module, found[name])
     names = [item.Name.Value for module in modules for item in module.CHARACTERISTIC if item.Type == "MAP"][:8]
-    raise DataError(f"{path}: has no map '{name}'; it has {', '.join(names) or 'no map at all'}; name one with --name")
+    raise DataError(
+        f"{path}: has no map '{name}'; the file has the maps: {', '.join(names) or 'none'}; name one with --name"
+    )
 
 
 def _map(path: Path, module: Any, item: Any) -> A2lMap:
     axes = [_axis(module, axis) for axis in item.AXIS_DESCR]
     if item.Type != "MAP" or len(axes) != 2:
-        raise DataError(f"{path}: '{item.Name.Value}' is a {item.Type} with {len(axes)} axes; expected a MAP with two")
+        raise DataError(
+            f"{path}: '{item.Name.Value}' is a {item.Type} with {len(axes)} axes; expected a MAP with two axes; name "
+            "another one with --name"
+        )
     unit, step, zero = _conversion(path, module, item.Conversion.Value)
     layouts = {each.Name.Value: each.FNC_VALUES.DataType.Value for each in module.RECORD_LAYOUT}
     if "FLOAT" in layouts.get(item.Deposit.Value, ""):

@@ -26,8 +26,8 @@ def named_file(text: str, air_path: base.AirPath) -> tuple[str, Path, str]:
     """Return kind, file, and the label behind a DCM file, of `KIND=FILE` or `KIND=FILE.dcm:LABEL`."""
     kind, equals, file = text.partition("=")
     if not equals or kind not in air_path.component_maps:
-        known = ", ".join(air_path.component_maps) or "none: this engine has no corrections"
-        raise UsageError(f"--map {text}: expected KIND=FILE with KIND one of {known}")
+        known = ", ".join(air_path.component_maps) or "none, because this engine has no corrections"
+        raise UsageError(f"--map {text}: expected KIND=FILE; possible values of KIND: {known}")
     name, colon, label = file.rpartition(":")
     return (kind, Path(name), label) if colon and name.lower().endswith(".dcm") else (kind, Path(file), "")
 
@@ -38,7 +38,9 @@ def read_component_map(kind: str, path: Path, label: str, air_path: base.AirPath
     columns, tolerance = _from_dcm(path, label, known) if label else _from_table(path, known)
     count = next(iter(columns.values())).size
     if not LEAST_POINTS <= count <= MOST_POINTS:
-        raise DataError(f"{path}: {count} points, expected {LEAST_POINTS} to {MOST_POINTS} of a {kind} table")
+        raise DataError(
+            f"{path}: the table has {count} points, expected {LEAST_POINTS} to {MOST_POINTS} points in a {kind} table"
+        )
     points = known.points(air_path.engine, columns)
     table = Table(points, (known.part,), tolerance, known.flow)
     refuse_far(path, known.part.column, rows_of(air_path, unknowns_of({}, air_path.components), [table]), MOST_FAR)
@@ -53,12 +55,15 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
     forms.sort(key=lambda form: not set(form) <= set(found.column_names))
     if not forms:
         firsts = " or ".join(next(iter(form)) for form in known.forms)
-        raise DataError(f"{path}: has no column {firsts}; present: {', '.join(found.column_names) or 'none'}")
+        raise DataError(
+            f"{path}: has no column {firsts}; columns in the file: {', '.join(found.column_names) or 'none'}; rename "
+            "the column or name another file"
+        )
     for name, within in forms[0].items():
         if name not in found.column_names:
             raise DataError(
                 f"{path}: '{name}' ({within.what}) is missing; give it as a column, "
-                f"or above the column names in a line '# {name} = VALUE {within.unit}'"
+                f"or as a line '# {name} = VALUE {within.unit}' above the column names"
             )
     columns = {name: column_of(path, found, name, within.unit) for name, within in forms[0].items()}
     _refuse_impossible(path, columns, forms[0])
@@ -88,7 +93,8 @@ def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Ar
         return columns, known.tolerance
     wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
     raise DataError(
-        f"{path}: map '{label}' has the units '{item.unit_x}', '{item.unit_y}' and '{item.unit}'; expected {wanted}"
+        f"{path}: map '{label}' has the units '{item.unit_x}', '{item.unit_y}' and '{item.unit}'; expected {wanted}; "
+        "correct the units in the file"
     )
 
 
@@ -98,4 +104,4 @@ def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[
         for number, value in enumerate(values.tolist(), 1):
             complaint = forms[name].complaint(value)
             if complaint:
-                raise DataError(f"{path}: {name} at point {number}: {complaint}")
+                raise DataError(f"{path}: column {name}, point {number}: {complaint}")

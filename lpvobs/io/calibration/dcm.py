@@ -106,8 +106,8 @@ def read_dcm_map(path: Path, name: str) -> DcmMap:
     import difflib
 
     near = difflib.get_close_matches(name, seen, n=3, cutoff=0.4) or seen[:8]
-    there = "has " + ", ".join(near) if near else "has no map at all"
-    raise DataError(f"{path}: has no map '{name}'; {there}; name one: --name")
+    there = ", ".join(near) or "none"
+    raise DataError(f"{path}: has no map '{name}'; maps in the file: {there}; name one with --name")
 
 
 def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -122,13 +122,16 @@ def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
                 if not words or (words[0][0] in "!*." and not words[0].startswith("*SST")):
                     continue
                 if not begun and words[0] != "KONSERVIERUNG_FORMAT":
-                    raise DataError(f"{path}: not a DCM file (line {number}); expected KONSERVIERUNG_FORMAT 2.0 first")
+                    raise DataError(
+                        f"{path}: not a DCM file (line {number}); expected KONSERVIERUNG_FORMAT 2.0 as the first "
+                        "keyword; name a DCM file"
+                    )
                 begun = True
                 yield number, words
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); name a DCM file") from None
     if not begun:
-        raise DataError(f"{path}: is empty; expected a DCM file")
+        raise DataError(f"{path}: is empty; name a DCM file")
 
 
 @dataclass
@@ -148,20 +151,22 @@ def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, 
     try:
         across, down = int(head[2]), int(head[3])
         if not (across > 1 and down > 1 and across * down <= MOST_VALUES):
-            raise ValueError(f"{across} by {down} nodes")
+            raise ValueError(f"a size of {across} by {down} nodes is not possible")
         for number, words in lines:
             place = number
             if words[0] == "END":
                 break
             _take(body, words)
         else:
-            raise ValueError("no END")
+            raise ValueError("the keyword END is missing")
         x, y = np.array(body.x), np.array(body.y)
         values = np.array(body.rows)
         if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
-            raise ValueError(f"{x.size} by {y.size} nodes instead of {across} by {down}, or lines of other lengths")
+            raise ValueError(
+                f"{x.size} by {y.size} nodes instead of {across} by {down}, or a row with a wrong number of values"
+            )
         if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
-            raise ValueError("values that are not finite, or axes that do not increase")
+            raise ValueError("a value is not finite, or an axis does not increase")
     except (ValueError, IndexError) as error:
         raise DataError(f"{path}: map '{head[1]}' (line {place}) is damaged: {error}; export it again") from None
     return DcmMap(head[1], head[0], x, y, values, kept=tuple(body.kept), **body.texts)
@@ -188,4 +193,4 @@ def _take(body: _MapText, words: list[str]) -> None:
     elif keyword == "WERT":
         body.rows[-1] += map(float, rest)
     elif keyword.startswith("ST_TX"):
-        raise ValueError("an axis of words")
+        raise ValueError("an axis has texts instead of numbers")

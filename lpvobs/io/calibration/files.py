@@ -87,9 +87,8 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
         for its, own in zip(item.axes, nodes, strict=True):
             if own.size > its.most:
                 raise DataError(
-                    f"{path}: the axis of '{item.name}' in {its.unit} has room for {its.most} points, but the map has "
-                    f"{own.size}; give the "
-                    f"control unit's points with --old OLD.dcm"
+                    f"{path}: the axis of '{item.name}' in {its.unit} has room for {its.most} points, but the axis of our map has "
+                    f"{own.size} points; give the control unit's points with --old OLD.dcm"
                 )
         return OldMap(found, x, y, np.full((x.size, y.size), np.nan), bool(turned))
     units = ", ".join((*(axis.unit for axis in item.axes), item.unit))

@@ -133,14 +133,16 @@ def config_of(text: str, path: Path) -> Config:
     kind = registry.ENGINES[name]
     config = convert(path, document, record_of(kind), f"configs/{kind.example}")
     if config.schema != SCHEMA:
-        raise UsageError(f"{path}: schema = {config.schema}, expected {SCHEMA}; the file is for another version")
+        raise UsageError(
+            f"{path}: schema = {config.schema}, expected {SCHEMA}; the file is for another version of lpvobs"
+        )
     wanted = {axis.channel for axis in config.engine_path().axes}
     if set(config.map) != wanted:
-        raise UsageError(f"{path}: [map] has {sorted(config.map)}, expected exactly {sorted(wanted)}")
+        raise UsageError(f"{path}: [map] has the axes {sorted(config.map)}, expected exactly {sorted(wanted)}")
     _check_names(path, config)
     nodes = config.grid().size
     if nodes > MOST_NODES:
-        raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; widen the steps")
+        raise UsageError(f"{path}: [map] has {nodes} nodes, expected at most {MOST_NODES}; choose larger steps")
     return config
 
 
@@ -164,10 +166,13 @@ def load_effects(path: Path) -> tuple[Effects, str]:
     text = _read(path)
     document = _parse(text, path)
     if not document:
-        raise UsageError(f"{path}: holds neither [surface], [[effect]] nor [auxiliary]; see configs/effects")
+        raise UsageError(
+            f"{path}: expected a table [surface], [[effect]] or [auxiliary], but the file has none of them; see the "
+            "examples in configs/effects"
+        )
     listed = document.pop("effect", [])
     if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
-        raise UsageError(f"{path}: 'effect' is no list of tables; write each one under its own [[effect]]")
+        raise UsageError(f"{path}: 'effect' is not a list of tables; write each effect under its own [[effect]]")
     effects = tuple(_effect(path, place, table) for place, table in enumerate(listed))
     tables = convert(path, document, _Surroundings, "configs/effects/road.toml")
     return Effects(**vars(tables), injected=effects), text
@@ -202,10 +207,12 @@ def _check_names(path: Path, config: Config) -> None:
     ):
         for name in found:
             if name not in known:
-                raise UsageError(f"{path}: {table}: '{name}' is unknown; expected some of {', '.join(known)}")
+                raise UsageError(f"{path}: {table}: the name '{name}' is unknown; known names: {', '.join(known)}")
         for name in needed:
             if name not in found:
-                raise UsageError(f"{path}: {table}: '{name}' is missing; give all of {', '.join(needed)}")
+                raise UsageError(
+                    f"{path}: {table}: the name '{name}' is missing; give a value for all of {', '.join(needed)}"
+                )
     for name, sensor in config.sensors.items():
         if sensor.pulsation and (name != air_path.sensor or config.kind.pulsation is None):
             raise UsageError(
@@ -213,6 +220,10 @@ def _check_names(path: Path, config: Config) -> None:
                 "sensor; delete the key"
             )
     if len(config.published.x_0) != len(states):
-        raise UsageError(f"{path}: published.x_0: has {len(config.published.x_0)} values, expected {', '.join(states)}")
+        raise UsageError(
+            f"{path}: published.x_0 has {len(config.published.x_0)} values, expected one value for each of {', '.join(states)}"
+        )
     if len(set(config.gain.outputs)) < len(config.gain.outputs):
-        raise UsageError(f"{path}: gain.outputs: {', '.join(config.gain.outputs)} has a name twice; name each once")
+        raise UsageError(
+            f"{path}: gain.outputs lists a state twice ({', '.join(config.gain.outputs)}); list each state once"
+        )

@@ -27,7 +27,7 @@ def read_text(path: Path) -> str:
     """Return the text of a TOML file, or say why it cannot be read."""
     try:
         if path.is_file() and path.stat().st_size > MOST_BYTES:
-            raise UsageError(f"{path}: is larger than {MOST_BYTES} bytes, which no configuration is; name a TOML file")
+            raise UsageError(f"{path}: is larger than {MOST_BYTES} bytes, the limit for a TOML file; name another file")
         if path.exists() and not path.is_file():
             raise UsageError(f"{path}: cannot be read (not a regular file); name a TOML file")
         return path.read_text(encoding="utf-8")
@@ -40,13 +40,13 @@ def read_text(path: Path) -> str:
 def parse(text: str, path: Path) -> dict[str, Any]:
     """Return the document in a TOML text; `path` names it in errors."""
     if _ENDLESS_KEY.search(text):
-        raise UsageError(f"{path}: a key has more than 32 names with dots between; correct that key")
+        raise UsageError(f"{path}: a key has more than 32 names separated by dots; shorten this key")
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise UsageError(f"{path}: brackets are nested deeper than in any configuration; correct that line") from None
+        raise UsageError(f"{path}: brackets are nested too deeply; correct this line") from None
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
-        raise UsageError(f"{path}: is not TOML ({error}); correct that line") from None
+        raise UsageError(f"{path}: is not TOML ({error}); correct this line") from None
 
 
 def convert(path: Path, document: Mapping[str, Any], record: type[Record], example: str) -> Record:
@@ -55,7 +55,7 @@ def convert(path: Path, document: Mapping[str, Any], record: type[Record], examp
     try:
         converted = msgspec.convert(document, record)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{path}: {_in_words(error, document, record)}; correct that key") from None
+        raise UsageError(f"{path}: {_in_words(error, document, record)}; correct this key") from None
     except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
         raise UsageError(f"{path}: a value is far too large or too small ({error}); correct the value") from None
     for where, complaint in _out_of_bounds(converted, ""):
@@ -112,7 +112,7 @@ def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where
             import difflib
 
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-            hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+            hint = f"did you mean '{near[0]}'?" if near else f"keys known here: {', '.join(known)}"
             raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
         inner = record_in(hints[key])
         if inner is None:
@@ -121,7 +121,7 @@ def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where
             _refuse_unknown(path, item, inner, f"{place}.", example)
     for key, wanted in known.items():
         if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
-            raise UsageError(f"{path}: key '{where}{key}' is missing; see the commented {example}")
+            raise UsageError(f"{path}: key '{where}{key}' is missing; the commented file {example} explains it")
 
 
 def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[str, Any]]]:

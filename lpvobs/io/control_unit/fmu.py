@@ -34,7 +34,7 @@ def write_fmu(path: Path, unit: Unit, made: Mapping[str, str]) -> None:
 def _library(sources: Mapping[str, str]) -> bytes:
     if which("cc") is None:
         raise UsageError(
-            "--format fmu: needs a C compiler, but there is no `cc`; install gcc or clang, or take --format c99"
+            "--format fmu: needs a C compiler, but there is no `cc`; install gcc or clang, or use --format c99"
         )
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():

@@ -80,7 +80,9 @@ def _version(unit: Unit, digest: str) -> str:
 def _numbers(unit: Unit) -> Mapping[str, float | Array]:
     """Return the members of `lpvobs_constants`: the engine's own, then nodes and values of every correction of a flow."""
     if unit.kind.in_c is None:
-        raise UsageError(f"a {unit.kind.name} engine has no model in C; export the map: --format dcm or csv")
+        raise UsageError(
+            f"a {unit.kind.name} engine has no model in C; export the map instead with --format dcm or csv"
+        )
     found = dict(unit.kind.in_c(unit.air_path))
     for component in unit.air_path.components:
         if component.name in unit.corrections and component.unit == "1":  # others are lags of sensors

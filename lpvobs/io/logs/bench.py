@@ -72,7 +72,7 @@ def _read(path: Path, air_path: base.AirPath) -> dict[str, Array]:
     error = table.setdefault(DEVIATION, METER * np.abs(table[REFERENCE]))
     if not (error > 0.0).all():
         raise DataError(
-            f"{path}: {DEVIATION} is {error.min():g} kg/s at a point; expected more than 0; correct the table"
+            f"{path}: column {DEVIATION} is {error.min():g} kg/s at a point, expected more than 0 at every point; correct the table"
         )
     _refuse_meter(path, table, air_path)
     return table
@@ -122,7 +122,8 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
     lost = np.flatnonzero(~np.isfinite(values))
     if lost.size:
         raise DataError(
-            f"{path}: {name} is not a number at point {lost[0] + 1}, expected a number in every row; delete this row or the column"
+            f"{path}: column {name} has no number at point {lost[0] + 1}, expected a number in every row; delete this "
+            "row or the column"
         )
     if channel is None or not values.size:
         return
@@ -130,8 +131,9 @@ def _refuse_impossible(path: Path, name: str, values: Array, channel: channels.C
     middle = float(np.median(values))
     if not low <= middle <= high or values.min() < channel.low or values.max() > channel.high:
         raise DataError(
-            f"{path}: {name} goes from {values.min():g} to {values.max():g} {channel.unit}, with the median {middle:g}; "
-            f"expected a median from {low:g} to {high:g} {channel.unit}; check its unit"
+            f"{path}: column {name} has values from {values.min():g} to {values.max():g} {channel.unit} with the "
+            f"median {middle:g}, "
+            f"expected values from {channel.low:g} to {channel.high:g} with a median from {low:g} to {high:g}; check the unit"
         )
 
 
@@ -140,7 +142,7 @@ def _refuse_few(where: str, columns: Mapping[str, Array], air_path: base.AirPath
     count = columns[REFERENCE].size
     if not LEAST_POINTS <= count <= MOST_POINTS:
         raise DataError(
-            f"{where}: {count} points, expected {LEAST_POINTS} to {MOST_POINTS}; "
+            f"{where}: {count} points in all, expected {LEAST_POINTS} to {MOST_POINTS}; "
             f"record stationary points over the whole range of speed and load"
         )
     units = {axis.channel: axis.unit for axis in air_path.axes} | {REFERENCE: "kg/s"}
@@ -148,8 +150,8 @@ def _refuse_few(where: str, columns: Mapping[str, Array], air_path: base.AirPath
         low, high = float(columns[name].min()), float(columns[name].max())
         if high < LEAST_RANGE * low:
             raise DataError(
-                f"{where}: {name} goes from {low:g} to {high:g} {unit} only, expected the largest to be at least "
-                f"{LEAST_RANGE:g} times the smallest; add points at other speeds and loads"
+                f"{where}: column {name} covers only {low:g} to {high:g} {unit}, expected a largest value of at least "
+                f"{LEAST_RANGE:g} times the smallest value; add points at other speeds and loads"
             )
 
 
@@ -164,15 +166,15 @@ def _refuse_meter(path: Path, table: Mapping[str, Array], air_path: base.AirPath
             raise DataError(
                 f"{path}: {REFERENCE} differs by {100 * off:+.1f} % from the air flow that {FUEL} and {LAMBDA} give "
                 f"(stoichiometric ratio {AIR_FOR_FUEL:g}), "
-                f"expected at most {100 * LAMBDA_ERROR:g} % and twice its own error; check meter, fuel and lambda probe"
+                f"expected at most {100 * LAMBDA_ERROR:g} % plus twice its standard error; check air meter, fuel and lambda probe"
             )
     if FUEL in table:
         burns = table[REFERENCE] >= RICHEST * table[FUEL]
         if np.mean(~burns) > MOST_WRONG:
             worst = float(np.min(table[REFERENCE][~burns] / table[FUEL][~burns]))
             raise DataError(
-                f"{path}: {REFERENCE} is {worst:.3g} times {FUEL} where it is least, expected at least {RICHEST:g}: the fuel "
-                f"would not burn; check the units of both"
+                f"{path}: {REFERENCE} is only {worst:.3g} times {FUEL} at the richest point, expected at least {RICHEST:g} times, "
+                f"because richer mixtures do not burn; check the units of both columns"
             )
 
 
@@ -184,8 +186,10 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
     near = np.isin(np.unique(rows.point), rows.point[own & (ratio >= AGREES[0]) & (ratio <= AGREES[1])])
     if np.mean(~near) > most:
         raise DataError(
-            f"{path}: {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow that the engine draws; {np.sum(~near)} of "
-            f"{near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check its unit, and the constants in [engine]"
+            f"{path}: column {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow of the configured engine "
+            f"(median); {np.sum(~near)} "
+            f"of {near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check the column's unit and "
+            "the constants in [engine]"
         )
 
 

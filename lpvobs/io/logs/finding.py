@@ -29,7 +29,9 @@ def find_logs(named: Sequence[Path]) -> list[Path]:
             found.append(path)
             continue
         if not matches:
-            raise UsageError(f"{path}: no log there; expected Parquet files, name them, their folder or a pattern")
+            raise UsageError(
+                f"{path}: there is no log here; expected Parquet files; name the files, their folder or a pattern"
+            )
         found += matches
     return found
 
@@ -57,9 +59,7 @@ def log_names(paths: Sequence[Path]) -> dict[Path, str]:
         except UnicodeEncodeError:
             usable = None
         if not usable:
-            raise UsageError(
-                f"{str(path)!a}: results tell logs apart by name, and this file has an empty name; rename it"
-            )
+            raise UsageError(f"{str(path)!a}: the file has no usable name, but each log needs a name; rename the file")
     if again := next((path for path, name in names.items() if Counter(names.values())[name] > 1), None):
         raise UsageError(f"{again}: has the same name and folders as another log; rename one of the two")
     return names
@@ -99,11 +99,12 @@ class Origins:
             found = re.search(f"(?:^|/){shape}$", path.as_posix())
         except re.error:
             raise UsageError(
-                f"--path {self.pattern}: a field is there twice, or its name begins with a digit; expected each field once"
+                f"--path {self.pattern}: a field appears twice, or a field name begins with a digit; use each field "
+                "once, with a name that begins with a letter"
             ) from None
         if found is None:
             raise UsageError(
-                f"{path}: does not fit the pattern --path {self.pattern}; correct the pattern or name other logs"
+                f"{path}: the path does not fit the pattern --path {self.pattern}; correct the pattern or name other logs"
             )
         return found.groupdict()
 
@@ -126,7 +127,9 @@ def _rows(table: Path) -> dict[Path, dict[str, str]]:
         named = [(log_path(Path(row.pop("log"))), row) for row in rows]
         return {(path if isinstance(path, RemotePath) else table.parent / path).resolve(): row for path, row in named}
     except (OSError, ValueError, KeyError, csv.Error):
-        raise DataError(f"{table}: no table of logs; expected CSV or Parquet with columns log, vehicle, date") from None
+        raise DataError(
+            f"{table}: cannot be read as a table of logs; expected CSV or Parquet with the columns log, vehicle, date"
+        ) from None
 
 
 def day_of(path: Path, origin: Mapping[str, str]) -> float:
@@ -135,10 +138,10 @@ def day_of(path: Path, origin: Mapping[str, str]) -> float:
     try:
         whole = datetime.date.fromisoformat(text[:10] if len(text) > 7 else f"{text}-15")
     except ValueError:
-        said = f"'{text}'" if text else "nothing"
+        said = f"'{text}' is not a date" if text else "the date of this log is unknown"
         raise DataError(
-            f"{path}: {said} says when this log was driven; expected 2025-01-31 or 2025-01 as date or month: "
-            f"give --path or --origins, or --date when you ingest the log"
+            f"{path}: {said}; expected a date such as 2025-01-31 or a month such as 2025-01; "
+            f"give it with --path or --origins, or with --date when you ingest the log"
         ) from None
     return float((whole - EPOCH).days)
 
@@ -156,6 +159,6 @@ def own_origin(vehicle: str | None, date: str | None, engine: str) -> dict[str, 
         try:
             day_of(Path(), {"date": date})
         except DataError:
-            raise UsageError(f"--date {date}: expected for example 2025-01-31") from None
+            raise UsageError(f"--date {date}: is not a date; expected for example 2025-01-31") from None
     known = {"vehicle": vehicle, "engine": engine or None, "date": date}
     return {key: value for key, value in known.items() if value is not None}

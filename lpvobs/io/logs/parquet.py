@@ -41,8 +41,8 @@ def _refuse_long_footer(path: Path) -> None:
         length = int.from_bytes(stream.read(4), "little")
     if MOST_FOOTER < length < path.stat().st_size:
         raise DataError(
-            f"{path}: its description has {length} bytes, expected at most {MOST_FOOTER}; "
-            f"export fewer channels, or larger row groups"
+            f"{path}: the metadata of the file have {length} bytes, expected at most {MOST_FOOTER}; "
+            f"export fewer channels or larger row groups"
         )
 
 
@@ -65,7 +65,7 @@ def refuse_huge(path: Path, rows: int, columns: int) -> None:
     if rows * columns > MOST_READINGS:
         raise DataError(
             f"{path}: {rows} rows of {columns} channels do not fit into memory, expected at most {MOST_READINGS // columns} rows; "
-            f"split the log, or thin it out"
+            f"split the log or lower its sample rate"
         )
 
 
@@ -148,9 +148,11 @@ def expect(path: Path, schema: "pa.Schema", name: str, wanted: str) -> None:
     """Raise unless a channel is there once and says its unit."""
     found = schema.get_all_field_indices(name)
     if len(found) != 1:
-        state = "missing" if not found else f"there {len(found)} times"
+        state = "missing" if not found else f"present {len(found)} times"
         present = " ".join(", ".join(schema.names[:20]).split()) or "none"
-        raise DataError(f"{path}: channel '{name}' is {state}; expected once, in {wanted}; present: {present}")
+        raise DataError(
+            f"{path}: channel '{name}' is {state}; expected once, in {wanted}; channels in the file: {present}"
+        )
     if not _unit(schema.field(found[0])):
         raise DataError(
             f"{path}: channel '{name}' has no unit; expected '{wanted}' or a unit that converts to it, "

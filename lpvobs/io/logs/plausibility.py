@@ -87,8 +87,8 @@ def _increasing(
     if wrong and policies.backward_time == "refuse":
         first = int(np.flatnonzero(~later)[0])
         raise DataError(
-            f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s after "
-            f"{before[first]:.6g} s (row {rows[first]}); expected strictly increasing; "
+            f"{path}: channel 'time' repeats or runs backward {wrong} times, first at {kept[first]:.6g} s, which follows "
+            f"{before[first]:.6g} s (row {rows[first]}); expected strictly increasing time; "
             f'repair the log or set backward_time = "drop" in [policies]'
         )
     if wrong > MOST_BACKWARD * kept.size:
@@ -155,8 +155,8 @@ def _refuse_dead(path: Path, name: str, values: Mapping[str, Array], channels: M
     if column.std() > 0.0 and max(abs(np.corrcoef(column, other)[0, 1]) for other in others) > DEAD:
         return
     raise DataError(
-        f"{path}: channel '{name}' stays at {np.median(column):.4g} {channels[name].unit} and follows none of "
-        f"{', '.join(follows)}: the sensor is unplugged or dead; connect it and record again"
+        f"{path}: channel '{name}' stays at {np.median(column):.4g} {channels[name].unit} and does not respond to changes of "
+        f"{', '.join(follows)}; the sensor is unplugged or dead; connect the sensor and record again"
     )
 
 
@@ -169,11 +169,13 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
     """Refuse a channel whose median, or many of whose readings, no working engine shows: a wrong unit or sign."""
     finite = column[np.isfinite(column)]
     if finite.size == 0:
-        raise DataError(f"{path}: channel '{name}' has no number, expected readings in {channel.unit}; record it again")
+        raise DataError(
+            f"{path}: channel '{name}' has no numbers, expected readings in {channel.unit}; record it again"
+        )
     middle, (low, high) = float(np.median(finite)), channel.typical
     if not low <= middle <= high:
         raise DataError(
-            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected between {low:g} and {high:g}; "
+            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected a median between {low:g} and {high:g}; "
             f"its unit or sign is probably wrong"
         )
     outside = float(np.mean(~_possible(finite, channel)))
@@ -184,8 +186,9 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
         )
     if finite.max() < channel.reaches:
         raise DataError(
-            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected {channel.reaches:g} somewhere in "
-            f"a log; its unit is probably wrong"
+            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected at least "
+            f"{channel.reaches:g} at some "
+            f"time in a log; its unit is probably wrong"
         )
     if channel.unit == "%" and 0.5 < finite.max() <= 1.0 and finite.max() - finite.min() > 0.3:
         raise DataError(
@@ -205,8 +208,8 @@ def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channels: 
     below = lower / max(int(np.count_nonzero(both)), 1)
     if below > MOST_BELOW:
         raise DataError(
-            f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log, "
-            f"which no engine does; the unit of one of them is probably wrong"
+            f"{path}: channel '{name}' is more than {slack:g} {channel.unit} below '{other}' in {100 * below:.0f} % of the log; "
+            f"this happens on no engine; the unit of one of the two channels is probably wrong"
         )
 
 

@@ -22,7 +22,7 @@ class ChannelLimits:
     def __post_init__(self) -> None:
         for low, high in ((self.low, self.high), self.typical or (None, None)):
             if low is not None and high is not None and not low < high:
-                raise ValueError(f"a lower limit of {low:g} must be below the upper one, {high:g}")
+                raise ValueError(f"the lower limit {low:g} must be below the upper limit {high:g}")
 
 
 @dataclass(frozen=True)
@@ -97,5 +97,5 @@ class SlabCounts:
         why = f" ({', '.join(kinds)})" if kinds else ""
         return DataError(
             f"{path}: {self.samples} of {self.defects.samples_read} samples are usable, expected at least two; "
-            f"channel '{worst}' makes the most samples unusable{why}, see `lpvobs inspect`"
+            f"most samples are unusable because of channel '{worst}'{why}; see `lpvobs inspect`"
         )

@@ -116,7 +116,7 @@ class LogFile:
 
     def _refuse_poor(self, slabs: int, seen: SlabCounts) -> None:
         if not seen.defects.samples_read:
-            raise DataError(f"{self.path}: the log has no rows, expected at least two; record or export it again")
+            raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
         if 2 * len(seen.refusals) > slabs:
             raise seen.refusals[0]
         if seen.samples < 2:

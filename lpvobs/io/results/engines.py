@@ -62,7 +62,7 @@ def read_learned(file: h5py.File) -> Learning:
     """Return what `/engine` of an open file holds; raises DataError where there is none."""
     if GROUP not in file:
         raise DataError(
-            f"{file.filename}: holds nothing learned from healthy logs; make it again with `lpvobs calibrate --healthy`"
+            f"{file.filename}: has no properties learned from healthy logs; make the file again with `lpvobs calibrate --healthy`"
         )
     group = file[GROUP]
     own, errors = group["numbers"], group["healthy_errors"]
@@ -89,7 +89,7 @@ def _curve(group: h5py.Group) -> LearnedCurve:
 
 
 KIND = "engine"
-REMEDY = "make it with `lpvobs calibrate`"
+REMEDY = "make an engine with `lpvobs calibrate`"
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
 from lpvobs.tracking.timeline import Fleetwide
 
 KIND = "fleet"
-REMEDY = "make it with `lpvobs track`"
+REMEDY = "make a fleet with `lpvobs track`"
 LABELS = {"aspect": ("level", "gain", "shape")}
 
 
@@ -101,13 +101,15 @@ def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:
     """Return the effects of a refined result in the time of the fleet; raises DataError if none of its logs is in it."""
     from lpvobs.io.results.refinements import StoredRefinement  # loads the search for effects
 
-    with hdf.reading(refined, results.KIND, "make it with `lpvobs refine`") as file:
+    with hdf.reading(refined, results.KIND, "make a result with `lpvobs refine`") as file:
         stored = read_if_there(file.get("refinement"), StoredRefinement)
     known, found = {log.sha256: log for log in logs}, []
     for effect in () if stored is None else stored.effects:
         present = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin < np.inf]
         if not present:
-            raise DataError(f"{refined}: {effect.id} was found on logs that are not in the fleet; name these logs too")
+            raise DataError(
+                f"{refined}: effect {effect.id} was found on logs that are not in the fleet; give these logs to `lpvobs track`, too"
+            )
         for vehicle in sorted({log.vehicle for log in present}):
             days = [log.date for log in present if log.vehicle == vehicle]
             others = [known[span.sha256] for span in effect.spans if span.sha256 in known and span.begin == np.inf]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lpvobs.io.configuration.config import Config
 
 KIND = "gain"
-REMEDY = "make it with `lpvobs synth-gain`"
+REMEDY = "make a gain with `lpvobs synth-gain`"
 Range = tuple[float, float]
 
 
@@ -93,13 +93,13 @@ def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
     """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
     if stored.air_path != config.air_path:
         raise DataError(
-            f"{path}: was made for a {stored.air_path}, the configuration has a {config.air_path}; {REMEDY}"
+            f"{path}: the gain was made for a {stored.air_path} engine, but the configuration has a {config.air_path} "
+            f"engine; {REMEDY}"
         )
     expect_constants(path, "gain for", stored.engine, config.engine_path().engine_constants(), REMEDY)
     for name, (low, high) in stored.temperatures.items():
         if low < high and (low, high) != config.gain.temperatures.get(name):
             raise DataError(
-                f"{path}: was made for other temperatures: {name} is {low:g} to {high:g} K in the gain, but "
-                "[gain.temperatures] of the "
-                f"configuration has another range; {REMEDY} from this configuration"
+                f"{path}: the gain was made for other temperatures: {name} is {low:g} to {high:g} K in the gain, but "
+                f"[gain.temperatures] of the configuration has another range; {REMEDY} from this configuration"
             )

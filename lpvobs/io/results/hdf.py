@@ -100,7 +100,7 @@ def is_hdf5(path: Path) -> bool:
         return bool(h5py.is_hdf5(path))
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else error
-        raise DataError(f"{path}: cannot be read ({reason}); check the file's rights") from None
+        raise DataError(f"{path}: cannot be read ({reason}); check your permission to read this file") from None
 
 
 @contextmanager

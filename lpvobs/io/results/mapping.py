@@ -294,11 +294,11 @@ def _loaded(group: h5py.Group, layout: Layout[Any], key: str, row: str = "") -> 
     if found.dtype.kind not in "fiu":
         raise ValueError(f"'{name}' holds {found.dtype}, expected numbers")
     if not item.gaps and not np.isfinite(found).all():
-        raise ValueError(f"'{name}' holds what is not finite")
+        raise ValueError(f"'{name}' has values that are not finite")
     if meanings and not np.isin(found, list(meanings)).all():
-        raise ValueError(f"'{name}' holds other values than {', '.join(map(str, meanings))}")
+        raise ValueError(f"'{name}' has values other than {', '.join(map(str, meanings))}")
     if np.dtype(element).kind in "iu" and (found != np.round(found)).any():
-        raise ValueError(f"'{name}' holds fractions, expected whole numbers")
+        raise ValueError(f"'{name}' has fractions, expected whole numbers")
     return found
 
 
@@ -310,7 +310,7 @@ def _as_field(found: Values, kind: Any) -> Any:
     if get_origin(kind) is tuple:
         sizes = get_args(kind)
         if sizes[-1] is not Ellipsis and len(sizes) != found.size:
-            raise ValueError(f"{found.size} values, expected {len(sizes)}")
+            raise ValueError(f"a dataset has {found.size} values, expected {len(sizes)}")
         return tuple(map(element, found.tolist()))
     single = found.item() if isinstance(found, np.ndarray) else found
     if not isinstance(single, str) and np.isnan(single) and get_origin(kind) is UnionType:

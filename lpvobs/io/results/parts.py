@@ -79,12 +79,12 @@ def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str]:
     """Return a part and the key that it was made with; raises ValueError for anything else."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
-        raise ValueError("not a part, or a damaged one")
+        raise ValueError("is damaged, or is not the stored part of a log")
     try:
         of_kind: Any = _File
         file: _File[Left] = msgspec.msgpack.decode(body, type=of_kind[kind], dec_hook=_array)
     except (msgspec.MsgspecError, RecursionError, MemoryError, OverflowError) as error:
-        raise ValueError(f"not a part ({error})") from None
+        raise ValueError(f"is not the stored part of a log ({error})") from None
     return file.stored, file.key
 
 
@@ -116,7 +116,7 @@ class PartsFolder(Generic[Left]):
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise DataError(
-                f"{self.path}: this folder cannot be made ({error.strerror}); it keeps finished logs until the run ends: "
+                f"{self.path}: this folder cannot be made ({error.strerror}), but the run needs it to store finished logs; "
                 f"give --out in a folder that you can write to"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
@@ -129,7 +129,7 @@ class PartsFolder(Generic[Left]):
             with suppress(OSError):
                 temporary.unlink()  # half a part would take room that the disk does not have
             raise DataError(
-                f"{file}: writing failed ({error.strerror or error}); finished logs are kept: make room, and run this again"
+                f"{file}: writing failed ({error.strerror or error}); finished logs are kept; free disk space and run this again"
             ) from None
 
     def read(self, sha256: str) -> Left:
@@ -137,7 +137,7 @@ class PartsFolder(Generic[Left]):
         try:
             return part_of_bytes(self._file(sha256).read_bytes(), self.kind)[0]
         except (OSError, ValueError) as error:
-            raise DataError(f"{self._file(sha256)}: {error}; delete the folder and run again") from None
+            raise DataError(f"{self._file(sha256)}: {error}; delete the folder of this file and run again") from None
 
     def remove(self) -> None:
         """Delete the parts, what a killed writer left of them, and the folder, unless there is something else in it."""

@@ -27,7 +27,7 @@ from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array, Item
 
 KIND = "result"
-REMEDY = "make it with `lpvobs estimate`"
+REMEDY = "make a result with `lpvobs estimate`"
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def refuse_replaced(stored: StoredResult) -> None:
     """Raise DataError if another program has written to a result since it was read: what was found does not belong to it now."""
     if state_of(stored.path) != stored.state:
         raise DataError(
-            f"{stored.path}: another process wrote this file meanwhile, and it is left as that process wrote it; run this again"
+            f"{stored.path}: another process changed this file during the run, so this run did not write to it; run this again"
         )
 
 

@@ -102,11 +102,11 @@ class Surface:
         """
         pairs = np.asarray(points, dtype=float)
         if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise DataError(f"points: expected a list of pairs, {self._ends()}")
+            raise DataError(f"points: expected a list of pairs, with {self._ends()}")
         x, y = pairs.T
         weights = joint.at_weights(self.x.nodes, x)[:, :, None] * joint.at_weights(self.y.nodes, y)[:, None, :]
         if not np.all(weights.sum((1, 2)) > 0.0):
-            raise DataError(f"points: expected {self._ends()}")
+            raise DataError(f"points: a point is outside the map or at nodes without a value; expected {self._ends()}")
         return self._combined(weights.reshape(x.size, -1))
 
     def mean(self, region: Mapping[str, tuple[float, float]]) -> joint.Joint:
@@ -117,7 +117,7 @@ class Surface:
         axes = (self.x, self.y)
         other = sorted(set(region) - {axis.name for axis in axes})
         if other:
-            raise DataError(f"region: no axis '{other[0]}', expected {self._ends()}")
+            raise DataError(f"region: the map has no axis '{other[0]}'; expected {self._ends()}")
         whole = {axis.name: (float(axis.nodes[0]), float(axis.nodes[-1])) for axis in axes} | dict(region)
         along = [joint.mean_weights(axis.nodes, *whole[axis.name]) for axis in axes]
         return self._combined(np.outer(*along).reshape(1, -1))
@@ -163,10 +163,10 @@ class Surface:
 
 def read_surface(path: Path, source: str = "") -> Surface:
     """Return `map` or `extrapolation` of a result, by default the latter if there; raises DataError where it is not."""
-    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
         source = source or ("extrapolation" if "extrapolation" in file else "map")
         if source not in ("map", "extrapolation"):
-            raise DataError(f"{path}: has no values '{source}'; expected map or extrapolation")
+            raise DataError(f"{path}: a result has no values named '{source}'; expected map or extrapolation")
         if source not in file:
             raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
         group, (fuel, speed) = file[source], axes_of(file).items()
@@ -181,7 +181,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
 
 def read_readings(path: Path, surface: Surface) -> Surface:
     """Return the mean reading around each node of a result [kg/s], on the axes of a surface; nothing where nobody drove."""
-    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
         if "readings" not in file:
             raise DataError(
                 f"{path}: has no /readings, so errors cannot be given as a share of the flow; run `lpvobs estimate` again"
@@ -194,7 +194,7 @@ def read_readings(path: Path, surface: Surface) -> Surface:
 
 def mean_flow(path: Path) -> float:
     """Return the mean reading of all logs behind a result [kg/s]; raises DataError if the file is no result."""
-    with reading(path, "result", "make it with `lpvobs estimate`") as file:
+    with reading(path, "result", "make a result with `lpvobs estimate`") as file:
         logs = [(int(log.attrs["samples"]), float(log["mean_flow"][()])) for log in file["logs"].values()]
         return sum(samples * flow for samples, flow in logs) / sum(samples for samples, _ in logs)
 

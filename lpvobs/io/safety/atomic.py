@@ -37,7 +37,8 @@ def replacing(target: Path) -> Iterator[Path]:
                 temporary.replace(regular)
         except OSError as error:
             raise DataError(
-                f"{regular}: writing failed ({error.strerror or error}); the file is as it was; make room, and run this again"
+                f"{regular}: writing failed ({error.strerror or error}); the file was not changed; free disk space and "
+                "run this again"
             ) from None
 
 
@@ -122,7 +123,7 @@ def _regular(target: Path) -> Path:
     try:
         str(target).encode()
     except UnicodeEncodeError:
-        raise DataError(f"{str(target)!a}: the name is not UTF-8; choose another") from None
+        raise DataError(f"{str(target)!a}: the name is not UTF-8; choose another name") from None
     try:
         resolved = target.resolve()
         taken = resolved.exists() and not resolved.is_file()
@@ -157,4 +158,6 @@ def state_of(path: Path) -> tuple[int, ...]:
 def refuse_changed(path: Path, before: tuple[int, ...]) -> None:
     """Raise DataError if somebody has written to a file since its state was `before`."""
     if state_of(path) != before:
-        raise DataError(f"{path}: changed while it was read, expected a finished file; wait for the recorder")
+        raise DataError(
+            f"{path}: the file changed while it was read, expected a finished file; wait until the recording has ended"
+        )

@@ -74,11 +74,11 @@ def _probe(path: str) -> str:
     try:
         done = subprocess.run(line, env=environment(), capture_output=True, timeout=PATIENCE, input=b"", check=False)
     except subprocess.TimeoutExpired:
-        return "HDF5 does not come to an end with it"
+        return "HDF5 does not finish reading it"
     if done.returncode == 0:
         return ""
     said = done.stdout.decode(errors="replace").strip()
-    return said or "HDF5 fails on it"
+    return said or "HDF5 fails to read it"
 
 
 MOST_OBJECTS = 1_000_000
@@ -98,8 +98,8 @@ def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
         nonlocal links
         links += 1
         if info.type != h5py.h5l.TYPE_HARD:
-            return f"'{path.decode(errors='replace')}' is a link to elsewhere"
-        return "it holds too many objects" if links > MOST_OBJECTS else None
+            return f"'{path.decode(errors='replace')}' is a link to another place"
+        return f"it has more than {MOST_OBJECTS} objects" if links > MOST_OBJECTS else None
 
     def measure(path: bytes, info: h5py.h5o.ObjInfo) -> str | None:
         nonlocal total
@@ -108,7 +108,7 @@ def expect_self_contained(file: h5py.File, name: str, remedy: str) -> None:
         dataset = h5py.h5d.open(file.id, path)
         properties = dataset.get_create_plist()
         if properties.get_layout() == h5py.h5d.VIRTUAL or properties.get_external_count():
-            return f"'{path.decode(errors='replace')}' keeps its numbers in another file"
+            return f"'{path.decode(errors='replace')}' stores its numbers in another file"
         total += dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
         return f"it unpacks to more than {most} bytes" if total > most else None
 
