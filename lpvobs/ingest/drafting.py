@@ -208,7 +208,7 @@ def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
     if not known:
         return "[raster]\n# several time bases, or none known: give the sample rate of the log in Hz\n# rate = 20.0"
     what = "twice the rate of the polling" if seen.rules.polled else "the rate of the fastest channel below"
-    return f"[raster]\n# rate in Hz: {what}; you may choose another\nrate = {1.0 / min(known):.6g}"
+    return f"[raster]\n# sample rate in Hz: {what}; you may choose another\nrate = {1.0 / min(known):.6g}"
 
 
 def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess], rivals: Sequence[Guess]) -> str:

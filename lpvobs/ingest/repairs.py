@@ -156,7 +156,7 @@ def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Pr
         found = stamps(column.data, unit, profile.source.decimal)
     except ValueError as error:
         raise DataError(
-            f"{recording.path}: time column '{name}' {error}; correct unit in the profile's [time]"
+            f"{recording.path}: time column '{name}': {error}; correct unit in the profile's [time]"
         ) from None
     return found.time, {"nights": found.nights, "unreadable": found.unreadable}
 
@@ -216,8 +216,7 @@ def _in_turn(recording: ForeignRecording, full: str, clock: str, values: Array) 
     if late > 1 and late > TURNS_MISSED * changes:
         raise DataError(
             f"{recording.path}: column '{full}' has {late} of {changes} changes in rows of other columns, expected one "
-            "refreshed column "
-            f"per row; add the missing lines, or delete polled in the profile's [source] if the file is not polled"
+            f"refreshed column per row; add missing lines, or delete polled in [source] if it is not polled"
         )
     return np.arange(values.size) % len(turns) == turn, late
 

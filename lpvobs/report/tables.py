@@ -196,7 +196,7 @@ def state_bound_table(gain: StoredGain) -> Table:
 
 def ingest_rows(record: Mapping[str, Any]) -> Table:
     """Return header and rows of what `ingest` did: one row per channel."""
-    header = ["channel", "source", "unit read", "unit", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
+    header = ["channel", "source", "source unit", "unit", "rate [Hz]", "rule", "bridged", "no value", "repairs"]
     rows = [
         [
             name,

@@ -49,7 +49,7 @@ def test_xarray_has_axes_and_units(surface):
 
 
 def test_other_values_than_those_of_a_map_are_refused(chain):
-    with pytest.raises(DataError, match="no values 'metrics'; expected map or extrapolation"):
+    with pytest.raises(DataError, match="no values named 'metrics'; expected map or extrapolation"):
         package.read_map(chain.result, "metrics")
 
 

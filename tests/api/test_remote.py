@@ -72,7 +72,7 @@ def test_names_patterns_and_folders_are_found(memory):
         found = find_logs([as_path(named)])
         assert [str(path) for path in found] == expected
         assert all(isinstance(path, RemotePath) for path in found)
-    with pytest.raises(UsageError, match=r"memory://nobody/\*: no log there"):
+    with pytest.raises(UsageError, match=r"memory://nobody/\*: there is no log here"):
         find_logs([as_path("memory://nobody/*")])
 
 

@@ -122,7 +122,7 @@ def test_of_many_logs_a_summary_and_the_unusual_are_shown(estimate, table, tmp_p
         pq.write_table(low, tmp_path / f"d{number}.parquet")
     done = estimate(tmp_path, "--jobs", 1, "--out", tmp_path / "r.h5")
     assert done.code == 0, done.err
-    assert done.out.startswith("14 logs, 14 used, 0 left out; 0 had been done before\n")
+    assert done.out.startswith("14 logs, 14 used, 0 left out; 0 finished in an earlier run\n")
     rows = [line for line in done.out.splitlines() if line.startswith("d")]
     assert {line.split()[0] for line in rows} == {"d3"}
     assert " - " not in done.out

@@ -41,7 +41,7 @@ def test_a_real_log_has_gates(lpvobs, chain, tmp_path):
     assert lpvobs("report", chain.result, "--gate", "standard_error<=1e-9").code == 1
     done = lpvobs("report", chain.result, "--gate", "verdict==none")
     assert done.code == 3
-    assert "it takes trace or refine" in done.err
+    assert "needs a run of trace or refine" in done.err
 
 
 def test_a_log_without_truth_has_fit_and_residual(lpvobs, config, chain, table, tmp_path):
@@ -55,7 +55,7 @@ def test_a_log_without_truth_has_fit_and_residual(lpvobs, config, chain, table, 
     assert set(balances) == {"compressor", "filling"}
     assert set(balances["filling"]["cross"]) >= {"u_delta", "u_egr", "u_vgt", "n_e"}
     assert all(len(r) == 51 for r in balances["filling"]["cross"].values())
-    assert "Does the model follow the log?" in page.read_text(encoding="utf-8")
+    assert "How well does the model predict the reading?" in page.read_text(encoding="utf-8")
 
 
 def test_the_page_of_metrics_has_what_the_command_line_lists(lpvobs):

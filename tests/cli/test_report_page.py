@@ -39,7 +39,7 @@ def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path
     assert done.code == 0
     assert "rmse" not in done.out  # no column where no log has a value
     text = page.read_text()
-    assert "no references" in text
+    assert "no reference channels" in text
     assert re.search(r"the sensor reads [\d.]+ % low, -[\d.]+ g/s on average \(90 %: .*; the balances agree", text)
     order = [
         "verdict",
@@ -71,7 +71,7 @@ def test_the_ingest_record_stands_on_the_page(lpvobs, config, chain, tmp_path):
     assert lpvobs("estimate", "--config", config, "--gain", chain.gain, log, "--out", out).code == 0
     assert lpvobs("report", out, log, "--html", tmp_path / "page.html").code == 0
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "What ingest did to make the log" in text
+    assert "How ingest made each channel of the log" in text
     assert "drive.csv (sha256" in text
 
 
@@ -93,7 +93,7 @@ def test_one_page_that_needs_nothing_else(lpvobs, chain, tmp_path):
         "Figures 6a, 9a",
         "Extrapolation",
         "Provenance",
-        "Gain L",
+        "Observer gain L",
     ):
         assert heading in text
     figures = re.findall(r"<figure[^>]*><svg [^>]*aria-label=\"([^\"]+)\"", text)

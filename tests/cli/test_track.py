@@ -177,7 +177,7 @@ def test_origins_come_from_metadata_and_dates_are_checked(lpvobs, config, chain,
     assert (metadata[b"vehicle"], metadata[b"date"], metadata[b"engine"]) == (b"V1", b"2025-01-31", b"diesel")
     done = lpvobs(*drive, "--date", "31.1.2025")
     assert done.code == 2
-    assert "--date 31.1.2025: expected for example 2025-01-31" in done.err
+    assert "--date 31.1.2025: is not a date; expected for example 2025-01-31" in done.err
 
 
 def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, whole, tmp_path):
@@ -188,7 +188,7 @@ def test_the_page_of_a_fleet_has_a_line_and_a_place_for_every_vehicle(lpvobs, wh
     assert text.count("<polyline") == 2
     assert text.count('id="v') == 3  # two vehicles, and the section of all
     assert re.search(r"<li>2 vehicles, [^<]*</li>", text)  # a line for each thing that there is to say
-    assert re.search(r"drive next: \d+ s each at \d+ rpm and [\d., ]+ mg/cycle", text)
+    assert re.search(r"cells to drive next: \d+ s each at \d+ rpm and [\d., ]+ mg/cycle", text)
     assert "-0.0 sd" not in text
     assert json.loads(lpvobs("report", whole[0], "--json").out)["schema"] == "lpvobs/track/1"
 
@@ -202,7 +202,7 @@ def test_the_page_of_half_a_fleet_is_refused(lpvobs, whole, tmp_path):
 
 def test_a_pattern_with_a_field_twice_is_refused(fleet, track, tmp_path):
     done = track(tmp_path / "fleet.h5", [fleet / "a"], "--path", "{vehicle}/{vehicle}.parquet")
-    assert (done.code, "a field is there twice" in done.err) == (2, True)
+    assert (done.code, "a field appears twice" in done.err) == (2, True)
 
 
 def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):

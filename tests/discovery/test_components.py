@@ -68,7 +68,7 @@ def test_the_report_draws_the_curve_with_its_band(found):
     (effect,) = found.trace.as_json(refined=True)["effects"]
     drawn = component_curve("curve", "the curve", effect["surface"])
     assert drawn.startswith("<svg")
-    assert "more than the model" in drawn
+    assert "deviation from the model" in drawn
 
 
 def test_the_stored_effect_is_the_found_one(found, wrong, clean):

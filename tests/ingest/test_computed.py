@@ -68,7 +68,7 @@ def test_results_are_those_by_hand_and_inspect_shows_the_formula(tmp_path):
 @pytest.mark.parametrize(
     ("formula", "said"),
     [
-        ("n_e * p_amb", "expected the kind of kg/s"),
+        ("n_e * p_amb", "expected a unit that converts to kg/s"),
         ("air_per_stroke * n_x", "'n_x' is neither a channel nor a constant"),
         ("air_per_stroke + n_e", "adds kg / cycle and rpm|adds"),
         ("__import__('os').system('true')", "is not allowed"),
@@ -77,7 +77,7 @@ def test_results_are_those_by_hand_and_inspect_shows_the_formula(tmp_path):
         ("True * air_per_stroke", "is not allowed"),
         ("'a' * 3", "is not allowed"),
         ("n_e[0]", "is not allowed"),
-        ("air_per_stroke *", "is no arithmetic"),
+        ("air_per_stroke *", "is not an arithmetic formula"),
         ("(" * 200 + "1" + ")" * 200, "letters"),
         ("air_per_stroke * n_e" + " + 0" * 60, "letters|arithmetic|kind|adds"),
     ],
@@ -93,7 +93,7 @@ def test_a_formula_that_is_no_arithmetic_or_of_another_kind_is_refused(tmp_path,
 
 def test_what_is_added_has_one_unit(tmp_path):
     text = PROFILE.replace('source_unit = "kPa"\nunit = "Pa"', 'source_unit = "kPa"\nunit = "kPa"')
-    with pytest.raises(UsageError, match="give both one unit"):
+    with pytest.raises(UsageError, match="give both terms the same unit"):
         profile_of(text, tmp_path / "own.toml")
 
 

@@ -53,9 +53,9 @@ def test_what_the_file_does_not_say_is_not_guessed_silently(tmp_path):
     assert '# unit = "s"' in text
     assert '# source_unit = "rad/s"' in text
     assert '# source_unit = "hPa"' in text
-    with pytest.raises(DataError, match="state unit in the profile"):
+    with pytest.raises(DataError, match="give its unit in the profile"):
         ingest([path], profile_of(text, path))
-    with pytest.raises(DataError, match="state source_unit in "):
+    with pytest.raises(DataError, match="give it with source_unit in "):
         ingest([path], profile_of(text.replace('# unit = "s"', 'unit = "s"'), path))
     told = text.replace('# unit = "s"', 'unit = "s"').replace("# source_unit", "source_unit")
     np.testing.assert_allclose(ingest([path], profile_of(told, path)).channels["p_im"], 1.4e5)
@@ -113,8 +113,8 @@ def test_mat_vectors_get_the_time_base_of_their_length(tmp_path):
     fast, slow = np.arange(0, 4, 0.01), np.arange(0, 4, 0.5)
     savemat(path, {"t_fast": fast, "t_slow": slow, "n_mot": 1500 + fast, "p_amb": 990 + slow})
     text = draft_profile(path)
-    assert 'time = "t_fast"  # the only one with its 400 samples' in text
-    assert 'time = "t_slow"  # the only one with its 8 samples' in text
+    assert 'time = "t_fast"  # the only time column with 400 samples' in text
+    assert 'time = "t_slow"  # the only time column with 8 samples' in text
     told = text.replace('# unit = "s"', 'unit = "s"').replace('source_unit = ""', 'source_unit = "rpm"')
     told = told.replace("# source_unit", "source_unit").replace("  # which?", "").replace("# rate", "rate")
     assert ingest([path], profile_of(told, path)).channels["p_amb"][0] == pytest.approx(99000.0)

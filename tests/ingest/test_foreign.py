@@ -66,13 +66,13 @@ def test_a_whole_degree_sign_is_no_repair_and_latin_1_is_one(run):
     text = MINIMAL.replace("p_im", "T_im").replace('"map"', '"IAT"').replace('"Pa"', '"K"')
     made = run(text, "t,IAT [°C]\n0,20\n1,21\n", encoding="latin-1")
     assert made.record["channels"]["T_im"]["repairs"] == {}
-    assert made.record["sources"][0]["notes"] == {"encoding": "not utf-8: read as latin-1"}
+    assert made.record["sources"][0]["notes"] == {"encoding": "the file is not utf-8, so it was read as latin-1"}
 
 
 def test_a_line_that_is_not_utf_8_does_not_stop_the_others(run, capfd):
     rows = b"".join(b"%d,100000\n" % k for k in range(200))
     made = run(MINIMAL, b"t,map [Pa]\n" + rows + b"200,\xff,\xff\n201,1\xff\n202,100000\n")
-    assert made.record["sources"][0]["notes"]["encoding"] == "not utf-8: read as latin-1"
+    assert made.record["sources"][0]["notes"]["encoding"] == "the file is not utf-8, so it was read as latin-1"
     assert made.record["channels"]["p_im"]["repairs"] == {"unreadable": 1, "example": "1ÿ", "empty": 1}
     assert made.channels["time"][-1] == 202
     assert capfd.readouterr().err == ""
@@ -103,7 +103,7 @@ def test_every_repair_is_done_and_counted(run):
 
 def test_units_that_contradict_are_said(run):
     made = run(MINIMAL + 'source_unit = "kPa"\n', "t,map [hPa]\n0,100\n1,101\n")
-    assert "the file says hPa, the profile kPa" in made.record["channels"]["p_im"]["repairs"]["unit"]
+    assert "hPa in the file, but kPa in the profile" in made.record["channels"]["p_im"]["repairs"]["unit"]
     np.testing.assert_allclose(made.channels["p_im"], [1e5, 1.01e5])
 
 
@@ -198,18 +198,18 @@ def test_channels_come_from_several_files(run):
 
 GOOD = "t,map [Pa]\n0,1e5\n1,1e5\n2,1e5\n"
 REFUSED = {
-    "missing": (MINIMAL, "t,mop [Pa]\n0,1\n1,1\n", "channel 'p_im' is missing.*nearest: mop"),
-    "twice": (MINIMAL, "t,map [Pa],map [kPa]\n0,1,1\n1,1,1\n", "stands for 2 columns"),
+    "missing": (MINIMAL, "t,mop [Pa]\n0,1\n1,1\n", "channel 'p_im' is missing.*nearest names: mop"),
+    "twice": (MINIMAL, "t,map [Pa],map [kPa]\n0,1,1\n1,1,1\n", "fits 2 columns"),
     "no unit": (MINIMAL, "t,map\n0,1\n1,1\n", "has no unit.*source_unit"),
     "wrong unit": (MINIMAL, "t,map [degC]\n0,1\n1,1\n", "'degC' cannot be converted to 'Pa'"),
     "no time": (MINIMAL, "s,map [Pa]\n0,1\n1,1\n", "time column 't' is missing"),
-    "one stamp": (MINIMAL, "t,map [Pa]\n0,1\n", "1 readable stamps"),
+    "one stamp": (MINIMAL, "t,map [Pa]\n0,1\n", "1 readable time stamps"),
     "backward": (MINIMAL, "t,map [Pa]\n0,1\n1,1\n1,1\n", "repeats or runs backward 1 times, first at 1 s"),
     "words": (MINIMAL, "t,map [Pa]\n0,high\n1,low\n", "holds text such as 'high'"),
     "ragged": (MINIMAL, "t,map [Pa]\n0,1\n1\n2\n3,4\n", "wrong number of fields"),
-    "empty": (MINIMAL, "", "no header"),
-    "binary": (MINIMAL, b"\0\1\2\3" * 50, "no header"),
-    "time unit": (MINIMAL.replace('unit = "s"', 'unit = "kPa"'), GOOD, "time column 't' unit 'kPa'"),
+    "empty": (MINIMAL, "", "is not the header"),
+    "binary": (MINIMAL, b"\0\1\2\3" * 50, "is not the header"),
+    "time unit": (MINIMAL.replace('unit = "s"', 'unit = "kPa"'), GOOD, "time column 't': unit 'kPa'"),
     "far stamp": (
         MINIMAL.replace("[channels", "[raster]\nrate = 1000.0\n[channels"),
         GOOD + "1e12,1\n",
@@ -269,7 +269,7 @@ def test_shipped_profiles_load_and_others_are_named():
     assert {"liu-ice", "kit-obd"} <= set(shipped())
     for name in shipped():
         assert load_profile(name)[1] == name
-    with pytest.raises(UsageError, match="shipped: kit-obd, liu-ice"):
+    with pytest.raises(UsageError, match="lpvobs has the profiles kit-obd, liu-ice"):
         load_profile("liu-ise")
 
 

@@ -136,7 +136,7 @@ def test_mdf_names_that_several_groups_have(tmp_path):
         tmp_path / "drive.mf4", [(FAST, [("n", SPEED, "rad/s")]), (SLOW, [("T", CELSIUS, "°C"), ("n", CELSIUS, "rpm")])]
     )
     text = MDF_PROFILE.format(unit_n="", unit_t="", time_t="")
-    with pytest.raises(DataError, match="'n' stands for 2 columns: 0:n, 1:n"):
+    with pytest.raises(DataError, match="'n' fits 2 columns: 0:n, 1:n"):
         ingest([path], profile_of(text, tmp_path / "p.toml"))
     check(ingest([path], profile_of(text.replace('"n"', '"0:n"'), tmp_path / "p.toml")))
 

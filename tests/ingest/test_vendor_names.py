@@ -117,7 +117,7 @@ def test_own_names_come_first(tmp_path, text):
     assert own_names(path) == {"flow7": "W_maf"}
     draft = draft_profile(log, path)
     assert tomllib.loads(draft)["channels"]["W_maf"]["source"] == "flow7 [kg/h]"
-    assert "by your own table" in draft
+    assert "in your own table" in draft
     assert 'channels.W_maf]\nsource = "maf' in draft_profile(log)
 
 

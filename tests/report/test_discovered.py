@@ -54,9 +54,9 @@ def refined():
 
 def test_an_effect_is_told_with_size_interval_time_and_what_it_bought(refined):
     said = sentence(refined)
-    lag = "a: the MAF follows with a time constant of 0.08035 s (90 %: 0.07966 to 0.08103) from 120.4 s"
+    lag = "a: the MAF lags with a time constant of 0.08035 s (90 %: 0.07966 to 0.08103) from 120.4 s"
     assert said.startswith(f"{lag} (maf.delay explains this as well).")
-    assert "from 0.250 to 0.150 g/s rms, to 60.0 % (90 %: 50.0 % to 70.0 %)" in said
+    assert "from 0.250 to 0.150 g/s rms, which is 60.0 % of the value before (90 %: 50.0 % to 70.0 %)" in said
     assert sentence(replace(refined, verb="trace")).startswith(lag)
     assert sentences([("r", [refined])]) == [f"r: {said}"]
 
@@ -66,18 +66,18 @@ def test_nothing_and_something_without_a_name(refined):
     leading = {"id": "maf.lag", "parameters": LAG["parameters"], "explained": 0.3, "proven": False}
     unexplained = replace(refined, content=content("unexplained") | {"candidates": [leading]}, left=LEFT)
     header, rows = candidate_rows(unexplained.content)
-    assert (header[0], rows[0][0], rows[0][-1]) == ("comes nearest, not proven", "maf.lag", "30.0 %")
+    assert (header[0], rows[0][0], rows[0][-1]) == ("candidate, not proven", "maf.lag", "30.0 %")
     assert candidate_rows(refined.content) is None
     said = sentence(unexplained)
-    assert "nothing was named" in said
-    for part in ("40 to 80 s of a", "sensor-filling", "4 to 8 and speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
+    assert "no effect is named" in said
+    for part in ("40 to 80 s of a", "sensor-filling", "4 to 8, speed 1000 to 1250", "0.0125 Hz", "heat (-0.40)"):
         assert part in said
 
 
 def test_tables_have_every_log_and_what_was_held_out(refined):
     header, rows = error_rows(refined.content, True)
     assert [row[0] for row in rows] == ["all logs", "all logs held out", "a", "b"]
-    assert rows[3][1] == "unseen"
+    assert rows[3][1] == "unseen log"
     assert all(len(row) == len(header) for row in rows)
     header, rows = effect_rows(refined)
     assert rows[0][0] == "maf.lag"

@@ -60,7 +60,7 @@ def test_what_is_no_gate_is_refused(expression):
 def test_a_failure_outweighs_a_metric_that_is_missing():
     with pytest.raises(NotProven, match=r"log bad has mean_relative_error = 0\.3"):
         enforce(judge([GATE], [BARE, GOOD, BAD]))
-    with pytest.raises(DataError, match="log bare has no mean_relative_error"):
+    with pytest.raises(DataError, match="log bare has no value of mean_relative_error"):
         enforce(judge([GATE], [BARE, GOOD]))
     enforce(judge([GATE, Gate("gaps", "<=", 0.0)], [GOOD]))
 
@@ -71,7 +71,7 @@ def test_what_a_result_has_as_a_whole_is_judged_once():
     assert [(item.log, item.holds) for item in found] == [("", True), ("", True)]
     with pytest.raises(NotProven, match="map has verdict = effect, the gate is verdict==none"):
         enforce(judge(gates, [], [whole("effect")]))
-    with pytest.raises(DataError, match="it takes trace or refine on the result"):
+    with pytest.raises(DataError, match="needs a run of trace or refine on the result"):
         enforce(judge(gates, [], [whole(None)]))
     assert judge([parse_gate("verdict!=effect")], [], [whole("none")])[0].holds
 

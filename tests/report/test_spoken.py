@@ -31,7 +31,7 @@ def effect(name, parameter, value, low, high, unit="1", **more):
         ),
         (
             effect("channel:heat", "amplitude", 1.0, 0.9, 1.1, curve={"changes": "maf.gain"}),
-            "maf.gain follows the logged channel heat",
+            "maf.gain changes with the logged channel heat",
         ),
     ],
 )  # fmt: skip

@@ -26,7 +26,7 @@ def test_what_was_found_is_not_written_into_the_result_that_came_in_between(samp
         return real(*arguments)
 
     monkeypatch.setattr(extrapolate, "krige", krige)
-    with pytest.raises(DataError, match="another process wrote this file meanwhile"):
+    with pytest.raises(DataError, match="another process changed this file during the run"):
         extrapolate.extrapolate(result)
     assert result.read_bytes() == newer
     assert [path.name for path in result.parent.iterdir()] == ["result.h5"]
@@ -36,7 +36,7 @@ def test_a_result_replaced_at_the_last_moment_stays_as_it_is_then(samples, resul
     newer = result.with_name("newer")
     shutil.copyfile(samples.result, newer)
     inode = newer.stat().st_ino
-    with pytest.raises(DataError, match="another process wrote this file meanwhile"):
+    with pytest.raises(DataError, match="another process changed this file during the run"):
         update(read_result(result), lambda file: newer.replace(result))
     assert result.stat().st_ino == inode
 

@@ -106,7 +106,7 @@ class Surface:
         x, y = pairs.T
         weights = joint.at_weights(self.x.nodes, x)[:, :, None] * joint.at_weights(self.y.nodes, y)[:, None, :]
         if not np.all(weights.sum((1, 2)) > 0.0):
-            raise DataError(f"points: a point is outside the map or at nodes without a value; expected {self._ends()}")
+            raise DataError(f"points: a point is outside the map; expected {self._ends()}")
         return self._combined(weights.reshape(x.size, -1))
 
     def mean(self, region: Mapping[str, tuple[float, float]]) -> joint.Joint:

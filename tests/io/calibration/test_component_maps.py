@@ -158,7 +158,7 @@ def test_an_open_valve_has_the_area_of_the_table(air_path, tmp_path):
         (("25 degC", "20 K"), "20 K is no temperature"),
         (("981 hPa", "981 Pa"), "981 Pa is no pressure"),
         (("# T", "# tolerance = 200 %\n# T"), "2 is no tolerance of a table"),
-        (("rpm,kg/h", "rpm,g/s"), "times the flow that the engine draws"),
+        (("rpm,kg/h", "rpm,g/s"), "times the flow of the configured engine"),
     ],
 )
 def test_what_cannot_be_is_refused(engine, air_path, tmp_path, change, said):
@@ -171,5 +171,7 @@ def test_few_points_and_unknown_kinds_are_refused(air_path, tmp_path):
     with pytest.raises(DataError, match="1 points, expected 4 to 2000"):
         read(tmp_path, "u_egr,area\n%,mm^2\n10,20\n", air_path, "egr")
     for text in ("compressor.csv", "wing=a.csv"):
-        with pytest.raises(UsageError, match="expected KIND=FILE with KIND one of compressor, turbine, eta_vol, egr"):
+        with pytest.raises(
+            UsageError, match="expected KIND=FILE; possible values of KIND: compressor, turbine, eta_vol, egr"
+        ):
             named_file(text, air_path)

@@ -236,15 +236,15 @@ def test_points_and_means_have_the_covariance_of_all_nodes(result):
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda map_: map_.mean({"rpm": (1000.0, 2000.0)}), "no axis 'rpm', expected n_e from 500 to 3000 rpm"),
+        (lambda map_: map_.mean({"rpm": (1000.0, 2000.0)}), "no axis 'rpm'; expected n_e from 500 to 3000 rpm"),
         (
             lambda map_: map_.mean({"n_e": (1000.0, 4000.0)}),
             "1000 to 4000, expected two rising values from 500 to 3000",
         ),
         (lambda map_: map_.mean({"n_e": (2000.0, 1000.0)}), "expected two rising values"),
         (lambda map_: map_.mean({}), "6 of 30 nodes asked for have no value"),
-        (lambda map_: map_.at([(100.0, 10.0)]), "points: expected n_e from 500"),
-        (lambda map_: map_.at([(1000.0, 10.0, 3.0)]), "points: expected a list of pairs, n_e from 500"),
+        (lambda map_: map_.at([(100.0, 10.0)]), "a point is outside the map; expected n_e from 500"),
+        (lambda map_: map_.at([(1000.0, 10.0, 3.0)]), "points: expected a list of pairs, with n_e from 500"),
         (lambda map_: map_.at([]), "points: expected a list of pairs"),
     ],
 )
@@ -319,7 +319,7 @@ DAMAGE = {
     "many nodes": (lambda text: text.replace("MAP 5 3", "MAP 99999 99999"), "99999 by 99999"),
     "not finite": (lambda text: text.replace("WERT 0.36", "WERT nan"), "is damaged"),
     "value first": (lambda text: re.sub(r"ST/Y .*", "", text), "is damaged"),
-    "another map": (lambda text: text.replace("MAP 5 3", "MAPS 5 3"), "has no map 'MAP'; has MAPS"),
+    "another map": (lambda text: text.replace("MAP 5 3", "MAPS 5 3"), "has no map 'MAP'; maps in the file: MAPS"),
     "other units": (lambda text: text.replace("kg/h", "hPa"), "units X 'mg/Hub', Y '1/min', W 'hPa'"),
 }
 
@@ -429,10 +429,10 @@ def test_axes_limits_and_rounding_are_those_of_the_description(result, tmp_path)
     np.testing.assert_allclose(found.values, np.clip(wanted, -8.0, 8.0), atol=0.025 + 1e-9)
     np.testing.assert_allclose(found.values * 20.0, np.round(found.values * 20.0), atol=1e-9)
     assert done.limited == np.count_nonzero(np.abs(wanted) > 8.0) > 0
-    with pytest.raises(DataError, match=r"no map 'OTHER'; it has KF_MAF"):
+    with pytest.raises(DataError, match=r"no map 'OTHER'; the file has the maps: KF_MAF"):
         export(result, tmp_path / "other.dcm", "dcm", name="OTHER", a2l=tmp_path / "unit.a2l")
     (tmp_path / "unit.a2l").write_text(A2L.replace("COM_AXIS q FUEL 5", "COM_AXIS q FUEL 4"), encoding="utf-8")
-    with pytest.raises(DataError, match=r"has room for 4 points, but the map has 5; give .* --old"):
+    with pytest.raises(DataError, match=r"has room for 4 points, but the axis of our map has 5 points; give .* --old"):
         export(result, tmp_path / "other.dcm", "dcm", name="KF_MAF", a2l=tmp_path / "unit.a2l")
     (tmp_path / "unit.a2l").write_text("KONSERVIERUNG_FORMAT 2.0", encoding="utf-8")
     with pytest.raises(DataError, match="is not an A2L file"):

@@ -155,7 +155,7 @@ def test_a_missing_key_is_named_unless_it_has_a_default(changed, old, place):
     ("old", "new", "place"),
     [
         ("smoothing = 0.05", 'smoothing = "50 ms"', "toml: estimate.smoothing"),
-        ("R_a = 287.0", "R_a = true", "toml: engine.gas.R_a: expected a number, got true or false; correct that key"),
+        ("R_a = 287.0", "R_a = true", "toml: engine.gas.R_a: expected a number, got true or false; correct this key"),
         ("Q = [32.0, -8.0, 2.15]", "Q = [32.0, -8.0]", "toml: engine.compressor.Q"),
         ("n_cyl = 4", "n_cyl = 4.5", "toml: engine.geometry.n_cyl"),
         ("x_0 = [9.8e4, 9.8e4, 0.0]", 'x_0 = "ambient"', "toml: published.x_0"),
@@ -205,7 +205,7 @@ def test_an_impossible_value_is_refused(changed, old, new, words):
         ("\nT_em = [", "\nT_exhaust = [", "T_e"),
         ("nonnegative_sums = []", 'nonnegative_sums = [["rho_2", "rho_9"]]', "rho_9"),
         ("omega_t = 500.0", "omega = 500.0", "omega"),
-        ("\n[policies]", "\n[sensors.T_exhaust]\ntau = 1.0\n[policies]", "sensors: 'T_exhaust'"),
+        ("\n[policies]", "\n[sensors.T_exhaust]\ntau = 1.0\n[policies]", "sensors: the name 'T_exhaust'"),
         ("\n[policies]", "\n[sensors.T_im]\npulsation = 0.1\n[policies]", "no model of pulsation"),
     ],
 )
@@ -272,7 +272,7 @@ def test_a_surface_is_read_as_strictly(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "holds neither [surface], [[effect]] nor [auxiliary]"),
+        ("", "expected a table [surface], [[effect]] or [auxiliary]"),
         ("[[effect]]\ntau = 0.1", "key 'id' is missing"),
         ("[[effect]]\nid = 'maf.lagg'\ntau = 0.1", "did you mean 'maf.lag'?"),
         ("[[effect]]\nid = 'unloged'", "did you mean 'unlogged'?"),

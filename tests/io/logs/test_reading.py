@@ -393,7 +393,13 @@ def test_limits_of_the_configuration_stand_in_place_of_those_of_the_kind(columns
     path = write(columns)
     assert read(path).defects.dropped == {"u_delta": 3}
     assert read(path, limits={"u_delta": ChannelLimits(high=400.0)}).defects.dropped == {}
-    refusal(read, path, "'n_e'", "expected between 300 and 900", limits={"n_e": ChannelLimits(typical=(300.0, 900.0))})
+    refusal(
+        read,
+        path,
+        "'n_e'",
+        "expected a median between 300 and 900",
+        limits={"n_e": ChannelLimits(typical=(300.0, 900.0))},
+    )
 
 
 @pytest.mark.parametrize("wrong", [{"low": 2.0, "high": 1.0}, {"typical": (3.0, 3.0)}])

@@ -132,5 +132,5 @@ def test_logs_are_found_by_name_pattern_and_folder(tmp_path, monkeypatch):
     ]  # that is for the reader to say
     assert [path.name for path in find_logs([tmp_path / "b" / "*[2].parquet"])] == ["2.parquet"]
     for nothing in ("*.csv", "b/deep/deeper/*"):
-        with pytest.raises(UsageError, match="no log there"):
+        with pytest.raises(UsageError, match="no log here"):
             found(nothing)

@@ -46,7 +46,9 @@ def test_corrections_lie_over_their_own_axes(other_engine, stored):
 
 def test_another_engine_is_refused(other_engine, engine):
     other = Diesel(replace(engine, geometry=replace(engine.geometry, V_d=2e-3)))
-    with pytest.raises(DataError, match=r"another engine: V_d is 0.00191 in this file and 0.002 in the configuration"):
+    with pytest.raises(
+        DataError, match=r"another engine: the constant V_d is 0.00191 in this file and 0.002 in the configuration"
+    ):
         read_engine(other_engine.known, other)
 
 
