@@ -69,7 +69,9 @@ def open_mat(path: Path, rules: SourceRules) -> ApartRecording:
 def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
     """Return an MDF file with its channels; a name that several groups have is called group:name."""
     if find_spec("asammdf") is None:
-        raise UsageError(f"{path}: MDF needs the library asammdf, which is not installed; pip install 'lpvobs[mdf]'")
+        raise UsageError(
+            f"{path}: MDF needs the library asammdf, which is not installed; install it with: pip install 'lpvobs[mdf]'"
+        )
     with opened(path) as stream:
         magic = stream.read(8)
     if magic not in MDF_MAGIC:  # the library would unpack it

@@ -85,7 +85,7 @@ class CsvRecording(ForeignRecording):
         if self.rules.polled or (len(broken) > 1 and len(broken) > MOST_BROKEN * rows):
             raise DataError(
                 f"{self.path}: {len(broken)} of {rows + len(broken)} lines have a wrong number of fields (the first has "
-                f"{broken[0]}), expected {len(self.heads)}; check the delimiter, or export the file again"
+                f"{broken[0]} fields), expected {len(self.heads)}; check the delimiter, or export the file again"
             )
         self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
 

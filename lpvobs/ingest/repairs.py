@@ -136,7 +136,7 @@ def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: 
     if backward.size and profile.time.backward == "refuse":
         raise DataError(
             f"{path}: time column '{name}' repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row "
-            f'{backward[0]}); expected strictly increasing; repair the file or set backward = "drop" in the profile\'s [time]'
+            f'{backward[0]}); expected strictly increasing time; repair the file or set backward = "drop" in the profile\'s [time]'
         )
     if backward.size > MOST_BACKWARD * time.size:
         raise DataError(

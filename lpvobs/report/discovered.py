@@ -93,7 +93,11 @@ def where(left: Leftover | None) -> str:
     times = ", ".join(f"from {part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
     when = f"It is largest {times}." if times else "It is spread evenly over the drive."
     follows = ", ".join(f"{name} ({r:+.2f})" for name, r in left.follows.items()) or "none of the logged signals"
-    slow = f" Half of the power of its slow part lies below {left.half_power:.3g} Hz." if left.half_power > 0 else ""
+    slow = (
+        f" Half of the power of the residual's slow part is below {left.half_power:.3g} Hz."
+        if left.half_power > 0
+        else ""
+    )
     return (
         f"{when} The largest part is in the balance {left.balance}. The worst cell of the map is fuel {left.fuel[0]:g} to "
         f"{left.fuel[1]:g}, speed {left.speed[0]:g} to {left.speed[1]:g} (units of the map's axes), with {left.times_noise:.1f} "

@@ -43,7 +43,7 @@ METRICS: Mapping[str, Metric] = {
     "balance_ratio": Metric("1", "difference of the balances on this log, divided by what noise and tolerances allow"),
     "mean_relative_error": Metric("1", "mean of |estimate - reference| / |reference|", TRUTH),
     "share_left_out": Metric(
-        "1", "share of the samples that mean_relative_error leaves out, for a small reference", TRUTH
+        "1", "share of the samples that mean_relative_error leaves out because of a small reference", TRUTH
     ),
     "rms_ratio": Metric("1", "rms of estimate - reference, divided by the rms of the reference", TRUTH),
     "rmse": Metric("kg/s", "rms of estimate - reference", TRUTH),

@@ -133,11 +133,11 @@ def headline(
     ]
     if sure:
         known = 1e3 * NORMAL_90 * float(np.median(np.sqrt(np.diag(covariance)[on])))
-        said.append(f"half of the {on.size} nodes are known to {known:.2g} g/s (90 %)")
+        said.append(f"half of the {on.size} nodes are known to +-{known:.2g} g/s (90 %)")
     if math.isfinite(disagreement):
         agree = disagreement <= DISAGREE
-        differ = f"the balances differ by {disagreement:.1f} times the allowed difference"
-        said.append("the balances agree" if agree else differ)
+        differ = f"the air flow balances differ by {disagreement:.1f} times the allowed difference"
+        said.append("the air flow balances agree" if agree else differ)
     return "; ".join(said)
 
 
@@ -162,7 +162,7 @@ def _what(effect: Mapping[str, Any]) -> str:
     unit = next(iter(parameters.values()))["unit"]
     phrase = BY_IDENTIFIER.get(name) or BY_KIND.get(kind) or BY_KIND.get(f"{kind} {unit}")
     if phrase is None or len(parameters) != 1:
-        return f"{name} acts with {', '.join(_plain(key, value) for key, value in parameters.items())}"
+        return f"effect {name} acts with {', '.join(_plain(key, value) for key, value in parameters.items())}"
     (parameter,) = parameters.values()
     sign = 1.0 if parameter["value"] >= phrase.null else -1.0
     sizes = [sign * phrase.times * (x - phrase.null) for x in (parameter["value"], *parameter["ci90"])]

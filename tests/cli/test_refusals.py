@@ -122,10 +122,12 @@ def test_a_file_of_another_kind_is_called_what_it_is(lpvobs, config, chain, tmp_
     refused(
         lpvobs("report", chain.gain),
         3,
-        f"{chain.gain}: not a result file but a gain; make a result with `lpvobs estimate`",
+        f"{chain.gain}: not a result file but a gain file; make a result with `lpvobs estimate`",
     )
     call = ("estimate", "--config", config, "--gain", chain.result, chain.log, "--out", tmp_path / "r.h5")
-    refused(lpvobs(*call), 3, f"{chain.result}: not a gain file but a result; make a gain with `lpvobs synth-gain`")
+    refused(
+        lpvobs(*call), 3, f"{chain.result}: not a gain file but a result file; make a gain with `lpvobs synth-gain`"
+    )
 
 
 def test_inspect_of_a_result_shows_it(lpvobs, chain):

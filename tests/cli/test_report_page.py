@@ -40,7 +40,9 @@ def test_a_gate_on_what_a_log_cannot_have(lpvobs, config, chain, table, tmp_path
     assert "rmse" not in done.out  # no column where no log has a value
     text = page.read_text()
     assert "no reference channels" in text
-    assert re.search(r"the sensor reads [\d.]+ % low, -[\d.]+ g/s on average \(90 %: .*; the balances agree", text)
+    assert re.search(
+        r"the sensor reads [\d.]+ % low, -[\d.]+ g/s on average \(90 %: .*; the air flow balances agree", text
+    )
     order = [
         "verdict",
         "map",

@@ -18,17 +18,17 @@ def test_errors_of_neighbours_are_not_taken_as_independent():
     said = headline(GRID, AXES, THETA, together, DRIVEN)
     # mean of 1, 2 and -4; 1.645 times 0.2 to either side
     assert "the sensor reads -0.33 g/s on average (90 %: -0.66 to 0.00)" in said
-    assert "largest error -4 g/s at 1500 rpm, 10 mg/cycle; half of the 3 nodes are known to 0.33 g/s (90 %)" in said
+    assert "largest error -4 g/s at 1500 rpm, 10 mg/cycle; half of the 3 nodes are known to +-0.33 g/s (90 %)" in said
 
 
 def test_the_drive_weights_the_nodes_and_the_air_flow_makes_it_a_share():
     driven = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]), 0.05  # 1.5 g/s of 50
     said = headline(GRID, AXES, THETA, 1e-8 * np.eye(6), DRIVEN, driven, 0.8)
     assert said.startswith("the sensor reads 3 % high, 1.50 g/s on average (90 %: 1.38 to 1.62); largest error -4 g/s")
-    assert said.endswith("; the balances agree")
+    assert said.endswith("; the air flow balances agree")
     said = headline(GRID, AXES, -THETA, 1e-8 * np.eye(6), DRIVEN, driven, 2.9)
     assert said.startswith("the sensor reads 3 % low, -1.50 g/s")
-    assert said.endswith("; the balances differ by 2.9 times the allowed difference")
+    assert said.endswith("; the air flow balances differ by 2.9 times the allowed difference")
 
 
 def test_an_axis_without_a_unit_has_its_name():

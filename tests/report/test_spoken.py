@@ -27,7 +27,7 @@ def effect(name, parameter, value, low, high, unit="1", **more):
         ),
         (
             effect("maf.backflow", "coefficient", 0.2, 0.07, 0.33, indistinguishable=["a", "b"]),
-            "maf.backflow acts with coefficient = 0.20 (90 %: 0.07 to 0.33) (a, b explain this as well)",
+            "effect maf.backflow acts with coefficient = 0.20 (90 %: 0.07 to 0.33) (a, b explain this as well)",
         ),
         (
             effect("channel:heat", "amplitude", 1.0, 0.9, 1.1, curve={"changes": "maf.gain"}),

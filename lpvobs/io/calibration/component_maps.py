@@ -62,7 +62,7 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
     for name, within in forms[0].items():
         if name not in found.column_names:
             raise DataError(
-                f"{path}: '{name}' ({within.what}) is missing; give it as a column, "
+                f"{path}: value '{name}' ({within.what}) is missing; give it as a column, "
                 f"or as a line '# {name} = VALUE {within.unit}' above the column names"
             )
     columns = {name: column_of(path, found, name, within.unit) for name, within in forms[0].items()}

@@ -97,5 +97,5 @@ class SlabCounts:
         why = f" ({', '.join(kinds)})" if kinds else ""
         return DataError(
             f"{path}: {self.samples} of {self.defects.samples_read} samples are usable, expected at least two; "
-            f"most samples are unusable because of channel '{worst}'{why}; see `lpvobs inspect`"
+            f"channel '{worst}' makes more samples unusable than any other channel{why}; see `lpvobs inspect`"
         )

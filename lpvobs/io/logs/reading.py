@@ -130,7 +130,7 @@ def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
     for name in absent:
         if not channels[name].may_lack(there):
             wanted = " or ".join(f"'{item}'" for item in (name, *(channels[name].one_of or ())))
-            raise DataError(f"{path}: has no channel {wanted}; record at least one of these channels too")
+            raise DataError(f"{path}: the log has no channel {wanted}; record at least one of these channels, too")
     return absent
 
 

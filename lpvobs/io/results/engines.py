@@ -225,7 +225,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
         kept = values(file, StoredEngine)
         if kept["air_path"] != air_path.name:
             raise DataError(
-                f"{path}: is for a {kept['air_path']} engine, but the configuration has '{air_path.name}'; {REMEDY}"
+                f"{path}: the file is for a {kept['air_path']} engine, but the configuration has a {air_path.name} engine; {REMEDY}"
             )
         expect_constants(path, "calibrated from", kept["constants"], air_path.engine_constants(), REMEDY)
         return StoredEngine(

@@ -123,8 +123,8 @@ def reading(path: Path, kind: str, remedy: str) -> Iterator[h5py.File]:
         try:
             schema = str(file.attrs.get("schema", ""))
             if schema != f"lpvobs/{kind}/1":
-                its = schema.split("/")[1] if schema.count("/") == 2 else "file that lpvobs did not write"
-                own, its = (f"an {each}" if each == "engine" else f"a {each}" for each in (kind, its))
+                its = f"{schema.split('/')[1]} file" if schema.count("/") == 2 else "file that lpvobs did not write"
+                own, its = (f"an {each}" if each.startswith("engine") else f"a {each}" for each in (kind, its))
                 raise DataError(f"{path}: not {own} file but {its}; {remedy}")
             yield file
         except DAMAGE as error:

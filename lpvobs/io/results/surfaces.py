@@ -168,7 +168,7 @@ def read_surface(path: Path, source: str = "") -> Surface:
         if source not in ("map", "extrapolation"):
             raise DataError(f"{path}: a result has no values named '{source}'; expected map or extrapolation")
         if source not in file:
-            raise DataError(f"{path}: has no /{source}; run `lpvobs extrapolate {path}` first")
+            raise DataError(f"{path}: the result has no group /{source}; run `lpvobs extrapolate {path}` first")
         group, (fuel, speed) = file[source], axes_of(file).items()
         x, y = (
             read(group, axis_layout(name, item), name=name, unit=item.unit, long_name=item.meaning)
