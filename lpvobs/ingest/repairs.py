@@ -151,7 +151,7 @@ def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Pr
     """Return a clock column in seconds, and what in it was repaired."""
     unit = profile.time.unit or recording.heads[name].unit
     if not unit:
-        raise DataError(f"{recording.path}: time column '{name}' has no unit; give its unit in the profile's [time]")
+        raise DataError(f"{recording.path}: time column '{name}' has no unit; set unit in the profile's [time]")
     try:
         found = stamps(column.data, unit, profile.source.decimal)
     except ValueError as error:
@@ -225,9 +225,7 @@ def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelR
     """Return values in the unit of the log, the unit that they were read in, and what was repaired."""
     unit = canonical(rules.source_unit or file_unit)
     if not unit:
-        raise DataError(
-            f"{path}: channel '{name}' has no unit in the file; give it with source_unit in [channels.{name}]"
-        )
+        raise DataError(f"{path}: channel '{name}' has no unit in the file; set source_unit in [channels.{name}]")
     invalid = np.isin(raw, rules.invalid)
     try:
         values = convert(rules.scale * np.where(invalid, np.nan, raw) + rules.offset, unit, rules.unit)

@@ -55,7 +55,7 @@ def test_a_draft_is_written_and_read_back(lpvobs, recording, tmp_path):
     done = lpvobs("profile", path, "--out", draft)
     assert done.code == 0, done.err
     assert lpvobs("profile", path).out == draft.read_text(encoding="utf-8")
-    assert "state unit" in lpvobs("ingest", path, "--profile", draft, "--out", out).err
+    assert "set unit" in lpvobs("ingest", path, "--profile", draft, "--out", out).err
     draft.write_text(draft.read_text(encoding="utf-8").replace('# unit = "s"', 'unit = "s"'), encoding="utf-8")
     assert lpvobs("ingest", path, "--profile", draft, "--out", out).code == 0
     assert pq.read_schema(out).names == ["time", "p_im"]
@@ -64,7 +64,7 @@ def test_a_draft_is_written_and_read_back(lpvobs, recording, tmp_path):
 @pytest.mark.parametrize(
     ("change", "code", "words"),
     [
-        (("--profile", "liu-isce"), 2, "shipped: kit-obd, liu-ice"),
+        (("--profile", "liu-isce"), 2, "lpvobs has the profiles kit-obd, liu-ice"),
         (("--profile", "liu-ice"), 3, "is missing"),
         (("SOURCE", "nowhere.csv"), 3, "no such recording"),
         (("--out", "SOURCE"), 2, "is also an input"),

@@ -53,9 +53,9 @@ def test_what_the_file_does_not_say_is_not_guessed_silently(tmp_path):
     assert '# unit = "s"' in text
     assert '# source_unit = "rad/s"' in text
     assert '# source_unit = "hPa"' in text
-    with pytest.raises(DataError, match="give its unit in the profile"):
+    with pytest.raises(DataError, match="set unit in the profile"):
         ingest([path], profile_of(text, path))
-    with pytest.raises(DataError, match="give it with source_unit in "):
+    with pytest.raises(DataError, match="set source_unit in "):
         ingest([path], profile_of(text.replace('# unit = "s"', 'unit = "s"'), path))
     told = text.replace('# unit = "s"', 'unit = "s"').replace("# source_unit", "source_unit")
     np.testing.assert_allclose(ingest([path], profile_of(told, path)).channels["p_im"], 1.4e5)

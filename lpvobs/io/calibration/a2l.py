@@ -80,8 +80,8 @@ def _map(path: Path, module: Any, item: Any) -> A2lMap:
     axes = [_axis(module, axis) for axis in item.AXIS_DESCR]
     if item.Type != "MAP" or len(axes) != 2:
         raise DataError(
-            f"{path}: characteristic '{item.Name.Value}' is a {item.Type} with {len(axes)} axes; expected a MAP with two; name "
-            "another one with --name"
+            f"{path}: characteristic '{item.Name.Value}' is a {item.Type} with {len(axes)} axes; expected a MAP with two "
+            "axes; name another one with --name"
         )
     unit, step, zero = _conversion(path, module, item.Conversion.Value)
     layouts = {each.Name.Value: each.FNC_VALUES.DataType.Value for each in module.RECORD_LAYOUT}
