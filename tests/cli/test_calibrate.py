@@ -92,7 +92,7 @@ def test_tables_of_components_are_taken(lpvobs, folder):
     done = lpvobs(*call)
     assert (
         done.code,
-        "compressor.csv: 'T_reference' (temperature that corrected quantities refer to) is missing" in done.err,
+        "compressor.csv: value 'T_reference' (temperature that corrected quantities refer to) is missing" in done.err,
     ) == (3, True), done.err
     text = table.read_text(encoding="utf-8")
     table.write_text("# T_reference = 298 K\n# p_reference = 1 bar\n" + text, encoding="utf-8")
