@@ -26,8 +26,8 @@ class Curve:
     channel: str
     of: str
     carrier: str
-    knots: Annotated[Array, Item("1", "the channel in the log's unit, or its rate per second", name="knot")]
-    values: Annotated[Array, Item("1", "deviation of the carrier's size at amplitude one", ("knot",), "deviation")]
+    knots: Annotated[Array, Item("1", "value of the channel in the log's unit, or its rate per second", name="knot")]
+    values: Annotated[Array, Item("1", "change of the carrier effect's size at amplitude one", ("knot",), "deviation")]
 
 
 def rate_of(values: Array) -> Array:
@@ -88,7 +88,7 @@ def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Ef
 
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
     """Return the effect whose size follows a curve over a channel, column by column; its parameter is the multiple of the curve."""
-    drive = f"drives on which {curve.channel} changes by itself"
+    drive = f"drives on which channel {curve.channel} changes independently of the other channels"
     return replace(following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0), drive=drive)
 
 

@@ -31,9 +31,11 @@ class FactorSurface:
 
     inputs: tuple[str, str]
     units: tuple[str, str]
-    first: Annotated[Array, Item("SI", "the first input, in its unit of `units`", name="first")]
-    second: Annotated[Array, Item("SI", "the second input, in its unit", name="second")]
-    values: Annotated[Array, Item("1", "factor less one, at amplitude one", ("first", "second"), "deviation")]
+    first: Annotated[Array, Item("SI", "first input, in the first unit of `units`", name="first")]
+    second: Annotated[Array, Item("SI", "second input, in the second unit of `units`", name="second")]
+    values: Annotated[
+        Array, Item("1", "factor of the component minus one, at amplitude one", ("first", "second"), "deviation")
+    ]
     errors: Annotated[Array, Item("1", "standard error of the factor", ("first", "second"), "standard_error")]
     largest: tuple[float, float]  # where on the logs it is largest, and one at amplitude one
     amplitude: float  # the factor less one there, when it was found

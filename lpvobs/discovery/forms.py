@@ -121,7 +121,8 @@ class Form:
         moving = ", ".join(sorted({factor.signal for factor in self.factors})) or self.target
         return Effect(
             self.id(units), "coefficient", self.unit(model, units), 0.0, size, -most, most, place, change,
-            f"drives on which {moving} change by themselves", moves_point=self.target in (model.fuel, model.speed),
+            f"drives with changes of {moving} that are independent of the other channels",
+            moves_point=self.target in (model.fuel, model.speed),
         )  # fmt: skip
 
 
@@ -179,9 +180,8 @@ def along_log(form: Form, log: Log, time: Array) -> Array:
         known = np.isfinite(values)
         if not known.any():
             raise DataError(
-                f"{log.name}: channel '{name}' is missing, and the model's effect '{form.id({})}' depends on it; record "
-                "this channel, or "
-                f"name the result from before `lpvobs refine`"
+                f"{log.name}: channel '{name}' is missing, but the refined model's effect '{form.id({})}' depends on it; record "
+                "this channel, or give the result that `lpvobs refine` started from"
             )
         return np.asarray(np.interp(log.time, log.time[known], values[known]))
 

@@ -37,24 +37,36 @@ class HealthyDrive:
 
     logs: tuple[str, ...]  # the healthy drives that it was learned from
     balances: Annotated[tuple[str, ...], Item("1", "balance", name="balance")]
-    channels: Annotated[tuple[str, ...], Item("1", "channel whose values the bells stand over", name="channel")]
-    rates: tuple[str, ...]  # channels whose rates have a line
-    middle: Annotated[Array, Item("SI", "mean of channels and rates", ("input",))]
-    spread: Annotated[Array, Item("SI", "their standard deviation", ("input",))]
-    centres: Annotated[Array, Item("1", "middle of a bell, in standard deviations from the mean", ("bell", "channel"))]
-    width: Annotated[float, Item("1", "of a bell, in standard deviations")]
-    weights: Annotated[Array, Item("kg/s", "what a balance leaves, by bells and lines", ("balance", "feature"))]
-    amplitude: Annotated[Array, Item("kg/s", "rms of that along the healthy drives", ("balance",))]
-    scale: Annotated[Array, Item("kg/s", "usual size of the error beyond", ("balance",))]
-    lasting: Annotated[
-        Array, Item("1", "variance of a sum of its fast part over that of independent ones", ("balance",))
+    channels: Annotated[
+        tuple[str, ...], Item("1", "channel over which the bell-shaped functions are placed", name="channel")
     ]
-    unsure: Annotated[Array, Item("kg/s", "root of the weights' covariance", ("balance", "feature", "other_feature"))]
-    slow: Annotated[Array, Item("kg/s", "sd of what lasts all day, and for minutes", ("balance", "error"))]
+    rates: tuple[str, ...]  # channels whose rates have a line
+    middle: Annotated[Array, Item("SI", "mean of each channel and of each rate", ("input",))]
+    spread: Annotated[Array, Item("SI", "standard deviation of each channel and of each rate", ("input",))]
+    centres: Annotated[
+        Array, Item("1", "middle of a bell, in standard deviations from the channel's mean", ("bell", "channel"))
+    ]
+    width: Annotated[float, Item("1", "width of a bell, in standard deviations of the channel")]
+    weights: Annotated[
+        Array, Item("kg/s", "weight of each bell and each line in the residual of a balance", ("balance", "feature"))
+    ]
+    amplitude: Annotated[
+        Array, Item("kg/s", "rms of the weighted bells and lines along the healthy drives", ("balance",))
+    ]
+    scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
+    lasting: Annotated[
+        Array, Item("1", "variance of a sum of the fast errors over that of independent errors", ("balance",))
+    ]
+    unsure: Annotated[
+        Array, Item("kg/s", "square root of the weights' covariance", ("balance", "feature", "other_feature"))
+    ]
+    slow: Annotated[
+        Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
+    ]
     effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")] = ()
-    seeming: Annotated[Array, Item("1", "rms size that healthy drives seem to have, in its unit", ("effect",))] = field(
-        default_factory=lambda: np.zeros(0)
-    )
+    seeming: Annotated[
+        Array, Item("1", "rms size of the effect as fitted to healthy drives, in its unit", ("effect",))
+    ] = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def _root(self) -> Array:

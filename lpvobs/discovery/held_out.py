@@ -22,11 +22,13 @@ from lpvobs.records import Array, Item
 
 MEASURE = "rmse of the held-out residual"
 HOW = (
-    f"every {thresholds.EVERY}th stretch of {thresholds.STRETCH:g} s kept from all fits and choices, {thresholds.GUARD:g} s at "
-    f"its ends left out, and those in which an effect begins or ends; all balances, each weighted by its own noise"
+    f"every {thresholds.EVERY}th stretch of {thresholds.STRETCH:g} s was kept out of all fits and choices; {thresholds.GUARD:g} s "
+    f"at either end of it do not count, nor does a stretch in which an effect begins or ends; all balances count, each weighted "
+    f"by its own noise"
 )
 HOW_WHOLE = (
-    "whole logs that no decision saw: map, constants and effects as they are, each balance weighted by its mean noise"
+    "whole logs that took part in no fit and no choice: map, constants and effects come from the other logs, and each balance is "
+    "weighted by its mean noise"
 )
 
 
@@ -34,11 +36,12 @@ HOW_WHOLE = (
 class Comparison:
     """Root mean square of a residual before and after."""
 
-    before: Annotated[float, Item("kg/s", "rmse of the held-out residual, before", gaps=True)]
-    after: Annotated[float, Item("kg/s", "rmse of the held-out residual, after", gaps=True)]
-    ratio: Annotated[float, Item("1", "after over before", gaps=True)]
+    before: Annotated[float, Item("kg/s", "rmse of the held-out residual, before the refinement", gaps=True)]
+    after: Annotated[float, Item("kg/s", "rmse of the held-out residual, after the refinement", gaps=True)]
+    ratio: Annotated[float, Item("1", "rmse after over rmse before", gaps=True)]
     ratio_ci90: Annotated[
-        tuple[float, float], Item("1", "90 % interval of it: bootstrap of blocks", ("quantile",), gaps=True)
+        tuple[float, float],
+        Item("1", "90 % interval of the ratio, from a bootstrap of blocks", ("quantile",), gaps=True),
     ]
 
 

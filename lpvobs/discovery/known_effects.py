@@ -25,7 +25,7 @@ from lpvobs.errors import DataError
 from lpvobs.records import Array, Item, Log
 
 NINETY = 1.645
-OWN_TIME = "on the log's own time axis"
+OWN_TIME = "on the time axis of the log"
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,12 @@ class Span:
     Infinite where it acts from the first or to the last sample; begin = end = inf where it does not act at all.
     """
 
-    log: Annotated[str, Item("1", "log that tells of the effect, or is without it")]
+    log: Annotated[str, Item("1", "log on which the effect was estimated or is absent")]
     sha256: Annotated[str, Item("1", "SHA-256 of the log")]
     begin: Annotated[
-        float, Item("s", f"{OWN_TIME}, -inf: from its first sample, inf: not at all", name="onset", gaps=True)
+        float, Item("s", f"start of the effect {OWN_TIME}; -inf: first sample; inf: never", name="onset", gaps=True)
     ]
-    end: Annotated[float, Item("s", f"{OWN_TIME}, inf: to its last sample", gaps=True)]
+    end: Annotated[float, Item("s", f"end of the effect {OWN_TIME}; inf: last sample", gaps=True)]
 
     @property
     def acts(self) -> bool:
@@ -61,10 +61,10 @@ class KnownEffect:
     place: str
     parameter: str
     unit: str
-    value: Annotated[float, Item("1", "the parameter")]
+    value: Annotated[float, Item("1", "value of the effect's parameter")]
     ci90: Annotated[tuple[float, float], Item("1", "90 % interval of the value", ("quantile",), gaps=True)]
     spans: Annotated[tuple[Span, ...], Item(axes=("log",))]
-    lasting: Annotated[bool, Item("1", "whether it acts on logs that took no part, from first to last sample")]
+    lasting: Annotated[bool, Item("1", "whether the effect acts on all of every other log")]
     curve: Annotated[Curve | None, Item()]
     surface: Annotated[FactorSurface | None, Item()] = None
     course: Annotated[TracedCourse | None, Item()] = None  # times on the time axis of the log of its first span
@@ -132,7 +132,7 @@ def _channel(log: Log, name: str) -> Array:
     if name in log.channels or name in log.auxiliary:
         return log.channels[name] if name in log.channels else log.auxiliary[name]
     raise DataError(
-        f"{log.name}: channel '{name}' is missing, and an effect of the model depends on it; record this channel"
+        f"{log.name}: channel '{name}' is missing, but an effect of the refined model depends on it; record this channel"
     )
 
 
@@ -170,7 +170,8 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
     if found is None:
         known = ", ".join(effect.id for effect in model.catalogue)
         raise DataError(
-            f"the refined model has the effect '{name}', which this engine does not have, expected one of {known}; refine again"
+            f"the refined model contains the effect '{name}', which this engine's catalogue lacks; expected one of {known}; run "
+            f"`lpvobs refine` again"
         )
     return found
 
@@ -217,8 +218,8 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
         return along_log(curve, log, time)
     if curve.channel not in log.auxiliary:
         raise DataError(
-            f"{log.name}: channel '{curve.channel}' is missing, and the model's effect 'channel:{curve.channel}' depends on it; "
-            f"record this channel, or name the result from before `lpvobs refine`"
+            f"{log.name}: channel '{curve.channel}' is missing, but the refined model's effect 'channel:{curve.channel}' needs "
+            f"it; record this channel, or give the result that `lpvobs refine` started from"
         )
     recorded = log.auxiliary[curve.channel]
     known = np.isfinite(recorded)

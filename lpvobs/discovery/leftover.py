@@ -15,12 +15,12 @@ from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array, Item, Log
 
 Pair = tuple[Finite, Finite]
-STRONGEST = "cell with the largest mean square"
+STRONGEST = "map cell where the residual's mean square is largest"
 When = TypedDict("When", {"log": str, "from": Finite, "to": Finite, "share": float})
 
 
 class Where(TypedDict):
-    """The cell of the map with the largest mean square, which is so many times the median cell's."""
+    """The map cell with the largest mean square of the residual, and how many times the median cell's mean square that is."""
 
     fuel: Pair
     speed: Pair
@@ -28,7 +28,7 @@ class Where(TypedDict):
 
 
 class Frequency(TypedDict):
-    """The frequency below which half of the power lies."""
+    """The frequency below which half of the residual's power lies."""
 
     half_power_below: float
     unit: str
@@ -39,9 +39,9 @@ class Stretch:
     """A part of a log in which the residual is large."""
 
     log: Annotated[str, Item("1", "log")]
-    begin: Annotated[float, Item("s", "since the start of the log", name="from")]
-    end: Annotated[float, Item("s", "since the start of the log", name="to")]
-    share: Annotated[float, Item("1", "of the power above the median", gaps=True)]
+    begin: Annotated[float, Item("s", "begin of the stretch, since the start of the log", name="from")]
+    end: Annotated[float, Item("s", "end of the stretch, since the start of the log", name="to")]
+    share: Annotated[float, Item("1", "share of the residual's power above the median", gaps=True)]
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,13 @@ class Leftover:
     stretches: Annotated[tuple[Stretch, ...], Item(axes=("stretch",))]
     fuel: Annotated[tuple[float, float], Item("1", f"{STRONGEST}: fuel, in the unit of its axis", ("end",))]
     speed: Annotated[tuple[float, float], Item("rpm", f"{STRONGEST}: speed", ("end",))]
-    times_noise: Annotated[float, Item("1", "that mean square over the median cell's", gaps=True)]
-    half_power: Annotated[float, Item("Hz", "half of the power of the block sums lies below")]
+    times_noise: Annotated[float, Item("1", "largest mean square of a cell over that of the median cell", gaps=True)]
+    half_power: Annotated[float, Item("Hz", "frequency below which half of the power of the block sums lies")]
     balance: str
-    follows: Annotated[Mapping[str, float], Item("1", "strongest correlation", ("signal",), "correlation")]
+    follows: Annotated[
+        Mapping[str, float],
+        Item("1", "strongest correlation of the residual with the signal", ("signal",), "correlation"),
+    ]
 
     def as_json(self) -> dict[str, Any]:
         """Return it for programs."""

@@ -182,7 +182,7 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
     """Return the noise of a healthy engine, its scale stretched where outliers are (Student's distribution), shape (B, K)."""
     model, healthy = problem.model, problem.model.healthy
     if healthy is None:
-        raise ValueError("noise that is remembered needs the errors of a healthy engine")
+        raise ValueError("correlated noise needs the errors of a healthy engine")
     B, K = len(model.balances), problem.K
     order = np.flatnonzero(problem.shown.T.ravel())
     place, balance = np.divmod(order, B)

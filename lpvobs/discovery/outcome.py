@@ -13,8 +13,12 @@ from lpvobs.kinds import Finite, Fraction
 from lpvobs.records import Item
 
 Verdict = Annotated[str, Meta(extra_json_schema={"enum": ["effect", "none", "unexplained"]})]
-Onset = Annotated[float | None, Meta(description="s since the start of its log; null: from the first sample")]
-End = Annotated[float | None, Meta(description="s since the start of its log; null: to the last sample")]
+Onset = Annotated[
+    float | None, Meta(description="time [s] since the start of the log; null: the effect acts from the first sample")
+]
+End = Annotated[
+    float | None, Meta(description="time [s] since the start of the log; null: the effect acts to the last sample")
+]
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Followed:
-    """A curve over a logged channel: what follows it, and the deviation of that at the knots."""
+    """A curve over a logged channel: the effect that changes with it, and its change at each knot."""
 
     channel: str
     of: str
@@ -39,7 +43,7 @@ class Followed:
 
 @dataclass(frozen=True)
 class OverInputs:
-    """The curve of a component: its factor between knots of two inputs, rows along the first of them."""
+    """The curve of a component: its factor at the knots of two inputs, one row for each knot of the first input."""
 
     inputs: tuple[str, str]
     units: tuple[str, str]
@@ -51,7 +55,7 @@ class OverInputs:
 
 @dataclass(frozen=True)
 class Following:
-    """What a course beyond from an onset to an end goes by; zero or empty where it does not."""
+    """Parameters of a course that is more than an onset and an end; zero or empty if the course does not use them."""
 
     time_constant: Finite  # [s]
     input: str  # a channel
@@ -87,7 +91,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Leading:
-    """A leading candidate of a residual without a name: alone in the model, with the share that it would explain."""
+    """A candidate for a residual that stays unexplained: fitted alone, with the share of the residual that it would explain."""
 
     id: str
     parameters: Mapping[str, Parameter]
@@ -98,7 +102,7 @@ class Leading:
 
 @dataclass(frozen=True)
 class BalanceError:
-    """One balance of one log, where the effects act; of the whole log where there is none."""
+    """Error of one balance on one log: where the effects act, or on the whole log if none acts."""
 
     balance: str
     unit: Annotated[str, Meta(extra_json_schema={"enum": ["1", "kg/s"]})]
@@ -113,15 +117,21 @@ class BalanceError:
     def note(self) -> str:
         """Return a sentence on its error before and after."""
         times, unit = (100.0, "%") if self.unit == "1" else (1e3, "g/s")
-        said = f"{self.balance}: the error goes from {times * self.before:.2g} {unit} rms to {times * self.after:.2g} {unit}"
+        said = (
+            f"balance {self.balance}: the rms error is {times * self.before:.2g} {unit} without the effects and "
+            f"{times * self.after:.2g} {unit} with them in the model"
+        )
         if self.healthy is None or self.recovered is None:
             return f"{said}."
-        return f"{said}; a healthy engine has {times * self.healthy:.2g} {unit}, so {100 * self.recovered:.0f} % is recovered."
+        return (
+            f"{said}. A healthy engine has {times * self.healthy:.2g} {unit}; the effects explain {100 * self.recovered:.0f} % of "
+            f"the error above that."
+        )
 
 
 @dataclass(frozen=True)
 class DayLevel:
-    """What differs from the healthy day all along a log and is no fault; `usual` is one standard deviation between days."""
+    """A constant difference of this log's day from the healthy logs that counts as normal; `usual` is its standard deviation."""
 
     name: str
     value: float
@@ -131,7 +141,7 @@ class DayLevel:
 
 @dataclass(frozen=True)
 class Missing:
-    """What the channels of a log cannot show."""
+    """What cannot be computed because a log lacks channels."""
 
     channels: tuple[str, ...]  # that the log does not have
     balances: tuple[str, ...]  # that cannot be drawn up without them
@@ -140,11 +150,11 @@ class Missing:
 
     def notes(self) -> list[str]:
         """Return sentences on it."""
-        lost = f"Without {', '.join(self.channels)} there is no balance {', '.join(self.balances)}."
+        lost = f"Channels that the log lacks: {', '.join(self.channels)}. Balances that need them: {', '.join(self.balances)}."
         return [
             lost,
             *(
-                f"The remaining balances cannot tell these apart by their place: {', '.join(group)}."
+                f"These effects change the same remaining balances and are therefore hard to tell apart: {', '.join(group)}."
                 for group in self.same_place
             ),
         ]
@@ -154,11 +164,11 @@ class Missing:
 class Ranked:
     """One line of the ranking: an effect alone against the residual of the model as it was."""
 
-    id: Annotated[str, Item("1", "effect alone against the model as it was", name="candidate")]
-    value: Annotated[float, Item("1", "size, unit in size_unit", name="size", gaps=True)]
+    id: Annotated[str, Item("1", "candidate effect, added alone to the earlier model", name="candidate")]
+    value: Annotated[float, Item("1", "size of the effect, in the unit of size_unit", name="size", gaps=True)]
     unit: Annotated[str, Item("1", "unit of the size", name="size_unit")]
-    gain: Annotated[float, Item("1", "by how much it lowers half the sum of squares", name="evidence", gaps=True)]
-    unevenness: Annotated[float, Item("1", "variance of its score over the blocks, over that of noise", gaps=True)]
+    gain: Annotated[float, Item("1", "how much the effect lowers half the sum of squares", name="evidence", gaps=True)]
+    unevenness: Annotated[float, Item("1", "variance of the effect's score over blocks, over that of noise", gaps=True)]
 
 
 @dataclass(frozen=True)
@@ -181,11 +191,14 @@ class LogPart:
         said = [item.note() for item in moved]
         if moved and agreeing:
             disturbed = ", ".join(item.balance for item in moved)
-            said.insert(0, f"Balances that the effects disturb: {disturbed}; undisturbed: {', '.join(agreeing)}.")
+            said.insert(
+                0,
+                f"Balances that the effects change: {disturbed}; balances that they leave alone: {', '.join(agreeing)}.",
+            )
         unusual = [level for level in self.day if abs(level.value) > level.usual]
         if unusual:
             levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)
-            said.append(f"The day differs from the healthy one, which is no fault: {levels}.")
+            said.append(f"Differences from the healthy logs that are normal between days and no fault: {levels}.")
         return said + ([] if self.missing is None else self.missing.notes())
 
     def output(self, refined: bool) -> "OutcomeOnLog":
@@ -204,7 +217,7 @@ class LogPart:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorOutput:
-    """The error before, and after where the model was refined."""
+    """The error on held-out data: before, and after if the model was refined."""
 
     measure: Annotated[str, Meta(extra_json_schema={"const": MEASURE})]
     unit: Annotated[str, Meta(extra_json_schema={"const": "kg/s"})]
@@ -223,7 +236,7 @@ def error_output(comparison: Comparison, refined: bool, how: str) -> ErrorOutput
 
 @dataclass(frozen=True)
 class ResidualOutput:
-    """What is left: whether that is white noise, what it follows; where it is not, when, where and how fast it is."""
+    """The residual that is left: whether it is white noise, what it correlates with, and when, where and how fast it varies."""
 
     white: bool
     correlated_with: tuple[str, ...]
@@ -235,7 +248,7 @@ class ResidualOutput:
 
 @dataclass(frozen=True, kw_only=True)
 class OutcomeOnLog:
-    """What was found on one log; nothing is said of the residual of a log held out."""
+    """What was found on one log; a log that was held out has no `residual`."""
 
     log: str
     verdict: Verdict
@@ -249,15 +262,20 @@ class OutcomeOnLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What was found on all logs; `known_effects` are those that the model had already."""
+    """What was found on all logs; `known_effects` are the effects that the model already had."""
 
     verdict: Verdict
-    p_value: Annotated[float, Meta(description="that nothing is there, all candidates counted")]
+    p_value: Annotated[
+        float,
+        Meta(description="probability that chance gives evidence this strong, corrected for all candidates tried"),
+    ]
     effects: tuple[Finding, ...]
     error: ErrorOutput
     residual: ResidualOutput
     candidates: tuple[Leading, ...] | UnsetType = UNSET
-    healthy_drives: Annotated[tuple[str, ...], Meta(description="that told what the engine leaves when it is healthy")]
+    healthy_drives: Annotated[
+        tuple[str, ...], Meta(description="logs from which the residual of the healthy engine was learned")
+    ]
     known_effects: tuple[Finding, ...] | UnsetType = UNSET
     error_on_held_out_logs: ErrorOutput | UnsetType = UNSET
     logs: tuple[OutcomeOnLog, ...]
@@ -265,7 +283,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredOutcome(Outcome):
-    """What a result keeps of it."""
+    """What was found on all logs, as a result stores it."""
 
     logs_used: tuple[str, ...]
     map_frozen: bool

@@ -60,7 +60,8 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
         if count * blocks.length < LEAST_DRIVEN:
             raise DataError(
-                f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more"
+                f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
+                f"driving; record a longer log"
             )
     there = [name for name in model.channels if all(name in log.channels for log in logs)]
     value = {name: np.concatenate([log[name] for log in logs]) for name in there}
@@ -105,12 +106,17 @@ class _View:
 
 def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> _View:
     if len(log) < 2 * thresholds.LEAST_SAMPLES:
-        raise DataError(f"{log.name}: {len(log)} samples; a search for effects needs minutes of driving, record more")
+        raise DataError(
+            f"{log.name}: only {len(log)} samples; a search for effects needs several minutes of driving; record a longer log"
+        )
     least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
     time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
     half_width *= least
     if time.size * spacing < LEAST_DRIVEN:
-        raise DataError(f"{log.name}: under a minute without a gap; a search for effects needs minutes, record more")
+        raise DataError(
+            f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
+            f"driving; record a longer log"
+        )
     value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
     return _View(time, half_width, value, rate)
 

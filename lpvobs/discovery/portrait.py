@@ -34,10 +34,14 @@ class Track:
     """The residual along one log, in M columns."""
 
     log: str
-    time: Annotated[Array, Item("s", "middle of the column, since the start of the log")]
-    before: Annotated[Array, Item("kg/s", "residual before, extremes of each column", COLUMN, gaps=True, stored=DRAWN)]
-    after: Annotated[Array, Item("kg/s", "residual after, extremes of each column", COLUMN, gaps=True, stored=DRAWN)]
-    judged: Annotated[NDArray[np.bool_], Item("1", "whether the error before and after is taken from it", ("time",))]
+    time: Annotated[Array, Item("s", "time of the column's middle, since the start of the log")]
+    before: Annotated[
+        Array, Item("kg/s", "least and largest residual of a column, before", COLUMN, gaps=True, stored=DRAWN)
+    ]
+    after: Annotated[
+        Array, Item("kg/s", "least and largest residual of a column, after", COLUMN, gaps=True, stored=DRAWN)
+    ]
+    judged: Annotated[NDArray[np.bool_], Item("1", "whether the held-out error is computed from the column", ("time",))]
 
 
 @dataclass(frozen=True)
@@ -45,9 +49,13 @@ class Partial:
     """The added-variable plot of one effect: map, constants and the other effects are projected out of both axes."""
 
     id: str
-    regressor: Annotated[Array, Item("1", f"what the effect says, {NOISE}", ("point",), gaps=True, stored=DRAWN)]
-    residual: Annotated[Array, Item("1", f"residual without it, {NOISE}", ("point",), gaps=True, stored=DRAWN)]
-    binned: Annotated[Array, Item("1", f"of all points by their regressor, {NOISE}", ("mean", "bin"), gaps=True)]
+    regressor: Annotated[
+        Array, Item("1", f"residual that the effect predicts, in {NOISE}", ("point",), gaps=True, stored=DRAWN)
+    ]
+    residual: Annotated[
+        Array, Item("1", f"residual without the effect, in {NOISE}", ("point",), gaps=True, stored=DRAWN)
+    ]
+    binned: Annotated[Array, Item("1", f"means over bins of the regressor, in {NOISE}", ("mean", "bin"), gaps=True)]
 
 
 @dataclass(frozen=True)
@@ -63,15 +71,22 @@ class Portrait:
     block: Annotated[float, Item("s", "length of the blocks whose sums are tested")]
     blocks: Annotated[int, Item("1", "number of blocks")]
     frequency: Annotated[Array, Item("Hz", "frequency")]
-    spectrum: Annotated[Array, Item("s", "of the residual over its noise", (*BY_BALANCE, "frequency"), gaps=True)]
+    spectrum: Annotated[
+        Array, Item("s", "power spectrum of the residual over its noise", (*BY_BALANCE, "frequency"), gaps=True)
+    ]
     cumulated: Annotated[
-        Array, Item("1", "of the block sums", (*BY_BALANCE, "share"), "cumulated_periodogram", gaps=True)
+        Array,
+        Item(
+            "1", "cumulated periodogram of the block sums", (*BY_BALANCE, "share"), "cumulated_periodogram", gaps=True
+        ),
     ]
     signals: Annotated[tuple[str, ...], Item("1", "input or channel", name="signal")]
-    cross: Annotated[Array, Item("1", "strongest among the balances", BY_LAG, "cross_correlation", gaps=True)]
-    cross_limit: Annotated[Array, Item("1", "what white noise stays under, all signals and lags", BY_LAG, gaps=True)]
+    cross: Annotated[
+        Array, Item("1", "strongest correlation of a balance with the signal", BY_LAG, "cross_correlation", gaps=True)
+    ]
+    cross_limit: Annotated[Array, Item("1", "limit for white noise over all signals and lags", BY_LAG, gaps=True)]
     effective: Annotated[
-        Array, Item("1", "independent values in the block sums", BY_BALANCE, "effective_blocks", gaps=True)
+        Array, Item("1", "number of independent values in the block sums", BY_BALANCE, "effective_blocks", gaps=True)
     ]
 
 

@@ -26,12 +26,18 @@ class Whiteness:
     """
 
     white: Annotated[bool, Item("1", "whether no balance fails the portmanteau test with a notable correlation")]
-    autocorrelation: Annotated[Array, Item("1", "of the sums over blocks", ("balance", "lag"), gaps=True)]
-    band: Annotated[Array, Item("1", "95 % half width of it for white noise", ("balance", "lag"), gaps=True)]
-    p_values: Annotated[Array, Item("1", "of the portmanteau test", ("balance",), "p_value", gaps=True)]
-    periodogram_distance: Annotated[Array, Item("1", "of the cumulated one from a line", ("balance",), gaps=True)]
-    periodogram_band: Annotated[float, Item("1", "its 95 % limit for white noise", gaps=True)]
-    correlated_with: Annotated[Mapping[str, float], Item("1", "correlation", ("signal",))]
+    autocorrelation: Annotated[
+        Array, Item("1", "autocorrelation of the residual's block sums", ("balance", "lag"), gaps=True)
+    ]
+    band: Annotated[Array, Item("1", "half width of the 95 % band of white noise", ("balance", "lag"), gaps=True)]
+    p_values: Annotated[Array, Item("1", "p-value of the portmanteau test", ("balance",), "p_value", gaps=True)]
+    periodogram_distance: Annotated[
+        Array, Item("1", "distance of the cumulated periodogram from a line", ("balance",), gaps=True)
+    ]
+    periodogram_band: Annotated[float, Item("1", "95 % limit of that distance for white noise", gaps=True)]
+    correlated_with: Annotated[
+        Mapping[str, float], Item("1", "correlation of the residual with the signal", ("signal",))
+    ]
 
 
 def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> Whiteness:

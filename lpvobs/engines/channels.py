@@ -78,7 +78,7 @@ Pulsation = Callable[[Mapping[str, Array], float], Array]
 
 @dataclass(frozen=True)
 class Sensor:
-    """How a sensor in order, and what records it, change what they show; zero leaves it as it is."""
+    """How an intact sensor and the recording distort a reading; zero leaves the reading as it is."""
 
     tau: float = 0.0  # [s] of its first-order response
     delay: float = 0.0  # [s] dead time, of the bus for example
@@ -91,7 +91,7 @@ class Sensor:
         for item in fields(self):
             most = 1.0 if item.name == "pulsation" else float("inf") if item.name == "quantisation" else SLOWEST
             if not 0.0 <= getattr(self, item.name) <= most:
-                raise ValueError(f"{item.name} must lie between 0 and {most:g}")
+                raise ValueError(f"sensor setting {item.name} must lie between 0 and {most:g}")
 
     @property
     def late(self) -> float:
@@ -132,7 +132,7 @@ NONE_SUSPECTED = Suspects()
 
 def exchanged(one: str, other: str) -> MixUp:
     """Return the mistake that two channels bear each other's names."""
-    return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
+    return MixUp(f"are {one} and {other} exchanged", partial(_exchange, one, other))
 
 
 def below(one: str, other: str, most: float, slack: float = 0.0, unit: str = "") -> Check:

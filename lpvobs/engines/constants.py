@@ -31,7 +31,7 @@ class Within:
     Examples
     --------
     >>> Within(1e-4, 0.2, "m^3", "displacement").complaint(1.9)
-    '1.9 m^3 is no displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?'
+    '1.9 m^3 is not a plausible displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?'
     """
 
     low: float  # [unit]
@@ -46,7 +46,7 @@ class Within:
         unit = "" if self.unit == "1" else f" {self.unit}"
         meant = " or ".join(self._meant(value))
         hint = f"did you mean {meant}?" if meant else "correct that key"
-        return f"{value:g}{unit} is no {self.what}, expected {self.low:g} to {self.high:g}; {hint}"
+        return f"{value:g}{unit} is not a plausible {self.what}, expected {self.low:g} to {self.high:g}; {hint}"
 
     def _meant(self, value: float) -> list[str]:
         """Return the value in the other usual units that make it possible; if none does, by the nearest power of ten."""

@@ -19,7 +19,7 @@ FILTER = 2.08e5  # [Pa/(kg/s)^2] Depression of the air filter over the squared f
 LITTLE = 1e-3  # [kg/s] Flow below which the noise of a reading hides the other effects on it
 
 TRANSIENTS = "fast changes of load at constant speed"
-STEADY = "long stays at many operating points, before and after"
+STEADY = "long stays at many operating points, with and without the effect"
 BOOST = "the same operating points at low and at high boost"
 ALTITUDE = "drives at other ambient pressures or temperatures"
 

@@ -40,7 +40,7 @@ class DayToDay:
 
     def __post_init__(self) -> None:
         if not all(value > 0 for value in self.levels.values()):
-            raise ValueError("what may differ from day to day must be positive")
+            raise ValueError("every standard deviation in [trace.levels] must be above zero")
 
 
 def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequence[Effect]) -> tuple[Level, ...]:
@@ -48,7 +48,9 @@ def levels_of(day: DayToDay, balances: Sequence[str], unit: str, catalogue: Sequ
     units = {effect.id: effect.unit for effect in catalogue} | dict.fromkeys(balances, unit)
     unknown = [name for name in day.levels if name not in units]
     if unknown:
-        raise UsageError(f"[trace.levels]: '{unknown[0]}' is unknown; expected names out of {', '.join(units)}")
+        raise UsageError(
+            f"[trace.levels]: '{unknown[0]}' is neither a balance nor an effect; expected one of {', '.join(units)}"
+        )
     return tuple(Level(name, units[name], value) for name, value in day.levels.items())
 
 

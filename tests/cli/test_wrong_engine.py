@@ -40,7 +40,7 @@ def test_exchanged_channels_are_named_and_a_gate_can_ask(estimated, lpvobs, tabl
     done = estimated(u_egr=table["u_vgt"].to_numpy(), u_vgt=table["u_egr"].to_numpy())
     assert done.code == 0, done.err
     (doubt,) = done.json["doubts"]
-    assert doubt.startswith("drive: u_egr and u_vgt exchanged?")
+    assert doubt.startswith("drive: are u_egr and u_vgt exchanged?")
     assert set(done.json["balance_agreement"]["where"]) == {"u_delta", "n_e"}
     gate = lpvobs("report", tmp_path / "map.h5", "--gate", "balance_ratio<=2.5")
     assert gate.code == 1

@@ -32,7 +32,11 @@ def test_every_constant_of_every_engine_has_bounds(kind):
 @pytest.mark.parametrize(
     ("old", "new", "meant"),
     [
-        ("V_d = 1.910e-3", "V_d = 1.9", "1.9 m^3 is no displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?"),
+        (
+            "V_d = 1.910e-3",
+            "V_d = 1.9",
+            "1.9 m^3 is not a plausible displacement, expected 0.0001 to 0.2; did you mean 0.0019 (1.9 litres)?",
+        ),
         ("V_d = 1.910e-3", "V_d = 1910.0", "did you mean 0.00191 (1910 cm^3)?"),
         ("R_c = 0.0245", "R_c = 24.5", "did you mean 0.0245 (24.5 mm) or 0.245 (24.5 cm)?"),
         ("eta_c_max = 0.72", "eta_c_max = 72.0", "did you mean 0.72 (72 %)?"),

@@ -23,7 +23,7 @@ from lpvobs.engines.effects import (
 from lpvobs.engines.unknowns import LoopUnknowns
 from lpvobs.records import Array
 
-EGR = "the same operating points with the EGR valve open and shut"
+EGR = "the same operating points, once with the EGR valve open and once with it shut"
 
 
 @dataclass(frozen=True, eq=False)

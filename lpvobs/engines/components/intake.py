@@ -20,7 +20,9 @@ from lpvobs.records import Array
 
 USUAL_CHARGE = 320.0  # [K], T_im at which the slope of the filling adds nothing
 SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
-CREST = Nodes(np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed over the root of T_im / 320 K: waves travel with it")
+CREST = Nodes(
+    np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed divided by sqrt(T_im / 320 K), which scales pressure waves"
+)
 PRESSURE = nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
 SHAPE = (
     Component(
@@ -28,12 +30,14 @@ SHAPE = (
         {"n_e": SPEED, "p_im": PRESSURE}, (700.0, 5e4),
     ),
     Component(
-        "eta_vol_waves", "1", "relative change that comes and goes within some hundred rpm", 0.02, "eta_vol_waves",
+        "eta_vol_waves", "1", "relative change of the volumetric efficiency within some hundred rpm", 0.02, "eta_vol_waves",
         {"n_e": CREST}, (150.0,),
     ),
 )  # fmt: skip
 """Corrections of the filling over speed and pressure: 3 % is what bench points left of models fitted to them."""
-CHARGE = Component("eta_vol_charge", "1", "its slope over 100 K of T_im", 0.10, "eta_vol")
+CHARGE = Component(
+    "eta_vol_charge", "1", "relative change of the volumetric efficiency per 100 K of T_im", 0.10, "eta_vol"
+)
 
 
 @dataclass(frozen=True)

@@ -152,4 +152,6 @@ def _check_form(part: object, form: str, forms: Mapping[str, tuple[str, ...]]) -
             if other == form and not given:
                 raise ValueError(f"form = '{form}' needs '{name}', which is missing")
             if other != form and given and name not in forms[form]:
-                raise ValueError(f"form = '{form}' has no '{name}', which belongs to form = '{other}'; leave it out")
+                raise ValueError(
+                    f"form = '{form}' does not use '{name}', which belongs to form = '{other}'; delete '{name}'"
+                )

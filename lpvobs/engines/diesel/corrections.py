@@ -27,14 +27,14 @@ RATIO = nodes("1", "p_im / p_em", 0.7, 0.82, 0.9, 0.96, 1.03)
 LOAD = nodes("mg/cycle", "injected fuel", 0, 15, 40)
 COMPONENTS = (
     Component(
-        "compressor", "1", "added flow, as a share of that without pressure rise", 0.04, "compressor",
+        "compressor", "1", "added compressor flow, as a share of the flow without pressure rise", 0.04, "compressor",
         {"U_c": TIP_SPEED, "Psi_c": HEAD}, (120.0, 0.5),
     ),
     *intake.SHAPE,
-    Component("eta_vol_exhaust", "1", "its slope over p_em / p_im", 0.03, "eta_vol"),
+    Component("eta_vol_exhaust", "1", "relative change of the volumetric efficiency per unit of p_em / p_im", 0.03, "eta_vol"),
     intake.CHARGE,
     Component(
-        "egr", "1", "added flow, as a share of that of the open nozzle", 0.3, "egr",
+        "egr", "1", "added EGR flow, as a share of the choked flow", 0.3, "egr",
         {"u_egr": OPENING, "p_im/p_em": RATIO, "u_delta": LOAD}, (25.0, 0.12, 25.0),
     ),
     Component("T_em_lag", "s", "lag of the sensor of T_em", 1.0),

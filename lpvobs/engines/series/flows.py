@@ -38,14 +38,14 @@ COMPONENTS = (
     *intake.SHAPE,
     intake.CHARGE,
     Component(
-        "egr", "1", "added flow, as a share of that of the open nozzle", 0.3,
+        "egr", "1", "added EGR flow, as a share of the choked flow", 0.3,
         axes={"u_egr": OPENING, "n_e": SPEED, "u_delta": LOAD}, lengths=(25.0, 1000.0, 25.0),
     ),
     Component(
-        "egr_drive", "1", "relative change of the EGR flow where the pressure before it is not logged", 0.3,
+        "egr_drive", "1", "relative change of the EGR flow where the pressure before the valve is not logged", 0.3,
         axes={"n_e": DRIVE_SPEED, "u_delta": DRIVE_LOAD}, lengths=(600.0, 14.0),
     ),
-    Component("egr_leak", "1", "leakage of the shut EGR valve, of its largest area", 0.005),
+    Component("egr_leak", "1", "leak area of the shut EGR valve, as a share of its largest area", 0.005),
     Component("lambda_lag", "s", "lag of the lambda probe", 0.5),
     Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
 )  # fmt: skip

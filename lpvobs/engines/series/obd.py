@@ -73,8 +73,8 @@ def _flow(c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
 def residual_model(*_: Any) -> Any:
     """Raise DataError: one balance whose EGR is unknown tells no fault from another."""
     raise DataError(
-        "engine: speed, pressure and air flow alone cannot tell faults apart, expected fuel and the EGR valve's "
-        "position or lambda; record them and take configs/series.toml, or compare maps of two days"
+        "engine: engine speed, intake pressure and air flow alone cannot tell faults apart; also record fuel, and the EGR valve's "
+        "position or lambda, and use configs/series.toml; or compare the maps of two days"
     )
 
 
@@ -84,6 +84,6 @@ OBD = EngineKind(
     recorded=partial(recorded, "components", "series"),
     example="speed_density.toml",
     residual_model=residual_model,
-    caveat="EGR flow, filling and sensor are confounded in this map: it tells what differs between days, and no sensor's error; "
-    "the EGR valve's position would show the filling where the valve is shut, lambda and fuel where the engine runs steadily",
+    caveat="this map mixes errors of EGR flow, filling and sensor: compare it with the map of another day, but do not read it as "
+    "the sensor's error; logging the EGR valve's position, lambda and fuel would separate them",
 )

@@ -21,7 +21,7 @@ class Air:
 
 @dataclass(frozen=True)
 class IntakeGeometry:
-    """Sizes; the volumes are a first guess that a healthy log corrects."""
+    """Sizes of the intake; the volumes are first guesses, which a healthy log corrects."""
 
     # [m^3], displacement. Where it is not known, any value of the right size: only eta_vol V_d enters.
     V_d: Annotated[float, Within(1e-4, 0.2, "m^3", "displacement")]
@@ -52,7 +52,7 @@ class CurveNodes:
         for name in ("alpha_th", "n_e", "p_im", "m_f", "fuel_n_e"):
             nodes = np.array(getattr(self, name))
             if nodes.size < 3 or not np.all(np.diff(nodes) > 0):
-                raise ValueError(f"{name} needs at least three nodes, rising")
+                raise ValueError(f"{name} needs at least three nodes in rising order")
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def knowledge_of(engine: ThrottledEngine, learned: Learned) -> Knowledge:
     numbers = {
         "V_ic": LearnedNumber(learned.V_ic, "m^3", "volume before the throttle"),
         "V_im": LearnedNumber(learned.V_im, "m^3", "volume behind the throttle"),
-        "calm_flow": LearnedNumber(learned.calm_flow, "kg/s", "below it p_ic is compared with p_amb"),
+        "calm_flow": LearnedNumber(learned.calm_flow, "kg/s", "air flow below which p_ic is compared with p_amb"),
     }
     return Knowledge(curves, numbers, learned.covariance, learned.sources)
 

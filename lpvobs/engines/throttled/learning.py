@@ -62,8 +62,8 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
     if sum(each.size for each in transience) < LEAST_BLOCKS:
         names = ", ".join(log.name for log in logs)
         raise DataError(
-            f"{names}: under {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s with flow; an engine needs minutes of "
-            f"driving to be learned, give a longer healthy log"
+            f"{names}: fewer than {LEAST_BLOCKS} blocks of {blocks_of(logs[0]).length:g} s have air flow; learning the engine "
+            f"takes several minutes of driving; give a longer healthy log"
         )
     joined = [np.concatenate([part[b][0] for part in parts]) for b in range(3)]
     volumes = [np.concatenate([part[b][1] for part in parts]) for b in range(3)]

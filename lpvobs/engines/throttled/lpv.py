@@ -171,7 +171,9 @@ class Throttled(AsKnown):
 
     def _known(self) -> Learned:
         if self.learned is None:
-            raise UsageError("engine: the curves of a throttled engine are learned from a healthy log; give such a log")
+            raise UsageError(
+                "engine: the curves of a throttled engine are not configured but learned; give a log of the healthy engine"
+            )
         return self.learned
 
 

@@ -91,7 +91,7 @@ def test_an_engine_has_the_constants_of_its_own_forms(truck, engine):
     [
         ('form = "rotor_speed"\nR_c', 'form = "parabola"\nR_c', ("parabola", "'tip_speed'", "'rotor_speed'")),
         ("c_w_psi2 = -1.73197604e-4", "#", ("rotor_speed", "needs 'c_w_psi2'")),
-        ("c_psi2 = 0.0", "c_psi2 = 0.0\npsi_0 = 1.2", ("has no 'psi_0'", "tip_speed", "leave it out")),
+        ("c_psi2 = 0.0", "c_psi2 = 0.0\npsi_0 = 1.2", ("does not use 'psi_0'", "tip_speed", "delete 'psi_0'")),
         ("c_m1 = 1.35634407", "c_m = 1.3", ("rotor_speed", "c_m")),
         ('form = "rotor_speed"\nR_c', "R_c", ("form = 'tip_speed'", "'psi_0'")),
         ("c_w_psi3 = 0.01", "psi_0 = 0.01", ("estimate.tolerance", "psi_0")),
