@@ -32,7 +32,7 @@ class Level:
 
 @dataclass(frozen=True)
 class DayToDay:
-    """The configuration's `[trace]`."""
+    """The configuration's `[trace]`: differences between days that are no fault."""
 
     # what may differ from one day to another without being a fault, by the name of a balance or of an effect: standard
     # deviations, in the unit of the balance's residual or of the effect's parameter

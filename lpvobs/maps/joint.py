@@ -49,7 +49,9 @@ def combined(weights: Array, values: Array, covariance: Array) -> Joint:
     used = np.flatnonzero(np.any(weights != 0.0, axis=0))
     unknown = int(np.count_nonzero(~np.isfinite(values[used])))
     if unknown:
-        raise DataError(f"map: {unknown} of {used.size} nodes asked for have no value; run `lpvobs extrapolate`")
+        raise DataError(
+            f"map: {unknown} of {used.size} nodes needed have no value; run `lpvobs extrapolate` to fill them"
+        )
     W = weights[:, used]
     return Joint(W @ values[used], W @ covariance[np.ix_(used, used)] @ W.T)
 
@@ -70,7 +72,9 @@ def at_weights(nodes: Array, at: Array) -> Array:
 def mean_weights(nodes: Array, low: float, high: float) -> Array:
     """Return weights (len(nodes),) of a bilinear mean from `low` to `high`; raises DataError for an interval off the axis."""
     if not nodes[0] <= low < high <= nodes[-1]:
-        raise DataError(f"region: {low:g} to {high:g}, expected two rising values from {nodes[0]:g} to {nodes[-1]:g}")
+        raise DataError(
+            f"region: the range is {low:g} to {high:g}, expected two rising values between {nodes[0]:g} and {nodes[-1]:g}"
+        )
     places = np.unique(np.concatenate(([low, high], nodes[(nodes > low) & (nodes < high)])))
     steps = np.diff(places) / (high - low)
     share = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))  # the map is straight between the places

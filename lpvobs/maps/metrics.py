@@ -22,14 +22,14 @@ class Metrics:
     |estimate - reference| / |reference|, without samples whose |reference| is under 1 % of its maximum.
     """
 
-    samples: Annotated[int, Item("1", "samples compared with the reference")]
+    samples: Annotated[int, Item("1", "number of samples compared with the reference")]
     mean_relative_error: Annotated[float, Item("1", "mean of |estimate - reference| / |reference|", gaps=True)]
     share_left_out: Annotated[float, Item("1", "share of samples left out of the mean relative error", gaps=True)]
     rms_ratio: Annotated[float, Item("1", "rms of the error / rms of the reference", gaps=True)]
     rmse: Annotated[float, Item("kg/s", "rms of estimate - reference", gaps=True)]
     bias: Annotated[float, Item("kg/s", "mean of estimate - reference", gaps=True)]
-    visited_cells: Annotated[int, Item("1", "cells of the grid with a compared sample")]
-    floor_mean_relative_error: Annotated[float, Item("1", "the same of the best bilinear fit to it", gaps=True)]
+    visited_cells: Annotated[int, Item("1", "number of grid cells that contain a compared sample")]
+    floor_mean_relative_error: Annotated[float, Item("1", "mean relative error of the best bilinear fit", gaps=True)]
     floor_rms_ratio: Annotated[float, Item("1", "rms ratio of the best bilinear fit to the reference", gaps=True)]
 
 

@@ -45,15 +45,15 @@ class Filled:
     # beyond what the nodes' own errors explain
     lack_of_fit: Annotated[float, Item("kg/s", "standard deviation of the surface around the quadratic")]
     # zero for a quadratic
-    lengths: Annotated[Array, Item("1", "over which the scatter is correlated, in the units of the axes", ("axis",))]
-    nodes: Annotated[int, Item("1", "estimated nodes behind it")]
-    delta_W_c: Annotated[Array, Item("kg/s", "sensor error, every node filled", BOTH)]
+    lengths: Annotated[Array, Item("1", "correlation lengths around the quadratic, in the axes' units", ("axis",))]
+    nodes: Annotated[int, Item("1", "number of estimated nodes that were fitted")]
+    delta_W_c: Annotated[Array, Item("kg/s", "sensor error at every node", BOTH)]
     # of prediction, lack of fit included, where extrapolated
     covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the nodes' errors", NODES, stored="f4")]
     map_standard_error: Annotated[
-        Array, Item("kg/s", "standard error; of prediction where extrapolated", BOTH, "standard_error")
+        Array, Item("kg/s", "standard error; where extrapolated, of the prediction", BOTH, "standard_error")
     ]
-    support: Annotated[NDArray[np.int8], Item("1", "where the value comes from", BOTH, meanings=SUPPORT)]
+    support: Annotated[NDArray[np.int8], Item("1", "origin of the node's value", BOTH, meanings=SUPPORT)]
 
 
 def terms(u: Array, n: Array) -> Array:
@@ -131,8 +131,8 @@ def refuse_too_few(X: Array) -> None:
     """Raise DataError for rows of Eq. (37), one an estimated node, that do not determine its coefficients."""
     if X.shape[0] < 7 or np.linalg.matrix_rank(X) < 6:
         raise DataError(
-            f"/map: {X.shape[0]} estimated nodes do not determine the six coefficients of Eq. (37), expected at least seven "
-            f"that vary in both axes; estimate from logs that visit more operating points"
+            f"/map: {X.shape[0]} estimated nodes do not determine the six coefficients of the quadratic Eq. (37), expected at "
+            f"least seven nodes that vary along both axes; estimate from logs that visit more operating points"
         )
 
 

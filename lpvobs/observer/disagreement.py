@@ -28,16 +28,22 @@ HALVINGS = 60
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far one log's own map is from the common one, scatter between logs allowed for; what cannot be compared is NaN."""
+    """How far the map of one log alone is from the map of all logs, given their scatter; NaN where they cannot be compared."""
 
     # `deviation` is of the mean difference or the logarithm of chi-square, whichever lies further beyond the median log.
 
     name: Annotated[str, Item("1", "log", name="log")]
-    nodes: Annotated[int, Item("1", "nodes that this log and others inform")]
-    chi_square: Annotated[float, Item("1", "squared difference of own and common map over its variance", gaps=True)]
-    mean_difference: Annotated[float, Item("kg/s", "own less common map, mean of nodes", gaps=True)]
-    deviation: Annotated[float, Item("1", "standard deviations by which the log stands out", gaps=True)]
-    disagrees: Annotated[bool, Item("1", "whether it stands out among the logs")]
+    nodes: Annotated[int, Item("1", "number of nodes informed by this log and by others")]
+    chi_square: Annotated[
+        float, Item("1", "squared difference of the log's own map from the common map, over its variance", gaps=True)
+    ]
+    mean_difference: Annotated[
+        float, Item("kg/s", "mean over nodes of the log's own map minus the common map", gaps=True)
+    ]
+    deviation: Annotated[
+        float, Item("1", "number of standard deviations by which the log differs from the others", gaps=True)
+    ]
+    disagrees: Annotated[bool, Item("1", "whether the log disagrees with the other logs")]
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ class KalmanSettings:
 
     def __post_init__(self) -> None:
         if not all(value > 0 for value in (*self.measurement_noise.values(), *self.process_noise.values())):
-            raise ValueError("every measurement and process noise must be positive")
+            raise ValueError("every value of measurement_noise and process_noise must be positive")
         if not (self.map_drift >= 0 and self.prior_map > 0):
             raise ValueError("map_drift must not be negative and prior_map must be positive")
 

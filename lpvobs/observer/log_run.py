@@ -28,8 +28,8 @@ class LogRun:
 def nothing_between(name: str, started: float) -> DataError:
     """Return what is wrong with a log whose samples are all apart."""
     return DataError(
-        f"log '{name}': a gap after every sample, the first at {started:.6g} s; "
-        f"expected samples closer than gap_limit in [policies]"
+        f"log '{name}': every sample is followed by a gap, the first one at {started:.6g} s; expected samples closer together "
+        f"than gap_limit in [policies]"
     )
 
 

@@ -28,11 +28,11 @@ class EstimateSettings:
     def __post_init__(self) -> None:
         for name in ("smoothing", "least_information", "prior_map", "largest_error", "widest"):
             if not 0 < getattr(self, name) < 1e6:
-                raise ValueError(f"{name} must be positive, and not more than any drive")
+                raise ValueError(f"{name} must be above 0 and below 1e6")
         if self.constants not in CONSTANTS:
             raise ValueError(f"constants = {self.constants!r}, expected one of {', '.join(CONSTANTS)}")
         if not all(0.0 <= value < 0.5 for value in self.tolerance.values()):
-            raise ValueError("a tolerance is a fraction of at least 0 and under 0.5")
+            raise ValueError("every tolerance must be a fraction of at least 0 and below 0.5")
 
     @property
     def consider(self) -> bool:

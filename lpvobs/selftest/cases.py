@@ -71,7 +71,7 @@ def rows_of(name: str, case: Case) -> Iterator[CaseOutput]:
         yield from case()
     except Exception as error:  # whatever is broken in the installation belongs into the table
         note = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        yield row(name, "runs at all", 1.0, 0.0, 0.0, note=note)
+        yield row(name, "the case runs without an error", 1.0, 0.0, 0.0, note=note)
 
 
 def known_map(grid: Grid) -> Array:
@@ -130,10 +130,10 @@ def interpolation() -> Iterator[CaseOutput]:
         ("a node", 4.0, 250.0, 4.0),
         ("the middle of a cell", 2.0, 125.0, 2.0),
         ("an edge", 6.0, 500.0, 7.5),
-        ("outside, where the map is held", 20.0, 9000.0, 8.0),
+        ("a point outside, where the edge value holds", 20.0, 9000.0, 8.0),
     ):
         found = grid.interpolate(theta, np.array([u]), np.array([n]))
-        yield row(f"bilinear map at {where}", "by hand", expected, float(found[0]), 1e-12)
+        yield row(f"map value at {where}", "calculation by hand", expected, float(found[0]), 1e-12)
 
 
 def quadratic() -> Iterator[CaseOutput]:
@@ -147,10 +147,10 @@ def quadratic() -> Iterator[CaseOutput]:
         known = evaluate(np.array(coefficients), u, n)
         fitted = fit(grid, np.where(supported, known, np.nan), 1e-10 * np.eye(grid.size), supported)
         worst = float(np.max(np.abs(fitted.coefficients / np.array(coefficients) - 1.0)))
-        yield row(f"coefficients, {name}", "the paper", 0.0, worst, 1e-6)
+        yield row(f"error of refitted coefficients, {name}", "the paper", 0.0, worst, 1e-6)
         at = int(np.searchsorted(grid.speed, 2000.0)), int(np.searchsorted(grid.fuel, 56.0))
-        where, found = f"56 {fuel.unit}, 2000 {speed.unit}, {name}", float(fitted.delta_W_c[at])
-        yield row(where, "the paper, by hand", places[name], found, 5e-5, "kg/s")
+        where, found = f"extrapolated to 56 {fuel.unit}, 2000 {speed.unit}, {name}", float(fitted.delta_W_c[at])
+        yield row(where, "equation of the paper, calculated by hand", places[name], found, 5e-5, "kg/s")
 
 
 def published() -> Iterator[CaseOutput]:
@@ -166,7 +166,7 @@ def published() -> Iterator[CaseOutput]:
             ("refused with one sign changed", PRINTED.L * np.array([[-1.0, 1, 1], [1, 1, 1], [1, 1, 1]]), 0.0),
         ):
             proof = _proof(PRINTED.outputs, region, L, known[column], PRINTED.epsilon)
-            case = f"L of Eq. (38) on Table 1, {column}: {what}"
+            case = f"gain L of Eq. (38) on Table 1, {column}: {what}"
             yield row(case, "exact arithmetic", expected, float(proof.proven), 0.0)
 
 
@@ -174,8 +174,8 @@ def default_gain() -> Iterator[CaseOutput]:
     """Yield the proof of a shipped gain with all states as outputs on the hull of Table 1, temperatures moving."""
     gain, known = _shipped_gain(), _known()["default"]
     again = _proof(tuple(known["outputs"]), gain.region, gain.L, known, (gain.eps_1, gain.eps_2))
-    yield row("shipped gain: Theorem 1", "exact arithmetic", 1.0, float(again.proven), 0.0)
-    yield row("shipped gain: vertices", "two to the seventh", 128.0, float(again.vertices), 0.0)
+    yield row("shipped gain: Theorem 1 proven", "exact arithmetic", 1.0, float(again.proven), 0.0)
+    yield row("shipped gain: number of vertices", "two to the power of seven", 128.0, float(again.vertices), 0.0)
 
 
 def chain() -> Iterator[CaseOutput]:
@@ -187,9 +187,11 @@ def chain() -> Iterator[CaseOutput]:
         for method, tolerance in METHODS.items():
             result = _estimated(folder, config, text, stored, log, method)
             error = (result.theta - known_map(result.grid))[result.supported]
-            yield row(f"known map, method {method}: nodes", "by construction", 1.0, float(error.size >= 100), 0.0)
+            yield row(
+                f"known map, method {method}: 100 nodes or more", "by construction", 1.0, float(error.size >= 100), 0.0
+            )
             worst = float(np.max(np.abs(error)))
-            yield row(f"known map, method {method}: worst node", "by construction", 0.0, worst, tolerance, "kg/s")
+            yield row(f"known map, method {method}: largest error", "by construction", 0.0, worst, tolerance, "kg/s")
             (summary,) = result.logs
             rmse = summary.metrics.rmse if summary.metrics else float("nan")
             what = f"known map, method {method}: rmse along the drive"
@@ -228,9 +230,11 @@ def loop() -> Iterator[CaseOutput]:
         estimate_logs(*shipped_config(), stored, [clean], folder / "map.h5", "observer", lambda done: None)
         found = trace(folder / "map.h5", faulty).found
         sizes = {finding.id: finding.parameters for finding in found.findings}
-        case, alone = "a sensor that reads too much", float([*sizes] == ["maf.gain"])
-        yield row(f"{case}: its gain alone is found", "put in", 1.0, alone, 0.0)
-        yield row(f"{case}: how much", "put in", FACTOR, sizes["maf.gain"]["factor"].value, 0.03)
+        case, alone = "a simulated sensor that reads 20 % high", float([*sizes] == ["maf.gain"])
+        yield row(f"{case}: only maf.gain is found", "value put into the simulation", 1.0, alone, 0.0)
+        yield row(
+            f"{case}: its factor", "value put into the simulation", FACTOR, sizes["maf.gain"]["factor"].value, 0.03
+        )
 
 
 CASES: dict[str, Case] = {

@@ -44,24 +44,34 @@ class EffectCourse:
         if self.name not in KEYS:
             raise UsageError(f"course = '{self.name}', expected one of {', '.join(KEYS)}")
         if "time_constant" in KEYS[self.name] and not 0.0 < self.time_constant < float("inf"):
-            raise UsageError(f"course {self.name}: time_constant = {self.time_constant:g}, expected seconds above zero")
+            raise UsageError(
+                f"course {self.name}: time_constant = {self.time_constant:g} s, expected a number above zero"
+            )
         if self.input and not (isfinite(self.low) and isfinite(self.high) and self.low != self.high):
-            raise UsageError(f"course {self.name}: from {self.low:g} to {self.high:g}, expected two different numbers")
+            raise UsageError(
+                f"course {self.name}: the limits are {self.low:g} and {self.high:g}, expected two different numbers"
+            )
         if self.name == "hysteresis" and self.low > self.high:
             raise UsageError(f"course hysteresis: low = {self.low:g} lies above high = {self.high:g}; swap them")
         if self.name == "intermittent" and not self.intervals:
-            raise UsageError("course intermittent: no intervals; write intervals = [[60.0, 90.0], [150.0, 210.0]]")
+            raise UsageError(
+                "course intermittent: the key 'intervals' is missing or empty; write intervals = [[60.0, 90.0], [150.0, 210.0]]"
+            )
         for start, stop in self.intervals:
             check_span("course intermittent", start, stop)
         if any(after[0] < before[1] for before, after in pairwise(self.intervals)):
-            raise UsageError("course intermittent: intervals overlap or run backward; sort them by time")
+            raise UsageError(
+                "course intermittent: the intervals overlap or are not in order of time; sort and separate them"
+            )
 
     def along(self, time: Array, inputs: Mapping[str, Array]) -> "EffectCourse":
         """Return the course on a drive whose inputs, shape (M,), are known at given times [s]."""
         if not self.input:
             return self
         if self.input not in inputs:
-            raise UsageError(f"course {self.name}: no input '{self.input}'; expected one of {', '.join(inputs)}")
+            raise UsageError(
+                f"course {self.name}: this drive has no input '{self.input}'; expected one of {', '.join(inputs)}"
+            )
         values = np.asarray(inputs[self.input], dtype=float)
         if self.name == "hysteresis":
             share = relay(values, self.low, self.high)
@@ -155,9 +165,9 @@ def check_span(name: str, onset: float | None, end: float | None) -> None:
     """Refuse a span of time that is empty, negative or not finite."""
     for word, moment in (("onset", onset), ("end", end)):
         if moment is not None and not (isfinite(moment) and moment >= 0.0):
-            raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log")
+            raise UsageError(f"{name}: {word} = {moment:g}, expected seconds since the start of the log, zero or more")
     if end is not None and end <= (onset or 0.0):
-        raise UsageError(f"{name}: end = {end:g} s does not lie after onset = {onset or 0.0:g} s; correct one of them")
+        raise UsageError(f"{name}: end = {end:g} s is not after onset = {onset or 0.0:g} s; correct one of them")
 
 
 def span_at_work(onset: float | None, end: float | None, time: Array) -> NDArray[np.bool_]:

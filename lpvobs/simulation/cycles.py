@@ -65,8 +65,8 @@ def load_cycle(name: str) -> SpeedCycle | EngineCycle:
         return read_cycle(Path(name))
     if name not in TABLES:
         near = difflib.get_close_matches(name, TABLES, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TABLES)}"
-        raise UsageError(f"--cycle {name}: no such cycle; {hint}, or the path of a table that ends in .csv")
+        hint = f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(TABLES)}."
+        raise UsageError(f"--cycle {name}: unknown cycle; {hint} A path to a table of your own must end in .csv")
     path = shipped_folder() / "cycles" / TABLES[name]
     return read_cycle(path, ENDS.get(name, np.inf), world_harmonised=name == "whtc")
 
@@ -89,7 +89,7 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
         return EngineCycle(time[keep] - time[0], speed[keep], torque[keep], still, world_harmonised)
     if not set(columns) >= set(SPEED_COLUMNS):
         raise UsageError(
-            f"{path}: has columns {', '.join(columns)[:120]}; expected {', '.join(SPEED_COLUMNS)} (speed cycle) "
+            f"{path}: the table has the columns {', '.join(columns)[:120]}; expected {', '.join(SPEED_COLUMNS)} (speed cycle) "
             f"or {', '.join(ENGINE_COLUMNS)} (engine cycle)"
         )
     time, speed = (_numbers(path, columns, name) for name in SPEED_COLUMNS)
@@ -105,17 +105,23 @@ def read_cycle(path: Path, end: float = np.inf, world_harmonised: bool = False) 
 def _columns(path: Path) -> dict[str, list[str]]:
     """Return the columns of a CSV file with a header, as text."""
     if path.exists() and not (path.is_file() and path.stat().st_size <= LARGEST):
-        raise UsageError(f"{path}: is not a file, or is larger than {LARGEST} bytes; name a cycle or a CSV table")
+        raise UsageError(
+            f"{path}: this is not a file, or it is larger than {LARGEST} bytes; give the name of a cycle or a CSV table"
+        )
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             header, *rows = [row for row in csv.reader(stream) if row]
     except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror}); name a cycle or a CSV table") from None
+        raise UsageError(
+            f"{path}: the file cannot be read ({error.strerror}); give the name of a cycle or a CSV table"
+        ) from None
     except (ValueError, csv.Error):
-        raise UsageError(f"{path}: is not a CSV table with a header line; see data/cycles for examples") from None
+        raise UsageError(f"{path}: this is not a CSV table with a header line; see data/cycles for examples") from None
     short = next((number for number, row in enumerate(rows, 2) if len(row) != len(header)), None)
     if short is not None:
-        raise UsageError(f"{path}: row {short} does not have {len(header)} fields as the header has; correct that row")
+        raise UsageError(
+            f"{path}: row {short} has more or fewer fields than the {len(header)} of the header; correct that row"
+        )
     return {name.strip(): [row[index] for row in rows] for index, name in enumerate(header)}
 
 
@@ -128,7 +134,9 @@ def _numbers(path: Path, columns: dict[str, list[str]], name: str) -> Array:
         except ValueError:
             values[row] = np.nan
         if not np.isfinite(values[row]):
-            raise UsageError(f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is no finite number; correct it")
+            raise UsageError(
+                f"{path}: column '{name}', row {row + 2}: '{text[:20]}' is not a finite number; correct it"
+            )
     return values
 
 
@@ -140,7 +148,7 @@ def _kept(path: Path, time: Array, end: float) -> NDArray[np.bool_]:
         )
     if time[-1] - time[0] > LONGEST:
         raise UsageError(
-            f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected {LONGEST:g} at most; check that it is in seconds"
+            f"{path}: column 'time_s' spans {time[-1] - time[0]:g} s, expected at most {LONGEST:g} s; check that it is in seconds"
         )
     return np.asarray(time - time[0] <= end)
 
@@ -149,5 +157,6 @@ def _check_range(path: Path, name: str, values: Array, low: float, high: float) 
     if values.min() < low or values.max() > high:
         worst = int(np.argmax((values < low) | (values > high)))
         raise UsageError(
-            f"{path}: column '{name}', row {worst + 2}: {values[worst]:g} is outside {low:g} to {high:g}; check the column's unit"
+            f"{path}: column '{name}', row {worst + 2}: {values[worst]:g} is outside the range {low:g} to {high:g}; check "
+            f"the column's unit"
         )

@@ -36,15 +36,17 @@ class ChannelEffect(Timed):
 
     def __post_init__(self) -> None:
         if self.channel not in AUXILIARY:
-            raise UsageError(f"{self.id}: no such auxiliary channel; expected one of {', '.join(AUXILIARY)}")
+            raise UsageError(
+                f"{self.id}: the simulator has no such auxiliary channel; expected one of {', '.join(AUXILIARY)}"
+            )
         _check_form(self.id, self.form, CHANNEL_FORMS)
         _check_amplitude(self.id, self.amplitude)
         if self.form == "switch":
             _check_strength(self.id, self.form, self.amplitude)
         if self.reference is not None and self.form not in ("additive", "gain"):
-            raise UsageError(f"{self.id}: form '{self.form}' takes no reference; delete that key")
+            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'reference'; delete it")
         if self.threshold is not None and self.form != "switch":
-            raise UsageError(f"{self.id}: form '{self.form}' takes no threshold; delete that key")
+            raise UsageError(f"{self.id}: form '{self.form}' does not use the key 'threshold'; delete it")
         check_span(self.id, self.onset, self.end)
 
     @property
@@ -57,7 +59,7 @@ class ChannelEffect(Timed):
         course = truth[self.channel]
         if float(np.ptp(course)) == 0.0:
             raise UsageError(
-                f"{self.id}: {self.channel} is constant on this drive, so no error can depend on it; "
+                f"{self.id}: channel {self.channel} is constant on this drive, so no error can depend on it; "
                 f"take a longer cycle or another seed"
             )
         if self.form in ("additive", "gain"):
@@ -138,8 +140,8 @@ class UnloggedEffect:
         inside = tuple(episode for episode in drawn if episode[0] < duration)
         if len(inside) < 2:
             raise UsageError(
-                f"unlogged: {len(inside)} episodes begin within the drive of {duration:g} s, expected at least two; "
-                f"let them come earlier, or take another seed"
+                f"unlogged: {len(inside)} episodes begin within the drive, which lasts {duration:g} s; expected at least two; "
+                f"start the episodes earlier, or take another seed"
             )
         return replace(self, episodes=inside)
 
@@ -179,7 +181,7 @@ def _check_strength(name: str, form: str, strength: float) -> None:
     size = abs(strength)
     if size > (1.0 - kind.low if form == "gain" else kind.high):
         raise UsageError(
-            f"{name}: would move the reading by {size:g} {'of itself' if form == 'gain' else kind.unit}, "
+            f"{name}: the effect would change the reading by {size:g} {'times itself' if form == 'gain' else kind.unit}, "
             f"expected at most {1.0 - kind.low if form == 'gain' else kind.high:g}; check amplitude and its unit"
         )
 
@@ -187,12 +189,14 @@ def _check_strength(name: str, form: str, strength: float) -> None:
 def _check_episodes(episodes: Sequence[tuple[float, float]]) -> None:
     if len(episodes) < 2:
         raise UsageError(
-            f"unlogged: {len(episodes)} episodes, expected at least two; give a single episode as an effect with an onset"
+            f"unlogged: {len(episodes)} episodes, expected at least two; write a single episode as an effect with onset and end"
         )
     for start, stop in episodes:
         check_span("unlogged", start, stop)
     if any(after[0] <= before[1] for before, after in pairwise(episodes)):
-        raise UsageError("unlogged: episodes overlap or run backward; expected start < stop < next start")
+        raise UsageError(
+            "unlogged: the episodes overlap or are not in order of time; expected start < stop < next start"
+        )
 
 
 def injected_of(table: Mapping[str, Any]) -> Injected:

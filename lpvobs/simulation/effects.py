@@ -86,12 +86,13 @@ class CatalogueEffect(Timed):
         check_span(self.id, self.onset, self.end)
         if self.bump and not (kind.bump and all(map(isfinite, self.bump)) and self.bump[1] > 0.0):
             raise UsageError(
-                f"{self.id}: only a curve has centre and width, and its width is above zero; correct or delete both keys"
+                f"{self.id}: the keys centre and width are for curves only, and the width must be above zero; "
+                f"correct or delete both keys"
             )
         if self.id.endswith((".lag", ".delay")) and self.course is not None and self.course.name in GRADED:
             raise UsageError(
-                f"{self.id}: is either on or off, and cannot grow as in course {self.course.name}; "
-                f"take one of {', '.join(name for name in KEYS if name not in GRADED)}"
+                f"{self.id}: this effect is either on or off and cannot grow, as course {self.course.name} would need; "
+                f"choose one of the courses {', '.join(name for name in KEYS if name not in GRADED)}"
             )
 
     @property
@@ -112,12 +113,12 @@ def kind_of(identifier: str) -> Kind:
     if identifier in OTHER_ENGINE:
         sensor = identifier.partition(".")[0]
         raise UsageError(
-            f"{identifier}: the diesel has no {sensor}, which belongs to the throttled engine; delete this effect"
+            f"{identifier}: the simulated diesel has no {sensor}; only the throttled engine has one; delete this effect"
         )
     known = (*CATALOGUE, *OUTSIDE)
     near = difflib.get_close_matches(identifier, known, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-    raise UsageError(f"{identifier}: no such effect; {hint}")
+    hint = f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(known)}"
+    raise UsageError(f"{identifier}: unknown effect; {hint}")
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ class Entry:
         """Return a text that has to be there."""
         value = self.table.get(key)
         if not isinstance(value, str):
-            raise UsageError(f"{self.name}: key '{key}' is missing or not a text in quotes")
+            raise UsageError(f"{self.name}: key '{key}' is missing or its value is not a text in quotes")
         return value
 
     def pairs(self, key: str) -> tuple[tuple[float, float], ...]:
@@ -161,7 +162,9 @@ class Entry:
         rows = self.table.get(key, [])
         pairs = rows if isinstance(rows, list) else [rows]
         if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-            raise UsageError(f"{self.name}: {key} is no list of pairs; write [[60.0, 90.0], [150.0, 210.0]]")
+            raise UsageError(
+                f"{self.name}: {key} is not a list of pairs of seconds; write [[60.0, 90.0], [150.0, 210.0]]"
+            )
         spans = [Entry(self.name, {"start": start, "stop": stop}) for start, stop in pairs]
         return tuple((span.number("start"), span.number("stop")) for span in spans)
 
@@ -182,7 +185,7 @@ class Entry:
             raise UsageError(f"{self.name}: course = {course!r}, expected one of {', '.join(KEYS)}")
         for key in KEYS[course]:
             if key not in self.table and (course, key) != ("ramp", "end"):
-                raise UsageError(f"{self.name}: course {course} needs '{key}'; add it")
+                raise UsageError(f"{self.name}: course {course} needs the key '{key}'; add it")
         low, high = ("low", "high") if course == "hysteresis" else ("from", "to")
         lasting, lower = self.optional("time_constant") or 0.0, self.optional(low) or 0.0
         upper = 1.0 if high not in self.table else self.number(high)
@@ -192,7 +195,7 @@ class Entry:
 def effect_of(table: Mapping[str, Any]) -> CatalogueEffect:
     """Return the effect of one `[[effect]]` table; raises UsageError for what is missing, unknown, or cannot be meant."""
     if not isinstance(table.get("id"), str):
-        raise UsageError("key 'id' is missing or no text; give one such as id = \"maf.lag\"")
+        raise UsageError("key 'id' is missing or its value is not a text; write, for example, id = \"maf.lag\"")
     kind = kind_of(table["id"])
     usual = dict(zip(("centre", "width"), kind.bump, strict=False))
     entry = Entry(table["id"], {**usual, **table})

@@ -19,9 +19,9 @@ SURFACE_KINDS = ("quadratic", "king", "zero", "table")
 # A number of a record, what holds of it, and what is said where it does not.
 Positive = Annotated[float, (lambda x: 0 < x < inf, "must be positive")]
 NotNegative = Annotated[float, (lambda x: 0 <= x < inf, "must not be negative")]
-Share = Annotated[float, (lambda x: 0 <= x <= 1, "lies between 0 and 1")]
+Share = Annotated[float, (lambda x: 0 <= x <= 1, "must lie between 0 and 1")]
 # Twice what real diesels show; with more, the control of the plant no longer reaches its set-points.
-Amplitude = Annotated[float, (lambda x: 0 <= x <= 2, "must lie between 0 and 2; 1 is what real diesels show")]
+Amplitude = Annotated[float, (lambda x: 0 <= x <= 2, "must lie between 0 and 2; 1 is the size typical of real diesels")]
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,9 @@ class Control(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(0 <= self.vgt_min < self.vgt_max <= 100, "0 <= vgt_min < vgt_max <= 100 is needed")
+        _require(
+            0 <= self.vgt_min < self.vgt_max <= 100, "vgt_min and vgt_max must satisfy 0 <= vgt_min < vgt_max <= 100"
+        )
 
 
 @dataclass(frozen=True)
@@ -186,14 +188,19 @@ class Vehicle(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(len(self.gears) >= 1 and all(ratio > 0 for ratio in self.gears), "gears need positive ratios")
+        _require(
+            len(self.gears) >= 1 and all(ratio > 0 for ratio in self.gears),
+            "gears must list at least one ratio, and positive ratios only",
+        )
         _check_axis(self.pedal_n_e, "pedal_n_e")
-        _require(len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta differ in length")
+        _require(
+            len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta must have the same length"
+        )
 
 
 @dataclass(frozen=True)
 class FullLoad(Checked):
-    """What an engine cycle's 0 and 100 % mean: idle speed and the most fuel over speed."""
+    """What 0 and 100 % of an engine cycle stand for: idle speed, and the full-load fuel over speed."""
 
     idle_speed: Positive  # rpm
     n_e: Row  # rpm
@@ -202,7 +209,7 @@ class FullLoad(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_axis(self.n_e, "n_e")
-        _require(len(self.n_e) == len(self.u_delta), "n_e and u_delta differ in length")
+        _require(len(self.n_e) == len(self.u_delta), "n_e and u_delta must have the same length")
 
 
 @dataclass(frozen=True)
@@ -237,14 +244,16 @@ class ErrorSurface(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         _require(self.kind in SURFACE_KINDS, f"kind must be one of {', '.join(SURFACE_KINDS)}, not '{self.kind}'")
-        _require(len(self.coefficients) == 6, "coefficients are the six of Eq. (37): a_2, a_1, b_2, b_1, c_2, c_1")
+        _require(
+            len(self.coefficients) == 6, "coefficients must be the six numbers a_2, a_1, b_2, b_1, c_2, c_1 of Eq. (37)"
+        )
         if self.kind == "table":
             _check_table(self.n_e, self.u_delta, self.values, "values")
 
 
 @dataclass(frozen=True)
 class Structure(Checked):
-    """Amplitude of each form of another structure: 0 leaves it out, 1 is the size that is typical of real diesels."""
+    """Amplitude of each structural difference from the observer's model: 0 leaves it out, 1 is typical of real diesels."""
 
     wave: Amplitude = 0.0
     residual_gas: Amplitude = 0.0
@@ -291,7 +300,9 @@ class SimulationParameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(self.step <= 2e-3, "step must not exceed 0.002 s: the exhaust manifold has a pole of 2 to 3 ms")
+        _require(
+            self.step <= 2e-3, "step must not exceed 0.002 s: the exhaust manifold has a time constant of 2 to 3 ms"
+        )
         ratio = self.control.period / self.step
         _require(round(ratio) >= 1 and abs(ratio - round(ratio)) < 1e-9, "control.period must be a multiple of step")
 
@@ -303,12 +314,15 @@ def _require(holds: bool, message: str) -> None:
 
 def _check_axis(axis: Sequence[float], name: str) -> None:
     rising = all(low < high for low, high in pairwise(axis))
-    _require(len(axis) >= 2 and rising and all(map(isfinite, axis)), f"{name} needs at least two rising numbers")
+    _require(
+        len(axis) >= 2 and rising and all(map(isfinite, axis)),
+        f"{name} needs at least two finite numbers in rising order",
+    )
 
 
 def _check_table(rows: Row, columns: Row, values: tuple[Row, ...], name: str) -> None:
-    _check_axis(rows, f"{name}: its n_e axis")
-    _check_axis(columns, f"{name}: its u_delta axis")
+    _check_axis(rows, f"the n_e axis of {name}")
+    _check_axis(columns, f"the u_delta axis of {name}")
     shape_fits = len(values) == len(rows) and all(len(row) == len(columns) for row in values)
     _require(shape_fits, f"{name} needs {len(rows)} rows (n_e) of {len(columns)} numbers (u_delta)")
-    _require(all(isfinite(value) for row in values for value in row), f"{name} holds a number that is not finite")
+    _require(all(isfinite(value) for row in values for value in row), f"{name} must contain finite numbers only")

@@ -51,9 +51,11 @@ class Auxiliary:
     def __post_init__(self) -> None:
         for name in self.channels:
             if name not in AUXILIARY:
-                raise ValueError(f"channels: '{name}' is no channel; expected some of {', '.join(AUXILIARY)}")
+                raise ValueError(
+                    f"channels: '{name}' is not an auxiliary channel; expected some of {', '.join(AUXILIARY)}"
+                )
         if len(set(self.channels)) < len(self.channels):
-            raise ValueError(f"channels: {', '.join(self.channels)} has a name twice; name each once")
+            raise ValueError(f"channels: {', '.join(self.channels)} lists a channel twice; name each channel once")
 
 
 @dataclass(frozen=True)

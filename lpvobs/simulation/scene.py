@@ -106,8 +106,8 @@ def scene_of(
     if isinstance(table, SpeedCycle):
         if parameters.vehicle is None:
             raise UsageError(
-                f"--cycle {cycle}: is the course of a vehicle's speed, but the configuration has no [simulation.vehicle]; "
-                f"take the cycle of an engine such as whtc, or add that table"
+                f"--cycle {cycle}: this cycle is a vehicle's speed over time, but the configuration has no [simulation.vehicle]; "
+                f"choose an engine cycle such as whtc, or add that table"
             )
         n_e, u_delta, speed = drive_speed_cycle(parameters.vehicle, work, table, period)
     else:
@@ -141,7 +141,9 @@ def with_load(work: Work, full_load: FullLoad, n_e: Array, u_delta: Array, load:
 
 def _logged(auxiliary: Auxiliary, measured: bool, cycle: str) -> tuple[str, ...]:
     if "v_veh" in auxiliary.channels and not measured:
-        raise UsageError(f"[auxiliary]: cycle {cycle} drives an engine without a vehicle; remove v_veh from channels")
+        raise UsageError(
+            f"[auxiliary]: cycle {cycle} is an engine cycle without a vehicle speed; remove v_veh from channels"
+        )
     if auxiliary.channels:
         return tuple(name for name in AUXILIARY if name in auxiliary.channels)
     return tuple(name for name in AUXILIARY if measured or name != "v_veh")

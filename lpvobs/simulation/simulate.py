@@ -153,17 +153,21 @@ def _check_that_it_shows(effect: Injected, scene: DriveCourse) -> None:
     """Refuse an effect that would leave no trace: whoever looked for it later would look in vain."""
     if isinstance(effect, ChannelEffect) and effect.channel not in scene.logged:
         raise UsageError(
-            f"{effect.id}: the drive does not log {effect.channel}; add it to [auxiliary] channels = [...], "
+            f"{effect.id}: the drive does not log channel {effect.channel}; add it to [auxiliary] channels = [...], "
             f"or take a cycle that has it"
         )
     if isinstance(effect, CatalogueEffect | ChannelEffect) and (effect.onset or 0.0) >= scene.duration:
-        raise UsageError(f"{effect.id}: onset = {effect.onset:g} s, expected before the end at {scene.duration:g} s")
+        raise UsageError(
+            f"{effect.id}: onset = {effect.onset:g} s, expected a time before the end of the drive at {scene.duration:g} s"
+        )
     if not isinstance(effect, CatalogueEffect):
         return
     if effect.id == "maf.drift":
         _check_drift(effect, scene)
     if effect.id == "maf.temperature" and effect.acts and np.all(scene.course.T_amb == WARM):
-        raise UsageError(f"{effect.id}: has no influence, because T_amb stays at {WARM:g} K; add an [auxiliary] table")
+        raise UsageError(
+            f"{effect.id}: this effect would change nothing, because T_amb stays at {WARM:g} K; add an [auxiliary] table"
+        )
 
 
 def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
@@ -172,7 +176,7 @@ def _check_drift(effect: CatalogueEffect, scene: DriveCourse) -> None:
     if not gain.low <= factor <= gain.high:
         raise UsageError(
             f"{effect.id}: rate = {effect.value:g} 1/s multiplies the reading by {factor:g} at {until:g} s, "
-            f"expected {gain.low:g} to {gain.high:g}; take a smaller rate"
+            f"expected a factor of {gain.low:g} to {gain.high:g}; take a smaller rate"
         )
 
 
@@ -229,7 +233,7 @@ def drawn(
     for name in within:
         if name not in names or name.startswith("Q_") or name == "n_cyl":
             raise UsageError(
-                f"'{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
+                f"constant '{name}' cannot be varied at random; expected one or more of {', '.join(sorted(set(names) - GIVEN))}"
             )
     deviation = {name: size * _draw(name, seed, normal) for name, size in within.items()}
     return scaled(engine, deviation), deviation

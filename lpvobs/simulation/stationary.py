@@ -86,8 +86,8 @@ def bench(
                 progress(len(truth) / points)
     if len(truth) < points:
         raise DataError(
-            f"the engine settles at {len(truth)} of {MOST_TRIES * points} points, expected {points}; "
-            f"take smaller amplitudes in [simulation.structure], or other set-points"
+            f"the simulated engine settles at {len(truth)} of the {MOST_TRIES * points} points tried, expected {points} settled "
+            f"points; use smaller amplitudes in [simulation.structure], or other set-points"
         )
     columns = {name: np.array([row[name] for row in truth]) for name in truth[0]}
     return BenchTable(_measured(columns, parameters, seed), UNITS)

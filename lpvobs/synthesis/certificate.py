@@ -39,9 +39,9 @@ class Certificate:
     when proven.
     """
 
-    proven: Annotated[bool, Item("1", "Theorem 1 proven on the whole region")]
-    vertices: Annotated[int, Item("1", "vertices of the region")]
-    smallest_pivot: Annotated[float, Item("1", "smallest relative pivot", gaps=True)]
+    proven: Annotated[bool, Item("1", "whether Theorem 1 is proven on the whole region")]
+    vertices: Annotated[int, Item("1", "number of vertices of the region")]
+    smallest_pivot: Annotated[float, Item("1", "smallest pivot over its diagonal entry", gaps=True)]
     failed_vertex: tuple[float, ...] | None
     reason: str
 
@@ -66,11 +66,15 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
     n, r = (len(matrix) for matrix in problem.at(vertices[0]))
     for name, value, shape in (("L", L, (n, r)), ("P", P, (n, n)), ("Q", Q, (n, n))):
         if np.shape(value) != shape:
-            raise DataError(f"gain: {name} has the shape {np.shape(value)}, expected {shape}: use this system's gain")
+            raise DataError(
+                f"gain: matrix {name} has the shape {np.shape(value)}, expected {shape}; use this system's gain"
+            )
         if not np.all(np.isfinite(value)):
-            raise DataError(f"gain: {name} holds NaN or infinity, expected finite numbers: synthesise the gain again")
+            raise DataError(
+                f"gain: matrix {name} has NaN or infinity in it, expected finite numbers; synthesise the gain again"
+            )
     if not (isfinite(eps_1) and isfinite(eps_2)):
-        raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers: synthesise the gain again")
+        raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers; synthesise the gain again")
     e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
 
     def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
@@ -113,7 +117,7 @@ def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: F
     if 2 - eps_1 - eps_2 <= 0:  # Eq. (28)
         return "2 - eps_1 - eps_2 > 0 does not hold"
     if bent := bent_block(problem):
-        return f"the system is not affine in {' and '.join(bent)}, so vertices prove nothing"
+        return f"the system is not affine in {' and '.join(bent)}, so a check at the vertices proves nothing"
     for name, matrix in (("P", np.asarray(P)), ("Q", np.asarray(Q))):
         if not np.array_equal(matrix, matrix.T):
             return f"{name} is not symmetric"
@@ -129,12 +133,10 @@ class StateBound:
     """How large the error of the state can be, in units of the states, for what disturbs it."""
 
     of_rates: Annotated[
-        Array, Item("SI", "largest error of a state per size of what disturbs each rate", ("state", "other_state"))
+        Array, Item("SI", "largest error of a state per disturbance of each state's rate", ("state", "other_state"))
     ]
     # nothing of the sensor's where the gain is a cascade
-    of_outputs: Annotated[
-        Array, Item("SI", "largest error of a state per size of the error of each output", ("state", "output"))
-    ]
+    of_outputs: Annotated[Array, Item("SI", "largest error of a state per error of each output", ("state", "output"))]
 
 
 def state_bound(problem: GainProblem, L: Array) -> StateBound | None:
@@ -154,18 +156,18 @@ def prove_bound(problem: GainProblem, L: Array, bound: StateBound) -> str:
     shapes = bound.of_rates.shape, bound.of_outputs.shape
     if shapes != ((n, n), (n, r)) or not all(np.isfinite(each).all() for each in vars(bound).values()):
         raise DataError(
-            f"gain: its stored error bound has arrays of shapes {shapes}, expected {((n, n), (n, r))} with finite "
-            "numbers; synthesise it again"
+            f"gain: the stored error bound has arrays of shapes {shapes}, expected {((n, n), (n, r))} with finite "
+            "numbers; synthesise the gain again"
         )
     if min(each.min() for each in vars(bound).values()) < 0.0:
-        return "the bound of the state has a negative entry"
+        return "the error bound of the states has a negative entry"
     X, N = fractions(bound.of_rates), comparison(problem, L)
     left = product(N, X)
     if any(left[i][j] + (i == j) > 0 for i in range(n) for j in range(n)):
-        return "the bound of the state does not hold: -N X >= I fails"
+        return "the error bound of the states is not proven: the inequality -N X >= I fails"
     least, given = product(X, fractions(np.abs(L))), fractions(bound.of_outputs)
     if any(least[i][j] > given[i][j] for i in range(n) for j in range(r)):
-        return "the bound of the state for errors of the outputs is too small"
+        return "the error bound of the states is too small for errors of the outputs"
     return ""
 
 

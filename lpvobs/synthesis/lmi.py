@@ -94,8 +94,8 @@ def _solve(objective: Any, constraints: list[Any]) -> str:
         try:
             problem.solve(solver=cp.CLARABEL)
         except cp.SolverError:
-            return "the solver broke down"
-    return f"the solver says {problem.status}"
+            return "the solver stopped with an error"
+    return f"status of the solver: {problem.status}"
 
 
 def _usable(P: Array, gain: Any, beta: Any, word: str) -> LmiSolution | str:

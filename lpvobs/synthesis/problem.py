@@ -33,11 +33,13 @@ class GainProblem:
         n = len(A)
         if n == 0 or any(len(row) != n for row in (*A, *C)):
             raise UsageError(
-                f"system: the rows of A have {[len(row) for row in A]} entries and those of C {[len(row) for row in C]}; "
+                f"system: the rows of A have {[len(row) for row in A]} entries and the rows of C {[len(row) for row in C]}; "
                 "expected a square A, and as many columns in C as in A"
             )
         if not 0 <= self.map_output < len(C):
-            raise UsageError(f"system: map_output is {self.map_output}, expected a row of C, 0 to {len(C) - 1}")
+            raise UsageError(
+                f"system: map_output is {self.map_output}, expected the number of a row of C, 0 to {len(C) - 1}"
+            )
         return A, C
 
     def matrices(self) -> tuple[Array, Array]:
@@ -78,5 +80,7 @@ def _exact(rows: Sequence[Sequence[Any]]) -> Matrix:
     for row in rows:
         for entry in row:
             if not isinstance(entry, Rational):
-                raise UsageError(f"system: {entry!r} is a {type(entry).__name__}, expected a fraction: use no floats")
+                raise UsageError(
+                    f"system: {entry!r} is a {type(entry).__name__}, expected an exact fraction; use no floats"
+                )
     return [[Fraction(entry) for entry in row] for row in rows]

@@ -113,26 +113,27 @@ def _refuse_bad_bounds(region: Region) -> None:
     if len(set(names)) != len(names) or not len(names) == len(lower) == len(upper):
         raise UsageError(
             f"region: {len(names)} names, {len(lower)} lower and {len(upper)} upper bounds; expected "
-            "as many of each, every name once"
+            "one lower and one upper bound for each name, and every name once"
         )
     for name, low, high in zip(names, lower, upper, strict=True):
         if not (isfinite(low) and isfinite(high) and low <= high):
-            raise UsageError(f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, lower first")
+            raise UsageError(
+                f"region: {name} has the bounds [{low:g}, {high:g}], expected finite numbers, the lower one first"
+            )
 
 
 def _refuse_bad_pairs(region: Region) -> None:
     paired = [name for pair in region.nonnegative_sums for name in pair]
     if len(set(paired)) != len(paired) or not set(paired) <= set(region.names):
         raise UsageError(
-            f"region: nonnegative_sums is {region.nonnegative_sums}, expected pairs of the names {region.names}, each "
-            "name in one pair "
-            f"at most"
+            f"region: nonnegative_sums is {region.nonnegative_sums}, expected pairs of the names {region.names}, each name in "
+            "at most one pair"
         )
     for first, second in region.nonnegative_sums:
         if region.upper[region.names.index(first)] + region.upper[region.names.index(second)] < 0.0:
             raise UsageError(
-                f"region: {first} + {second} is negative in the whole region, expected a region in which the sum can be "
-                "zero or more; raise an upper bound"
+                f"region: {first} + {second} is negative in the whole region, but nonnegative_sums asks for zero or more; "
+                "raise an upper bound"
             )
 
 
@@ -155,12 +156,12 @@ class GainSettings:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.margin <= 1.0:
-            raise ValueError("margin is a share between 0 and 1")
+            raise ValueError("margin must be a fraction between 0 and 1")
         if not 0.0 <= self.decay < 1e6:
-            raise ValueError("decay is at least 0 and under 1e6 1/s")
+            raise ValueError("decay must be at least 0 and below 1e6 1/s")
         for name, (low, high) in {**self.bounds, **self.temperatures}.items():
             if not -math.inf < low <= high < math.inf:
-                raise ValueError(f"the bounds of {name} are not finite and in order")
+                raise ValueError(f"the bounds of {name} must be two finite numbers, the lower one first")
         for name, (low, _) in self.temperatures.items():
             if not low > 0:
-                raise ValueError(f"{name} must be above zero, in K")
+                raise ValueError(f"temperature {name} must be above 0 K")

@@ -32,11 +32,18 @@ class SensorState:
     matrices -dV, relative to their diagonals.
     """
 
-    L: Annotated[Array, Item("SI", "gain of the observer with the sensor's state", ("state", "output"))]
-    P: Annotated[Array, Item("SI", "Lyapunov matrix that falls while the map stands", ("state", "other_state"))]
-    tau: Annotated[tuple[float, float], Item("s", "time constants that are covered", ("end",))]
-    vertices: Annotated[int, Item("1", "vertices at which it was proven")]
-    smallest_pivot: Annotated[float, Item("1", "smallest relative pivot")]
+    L: Annotated[
+        Array, Item("SI", "gain of the observer whose states include the sensor's reading", ("state", "output"))
+    ]
+    P: Annotated[
+        Array,
+        Item("SI", "matrix of the Lyapunov function, which decreases at a constant map", ("state", "other_state")),
+    ]
+    tau: Annotated[
+        tuple[float, float], Item("s", "smallest and largest time constant of the sensor in the proof", ("end",))
+    ]
+    vertices: Annotated[int, Item("1", "number of vertices at which the decrease was proven")]
+    smallest_pivot: Annotated[float, Item("1", "smallest pivot over its diagonal entry")]
 
 
 def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float], correction: float) -> SensorState:
@@ -47,7 +54,8 @@ def with_sensor_state(problem: GainProblem, gain: Gain, tau: tuple[float, float]
     """
     if np.any(gain.L[:, problem.map_output] != 0.0):
         raise NotProven(
-            "gain: the innovation of the air flow sensor corrects the state; set cascade = true in [gain] and synthesise again"
+            "gain: the innovation of the air flow sensor corrects the state; set cascade = true in [gain] "
+            "and synthesise the gain again"
         )
     n, r = gain.L.shape
     L = np.zeros((n + 1, r))
@@ -72,8 +80,8 @@ def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) ->
             if smallest <= 0:
                 place = problem.region.place(vertex)
                 raise NotProven(
-                    f"sensor state: the Lyapunov function does not decrease at {place} with "
-                    f"tau = {1.0 / float(slowness):.4g} s"
+                    f"sensor state: the Lyapunov function does not decrease at {place} with tau = {1.0 / float(slowness):.4g} s, "
+                    f"so the observer that includes the sensor's lag is not proven there"
                 )
     return SensorState(L, P, tau, count, smallest)
 

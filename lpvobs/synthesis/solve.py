@@ -58,7 +58,7 @@ def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsil
     C_balanced = np.round(C * T / S[:, None], DIGITS)
     found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, eps_1 * eps_2, units.linked, cascade)
     if isinstance(found, str):
-        raise NotProven(_refusal(problem, f"no gain exists as far as can be told ({found})"))
+        raise NotProven(_refusal(problem, f"no gain was found that can be proven ({found})"))
     L = found.L * T[:, None] / S * rate + 0.0  # no negative zeros
     return _proven(problem, units, found, L, (eps_1, eps_2))
 
@@ -74,7 +74,9 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = No
     L = np.array(L, dtype=float)
     _, r, n = C.shape
     if L.shape != (n, r) or not np.all(np.isfinite(L)):
-        raise DataError(f"gain: L has the shape {L.shape}, expected {(n, r)} with finite numbers; synthesise it again")
+        raise DataError(
+            f"gain: L has the shape {L.shape}, expected {(n, r)} with finite numbers; synthesise the gain again"
+        )
     closed = A - L @ C
     units = balance(closed, C)
     T, S, rate = units.states, units.outputs, units.rate
@@ -87,7 +89,7 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = No
         eps_1 * eps_2,
     )
     if isinstance(found, str):
-        raise NotProven(_refusal(problem, f"no P, Q prove the given gain as far as can be told ({found})"))
+        raise NotProven(_refusal(problem, f"no matrices P and Q were found that prove the given gain ({found})"))
     return _proven(problem, units, found, L, (eps_1, eps_2))
 
 
@@ -128,7 +130,9 @@ def _proven(problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, 
     P, Q = c * found.P / squares, 0.5 * c * units.rate * np.eye(len(squares)) / squares
     certificate = check(problem, L, P, Q, eps_1, eps_2)
     if not certificate.proven:
-        raise NotProven(_refusal(problem, f"the numbers found do not pass the exact check ({certificate.reason})"))
+        raise NotProven(
+            _refusal(problem, f"the solver's gain does not pass the check in exact arithmetic ({certificate.reason})")
+        )
     bound = state_bound(problem, L)
     if bound is not None and (reason := prove_bound(problem, L, bound)):
         raise NotProven(_refusal(problem, reason))
@@ -144,6 +148,6 @@ def _epsilon(epsilon: tuple[float, float] | None) -> tuple[float, float]:
 
 def _refusal(problem: GainProblem, what: str) -> str:
     return (
-        f"gain: {what} on {problem.region}; expected Eq. (27) to hold at every vertex: "
-        "narrow the ranges, measure one more state, or exclude sums that cannot be negative"
+        f"gain: {what} on the region {problem.region}; expected the matrix inequality Eq. (27) to hold at every vertex; "
+        "in [gain], narrow the ranges, add a measured state to outputs, or exclude negative sums with nonnegative_sums"
     )

@@ -149,5 +149,7 @@ def test_a_short_log_is_refused_in_one_line(plant, config, clean):
         segments=((0, 3000),),
         rows=clean.rows[cut],
     )
-    with pytest.raises(DataError, match=r"^drive: under a minute without a gap; .*record more$"):
+    with pytest.raises(
+        DataError, match=r"^drive: the stretches without gaps last under a minute in all; .*record a longer log$"
+    ):
         lay_out(plant, config.grid(), prior, [short])

@@ -76,13 +76,13 @@ def test_every_course_is_there_and_no_further():
     ("keys", "told"),
     [
         ({"course": "bend"}, "expected one of always, step"),
-        ({"course": "step"}, "needs 'onset'"),
+        ({"course": "step"}, "needs the key 'onset'"),
         ({"course": "step", "onset": 3.0, "time_constant": 2.0}, "unknown key 'time_constant'"),
-        ({"course": "saturating", "onset": 1.0, "time_constant": 0.0}, "seconds above zero"),
+        ({"course": "saturating", "onset": 1.0, "time_constant": 0.0}, "a number above zero"),
         ({"course": "hysteresis", "input": "n_e", "low": 3e3, "high": 2e3}, "swap them"),
         ({"course": "lagged", "input": "n_e", "from": 1.0, "to": 1.0, "time_constant": 5.0}, "two different numbers"),
-        ({"course": "intermittent", "intervals": []}, "no intervals"),
-        ({"course": "intermittent", "intervals": [[30.0, 50.0], [10.0, 20.0]]}, "overlap or run backward"),
+        ({"course": "intermittent", "intervals": []}, "'intervals' is missing or empty"),
+        ({"course": "intermittent", "intervals": [[30.0, 50.0], [10.0, 20.0]]}, "overlap or are not in order of time"),
         ({"course": "intermittent", "intervals": [10.0, 20.0]}, "list of pairs"),
         ({"intervals": [[10.0, 20.0]]}, "unknown key 'intervals'"),
     ],
@@ -141,5 +141,5 @@ def test_a_curve_acts_where_its_centre_is(inject, clean, name, flow, at):
 def test_a_curve_without_a_width_or_with_a_slip_is_refused(keys):
     with pytest.raises(UsageError):
         injected_of({"id": "eta_vol.curve", "amplitude": 0.03, **keys})
-    with pytest.raises(UsageError, match="only a curve has centre and width"):
+    with pytest.raises(UsageError, match="centre and width are for curves only"):
         CatalogueEffect("leak.intake", CATALOGUE["leak.intake"].neutral, bump=(1.0, 2.0))

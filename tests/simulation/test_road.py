@@ -172,7 +172,7 @@ def test_impossible_channels_are_refused(config, cycle):
 
     with pytest.raises(UsageError, match="without a vehicle"):
         simulate(config.engine, config.simulation, cycle, auxiliary=Auxiliary(("v_veh",)))
-    with pytest.raises(ValueError, match="'T_oil' is no channel"):
+    with pytest.raises(ValueError, match="'T_oil' is not an auxiliary channel"):
         Auxiliary(("T_oil",))
     with pytest.raises(ValueError, match="twice"):
         Auxiliary(("humidity", "humidity"))

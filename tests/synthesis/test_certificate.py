@@ -125,7 +125,7 @@ def test_a_system_whose_vertices_prove_nothing_is_found(system, bent):
     problem = GainProblem(system, region, 0)
     assert bent_block(problem) == bent
     if bent is not None:
-        assert "vertices prove nothing" in check(problem, ONE, ONE, ONE, 0.5, 0.5).reason
+        assert "a check at the vertices proves nothing" in check(problem, ONE, ONE, ONE, 0.5, 0.5).reason
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_a_system_that_bends_is_refused_by_the_names_of_what_bends_it():
     region = Region(("x", "y", "z"), (1.0, 1.0, 1.0), (2.0, 2.0, 2.0), (("y", "z"),))
     found = check(GainProblem(lambda p: ([[-p[1] * p[2]]], [[1]]), region, 0), ONE * 0, ONE, ONE * 0.1, 0.9, 0.9)
     assert (found.proven, found.smallest_pivot, found.vertices) == (False, 0.0, 8)
-    assert found.reason == "the system is not affine in y and z, so vertices prove nothing"
+    assert found.reason == "the system is not affine in y and z, so a check at the vertices proves nothing"
 
 
 @pytest.mark.parametrize(
@@ -279,9 +279,9 @@ def test_a_system_that_bends_is_refused_by_the_names_of_what_bends_it():
         ({"L": np.ones((1, 2))}, "L has the shape \\(1, 2\\), expected \\(1, 1\\)"),
         ({"P": np.ones((2, 2))}, "P has the shape"),
         ({"Q": np.ones(1)}, "Q has the shape \\(1,\\)"),
-        ({"L": ONE * np.nan}, "L holds NaN or infinity"),
-        ({"P": ONE * np.inf}, "P holds NaN or infinity"),
-        ({"Q": -ONE * np.inf}, "Q holds NaN or infinity"),
+        ({"L": ONE * np.nan}, "L has NaN or infinity in it"),
+        ({"P": ONE * np.inf}, "P has NaN or infinity in it"),
+        ({"Q": -ONE * np.inf}, "Q has NaN or infinity in it"),
         ({"eps_1": np.inf}, "eps_1 = inf, eps_2 = 0.5, expected finite"),
         ({"eps_2": np.nan}, "eps_1 = 0.5, eps_2 = nan, expected finite"),
     ],
@@ -294,5 +294,5 @@ def test_the_refusal_of_numbers_says_why(changes, words):
 
 def test_one_entry_that_is_no_number_is_enough():
     A, C, eye = -8 * np.eye(2, dtype=int), np.eye(2, dtype=int), np.eye(2)
-    with pytest.raises(DataError, match="P holds NaN"):
+    with pytest.raises(DataError, match="P has NaN"):
         check(constant(A, C, 0), 0 * eye, np.array([[1.0, 0.0], [0.0, np.nan]]), eye, 0.5, 0.5)

@@ -29,7 +29,7 @@ def test_a_cascade_of_one_state_is_left_alone(a, c, P):
 
 def test_a_cascade_of_an_unstable_state_has_no_gain():
     word = one_state(0.5, 1.0, 0.25, cascade=True)
-    assert word.startswith("the solver says infeasible")
+    assert word.startswith("status of the solver: infeasible")
 
 
 def by_search(a, c, k):
@@ -200,7 +200,7 @@ def test_numbers_of_a_solver_that_are_no_solution_are_not_taken(monkeypatch, P):
     monkeypatch.setattr(cvxpy.Problem, "solve", broken_solver(P))
     for found in (one_state(-1.0, 1.0, 0.25), given(-1.0, 0.1, 1.0)):
         assert isinstance(found, LmiSolution) == (P > 0.0)
-        assert getattr(found, "P", found) == (np.eye(1) if P > 0.0 else "the solver says None")
+        assert getattr(found, "P", found) == (np.eye(1) if P > 0.0 else "status of the solver: None")
 
 
 @pytest.mark.parametrize("bad", [-1.0, np.inf])
@@ -211,20 +211,20 @@ def test_one_bad_direction_of_P_is_enough_to_refuse_it(monkeypatch, bad):
             variable.save_value(np.diag([1.0, bad]) if variable.shape == (2, 2) else np.ones(variable.shape))
 
     monkeypatch.setattr(cvxpy.Problem, "solve", solve)
-    assert fixed_gain(-np.eye(2)[None], np.ones((2, 1)), np.ones((1, 2)), 0, 0.25) == "the solver says None"
+    assert fixed_gain(-np.eye(2)[None], np.ones((2, 1)), np.ones((1, 2)), 0, 0.25) == "status of the solver: None"
 
 
 @pytest.mark.parametrize("cascade", [True, False])
 def test_a_solver_that_gives_nothing_or_breaks_down_is_quoted(monkeypatch, cascade):
     monkeypatch.setattr(cvxpy.Problem, "solve", lambda *_, **__: None)
-    assert one_state(-1.0, 1.0, 0.25, cascade=cascade) == "the solver says None"
+    assert one_state(-1.0, 1.0, 0.25, cascade=cascade) == "status of the solver: None"
 
     def breaks_down(*_, **__):
         raise cvxpy.SolverError("lost its way")
 
     monkeypatch.setattr(cvxpy.Problem, "solve", breaks_down)
-    assert one_state(-1.0, 1.0, 0.25, cascade=cascade) == "the solver broke down"
-    assert given(-1.0, 0.0 if cascade else 0.1, 1.0) == "the solver broke down"
+    assert one_state(-1.0, 1.0, 0.25, cascade=cascade) == "the solver stopped with an error"
+    assert given(-1.0, 0.0 if cascade else 0.1, 1.0) == "the solver stopped with an error"
 
 
 def test_an_inaccurate_optimum_is_no_reason_to_warn(monkeypatch):

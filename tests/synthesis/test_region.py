@@ -203,7 +203,7 @@ def test_a_sum_that_can_just_be_zero_is_room_enough():
         (("x",), (2.0,), (1.0,), (), "x has the bounds \\[2, 1\\]"),
         (("x",), (-float("inf"),), (1.0,), (), "x has the bounds"),
         (("x",), (0.0,), (float("nan"),), (), "x has the bounds"),
-        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "x"),), "each name in one pair"),
+        (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "x"),), "each name in at most one pair"),
         (("x", "y"), (0.0, 0.0), (1.0, 1.0), (("x", "z"),), "expected pairs of the names"),
     ],
 )

@@ -41,5 +41,5 @@ def test_ranges_are_finite_and_in_order(name, ends):
 def test_temperatures_are_above_zero_and_parameters_need_not_be():
     assert replace(GOOD, bounds={"rho": (-5.0, 0.0)}, temperatures={"T_em": (5e-324, 1.0)})
     for low in (0.0, -1.0):
-        with pytest.raises(ValueError, match="above zero"):
+        with pytest.raises(ValueError, match="above 0 K"):
             replace(GOOD, temperatures={"T_em": (low, 300.0)})

@@ -62,11 +62,11 @@ class Compressor:
     c_w_phi3: Annotated[float | None, Within(1, 1e4, "1", "level of the flow's coefficient")] = None
     k_neg: Annotated[float, Within(0, 10, "1", "slope of the flow below a pressure ratio of one")]
     eta_c_max: Annotated[float, Within(0.2, 0.9, "1", "efficiency of a compressor")]
-    W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best")]
-    pi_c_opt: Annotated[float, Within(0, 3, "1", "pressure ratio term of a compressor at its best")]
+    W_c_opt: Annotated[float, Within(1e-3, 5, "kg/s", "flow of a compressor at its best efficiency")]
+    pi_c_opt: Annotated[float, Within(0, 3, "1", "pressure ratio term of a compressor at its best efficiency")]
     c_pi: Annotated[float, Within(0.05, 1.5, "1", "exponent of the pressure ratio")]
     Q: Annotated[tuple[float, float, float], Within(-1e5, 1e5, "1", "slope of an efficiency")]  # Q_11, Q_12, Q_22
-    eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "least efficiency of a compressor")]
+    eta_c_min: Annotated[float, Within(0.01, 0.8, "1", "lower limit of a compressor's efficiency")]
 
     def __post_init__(self) -> None:
         _check_form(self, self.form, COMPRESSOR_FORMS)
@@ -83,7 +83,7 @@ class Turbine:
     c_f2: Annotated[float, Within(-10, 10, "1", "coefficient of the vanes")]
     c_vgt1: Annotated[float, Within(1, 1000, "%", "vane opening")]
     c_vgt2: Annotated[float, Within(-500, 500, "%", "vane opening")]
-    f_vgt_min: Annotated[float, Within(0, 1, "1", "least share of the turbine's area")]
+    f_vgt_min: Annotated[float, Within(0, 1, "1", "lower limit of the share of the turbine's area")]
     eta_tm_max: Annotated[float, Within(0.2, 1, "1", "efficiency of a turbine")]
     bsr_opt: Annotated[float, Within(0.2, 2, "1", "blade speed ratio")]
     form: str = "constant"
@@ -91,7 +91,7 @@ class Turbine:
     c_m1: Annotated[float | None, Within(0, 1e3, "1", "slope of the turbine's efficiency")] = None
     c_m2: Annotated[float | None, Within(0, 4e4, "rad/s", "turbine speed")] = None
     c_m3: Annotated[float | None, Within(0, 5, "1", "exponent of the turbine's speed")] = None
-    eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "least efficiency of a turbine")]
+    eta_tm_min: Annotated[float, Within(0.01, 0.9, "1", "lower limit of a turbine's efficiency")]
     k_exhaust: Annotated[float, Within(0, 1e9, "Pa/(kg/s)^2", "back pressure")]
     J_t: Annotated[float, Within(1e-8, 0.1, "kg m^2", "inertia of a turbocharger")]
 
@@ -101,7 +101,7 @@ class Turbine:
 
 @dataclass(frozen=True)
 class DieselEngine:
-    """All that the observer knows of the engine; `file`, beside the configuration: what `calibrate` has found of it."""
+    """All that the observer knows of the engine; `file` names what `calibrate` has found, beside the configuration."""
 
     gas: Gas
     geometry: Geometry

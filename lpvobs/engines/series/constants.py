@@ -28,7 +28,7 @@ class Cylinders:
 
 @dataclass(frozen=True)
 class Exhaust:
-    """What stands for the sensors that are not there: p_em = p_im + dp_0 + dp_n n_e; without T_em, T_im + T_rise W_f / W_ei."""
+    """Estimates for exhaust sensors that are not fitted: p_em = p_im + dp_0 + dp_n n_e; without T_em, T_im + T_rise W_f / W_ei."""
 
     dp_0: Annotated[float, Within(-2e4, 1e5, "Pa", "pressure difference across the EGR")]
     dp_n: Annotated[float, Within(0, 100, "Pa/rpm", "slope of the pressure difference across the EGR")]
@@ -37,7 +37,7 @@ class Exhaust:
 
 @dataclass(frozen=True)
 class Fuel:
-    """Air over fuel where lambda is one, and fuel burnt over the logged quantity."""
+    """Stoichiometric mass ratio of air to fuel, and ratio of burnt fuel to the logged quantity."""
 
     air_fuel: Annotated[float, Within(8, 18, "1", "stoichiometric air over fuel")]
     k_fuel: Annotated[float, Within(0.3, 3, "1", "fuel over the logged quantity")]
@@ -45,7 +45,7 @@ class Fuel:
 
 @dataclass(frozen=True)
 class SeriesEngine:
-    """All that is known of the engine; `file`, beside the configuration: what `calibrate` has found of it."""
+    """All that is known of the engine; `file` names what `calibrate` has found, beside the configuration."""
 
     gas: Gases
     geometry: Cylinders

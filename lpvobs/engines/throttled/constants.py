@@ -34,7 +34,7 @@ class IntakeGeometry:
 
 @dataclass(frozen=True)
 class CurveNodes:
-    """Where the curves of the engine have their nodes, and how smooth they are believed to be."""
+    """Where the curves of the engine have their nodes, and how smooth the curves are assumed to be."""
 
     # of the throttle's effective area
     alpha_th: Annotated[tuple[float, ...], Within(-5, 105, "%", "opening of a throttle")]

@@ -172,7 +172,7 @@ class Throttled(AsKnown):
     def _known(self) -> Learned:
         if self.learned is None:
             raise UsageError(
-                "engine: the curves of a throttled engine are not configured but learned; give a log of the healthy engine"
+                "engine: the curves of a throttled engine are not configured but learned; give a healthy log"
             )
         return self.learned
 

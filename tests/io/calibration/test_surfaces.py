@@ -239,10 +239,10 @@ def test_points_and_means_have_the_covariance_of_all_nodes(result):
         (lambda map_: map_.mean({"rpm": (1000.0, 2000.0)}), "no axis 'rpm'; expected n_e from 500 to 3000 rpm"),
         (
             lambda map_: map_.mean({"n_e": (1000.0, 4000.0)}),
-            "1000 to 4000, expected two rising values from 500 to 3000",
+            "1000 to 4000, expected two rising values between 500 and 3000",
         ),
         (lambda map_: map_.mean({"n_e": (2000.0, 1000.0)}), "expected two rising values"),
-        (lambda map_: map_.mean({}), "6 of 30 nodes asked for have no value"),
+        (lambda map_: map_.mean({}), "6 of 30 nodes needed have no value"),
         (lambda map_: map_.at([(100.0, 10.0)]), "a point is outside the map; expected n_e from 500"),
         (lambda map_: map_.at([(1000.0, 10.0, 3.0)]), "points: expected a list of pairs, with n_e from 500"),
         (lambda map_: map_.at([]), "points: expected a list of pairs"),
