@@ -84,6 +84,6 @@ OBD = EngineKind(
     recorded=partial(recorded, "components", "series"),
     example="speed_density.toml",
     residual_model=residual_model,
-    caveat="errors of EGR flow, filling and sensor are confounded in this map: compare it with the map of another day, but do not read it as "
-    "the sensor's error; logging the EGR valve's position, lambda and fuel would separate them",
+    caveat="errors of EGR flow, filling and sensor are confounded in this map: compare it with the map of another day, but do not "
+    "read it as the sensor's error; logging the EGR valve's position, lambda and fuel would separate them",
 )
