@@ -114,33 +114,34 @@ def case(group, defect, policy, shown):
     return register
 
 
-IN_REFUSAL = "the refusal, with file and channel"
+IN_REFUSAL = "message with file and channel"
+IN_REFUSAL_AND = "message with file, channel and "
 
 # --- samples -----------------------------------------------------------------------------------------------------------
 
 
-@case("Samples", "NaN, single or in runs", "drop", "count by channel")
+@case("Samples", "NaN in single samples or in runs", "drop", "count per channel")
 def _(bench):
     bench.log["p_im"][100:150] = np.nan
     bench.log["T_em"][[140, 9000]] = np.nan
     bench.write().kept(N - 51, ("no reading", "p_im", 50, "drop"), ("no reading", "T_em", 2, "drop"))
 
 
-@case("Samples", "infinity", "drop", "count by channel")
+@case("Samples", "infinite reading", "drop", "count per channel")
 def _(bench):
     bench.log["W_maf"][7:10] = [np.inf, -np.inf, np.inf]
     bench.log["p_em"][::20] = -np.inf  # no pressure below the ambient one
     bench.write().kept(N - N // 20 - 3, ("no reading", "p_em", N // 20, "drop"), ("no reading", "W_maf", 3, "drop"))
 
 
-@case("Samples", "null", "drop", "count by channel")
+@case("Samples", "null (empty entry)", "drop", "count per channel")
 def _(bench):
     n_e = pa.array([None if k in (5, 6) else float(v) for k, v in enumerate(bench.log["n_e"])])
     bench.write(n_e=n_e).kept(N - 2, ("no reading", "n_e", 2, "drop"))
 
 
 @case(
-    "Samples", "a run of missing samples longer than `gap_limit`", "drop, then split", "count by channel, and the gap"
+    "Samples", "a run of missing samples longer than `gap_limit`", "drop, then split", "count per channel, and the gap"
 )
 def _(bench):
     bench.log["u_vgt"][4000:4500] = np.nan
@@ -154,13 +155,23 @@ def _(bench):
     bench.write().refused("'T_em'", "no number")
 
 
-@case("Samples", "a reading that no working sensor gives, up to 10 % of a channel", "drop", "count by channel")
+@case(
+    "Samples",
+    "readings that no working sensor gives, in up to 10 % of the samples of a channel",
+    "drop",
+    "count per channel",
+)
 def _(bench):
     bench.log["p_im"][[10, 11]] = [1e30, -5.0]
     bench.write().kept(N - 2, ("no reading", "p_im", 2, "drop"))
 
 
-@case("Samples", "the same at more than 10 % of a channel", "refuse", IN_REFUSAL + " and share")
+@case(
+    "Samples",
+    "readings that no working sensor gives, in more than 10 % of the samples of a channel",
+    "refuse",
+    IN_REFUSAL_AND + "share of the readings",
+)
 def _(bench):
     bench.log["T_im"][: N // 4] = 5000.0
     bench.write().refused("'T_im'", "25 %", "unit")
@@ -168,10 +179,10 @@ def _(bench):
 
 @case(
     "Samples",
-    "stuck: exactly still for longer than the channel can be (30 s for `W_maf` and `omega_t`, 60 s for `n_e` and `p_em`, 120 s for "
-    "`p_im`, 300 s for fuel and temperatures) while at least two others cross 30 % of their range",
+    "stuck channel: it does not change at all for longer than 30 s (`W_maf`, `omega_t`), 60 s (`n_e`, `p_em`), 120 s (`p_im`) or "
+    "300 s (fuel and temperatures), while at least two other channels move by 30 % of their range",
     "drop",
-    "count by channel, first time stamp",
+    "count per channel, first time stamp",
 )
 def _(bench):
     bench.log["W_maf"][3000:7000] = 0.02
@@ -179,7 +190,7 @@ def _(bench):
     assert content.defects[0].first == 30.0
 
 
-@case("Samples", "dead: one value throughout, while the others move", "refuse", IN_REFUSAL)
+@case("Samples", "dead channel: one value in the whole log, while the other channels move", "refuse", IN_REFUSAL)
 def _(bench):
     bench.log["omega_t"][:] = 4000.0
     bench.write().refused("'omega_t'", "stuck")
@@ -187,7 +198,7 @@ def _(bench):
 
 @case(
     "Samples",
-    "unplugged: `W_maf` follows neither speed nor pressure nor turbo, at zero or elsewhere",
+    "unplugged sensor: `W_maf`, at zero or at another value, follows neither speed nor intake pressure nor turbine speed",
     "refuse",
     IN_REFUSAL,
 )
@@ -202,9 +213,10 @@ def _(bench):
 
 @case(
     "Samples",
-    "saturated: piled up at the very top, in runs, three times as often as just below it (pressures, speeds, flow)",
+    "saturated channel (pressures, speeds, air flow): runs of samples exactly at the largest reading, at least three times as many "
+    "as just below it",
     "drop",
-    "count by channel, first time stamp",
+    "count per channel, first time stamp",
 )
 def _(bench):
     top = 1.5e5
@@ -218,10 +230,10 @@ def _(bench):
 
 @case(
     "Samples",
-    "spike: one sample leaps by over 10 % of what is typical, and 30 times the noise, from two neighbours that agree "
-    "(spacing up to 30 ms)",
+    "spike: one sample differs from two neighbours that agree (at most 30 ms away) by over 10 % of the typical range and by over "
+    "30 times the noise",
     "drop",
-    "count by channel, first time stamp",
+    "count per channel, first time stamp",
 )
 def _(bench):
     bench.log["p_em"][[500, 9000]] += 2e5
@@ -232,39 +244,64 @@ def _(bench):
 # --- time --------------------------------------------------------------------------------------------------------------
 
 
-@case("Time", "a step longer than `gap_limit`", "split; no state crosses", "number of gaps and segments")
+@case("Time", "a time step longer than `gap_limit`", "split", "number of gaps and segments")
 def _(bench):
     bench.log["time"][5000:] += 60.0
     content = bench.write().kept(N, ("gap", "time", 1, "split"))
     assert content.segments == 2
 
 
-@case("Time", "repeated time stamps", "refuse", "how often, first stamp and row, the policy that repairs")
+@case(
+    "Time",
+    "repeated time stamps",
+    "refuse",
+    "message with count, first time stamp, its row, and the policy that would repair it",
+)
 def _(bench):
     bench.log["time"][[300, 400]] = bench.log["time"][[299, 399]]
     bench.write().refused("'time'", "2 times", "row 300", "backward_time")
 
 
-@case("Time", 'repeated or backward time, with `backward_time = "drop"`, up to 10 % of the samples', "drop", "count")
+@case(
+    "Time",
+    'repeated or backward time stamps, with `backward_time = "drop"`, in up to 10 % of the samples',
+    "drop",
+    "count",
+)
 def _(bench):
     bench.log["time"][1000:] -= 0.05
     bench.write().kept(N - 5, ("repeated or backward", "time", 5, "drop"), backward_time="drop")
 
 
-@case("Time", "backward time", "refuse", "how often, first stamp and row, the policy that repairs")
+@case(
+    "Time",
+    "backward time",
+    "refuse",
+    "message with count, first time stamp, its row, and the policy that would repair it",
+)
 def _(bench):
     bench.log["time"][1000:] -= 5.0
     bench.write().refused("'time'", "backward", "row 1000")
 
 
-@case("Time", "wrapped time (a counter that begins again)", "refuse, with either policy", "first stamp and row")
+@case(
+    "Time",
+    "wrapped time: the counter starts again at zero",
+    "refuse for any `backward_time`",
+    "message with first time stamp and its row",
+)
 def _(bench):
     bench.log["time"] %= 65.536
     bench.write().refused("backward", "row 6554")
     bench.refused("backward", "10 %", backward_time="drop")
 
 
-@case("Time", "unsorted rows", "refuse, with either policy", "how often, first stamp and row")
+@case(
+    "Time",
+    "rows not sorted by time",
+    "refuse for any `backward_time`",
+    "message with count, first time stamp and its row",
+)
 def _(bench):
     order = np.random.default_rng(1).permutation(N)
     bench.log = {name: column[order] for name, column in bench.log.items()}
@@ -272,31 +309,36 @@ def _(bench):
     bench.refused("backward", backward_time="drop")
 
 
-@case("Time", "time that stands still", "refuse", "the refusal")
+@case("Time", "all time stamps equal", "refuse", "message")
 def _(bench):
     bench.log["time"][:] = 3.0
     bench.write().refused("'time'", "repeats")
 
 
-@case("Time", "time without a number", "drop", "count")
+@case("Time", "time stamp that is NaN or infinite", "drop", "count")
 def _(bench):
     bench.log["time"][[4, 5]] = [np.nan, np.inf]
     bench.write().kept(N - 2, ("no reading", "time", 2, "drop"))
 
 
-@case("Time", "no rows", "refuse", "the refusal")
+@case("Time", "log without rows", "refuse", "message")
 def _(bench):
     bench.log = {name: column[:0] for name, column in bench.log.items()}
     bench.write().refused("no rows")
 
 
-@case("Time", "one row", "refuse", "the refusal")
+@case("Time", "log with one row", "refuse", "message")
 def _(bench):
     bench.log = {name: column[:1] for name, column in bench.log.items()}
     bench.write().refused("at least two")
 
 
-@case("Time", "milliseconds said to be seconds: a median step above `gap_limit`", "refuse", "the median step")
+@case(
+    "Time",
+    "milliseconds labelled as seconds: the median time step is above `gap_limit`",
+    "refuse",
+    "message with the median time step",
+)
 def _(bench):
     bench.log["time"] *= 1e3
     bench.write().refused("'time'", "median step", "unit")
@@ -304,9 +346,9 @@ def _(bench):
 
 @case(
     "Time",
-    "seconds said to be milliseconds or hours said to be seconds: a median step under 0.2 ms",
+    "seconds labelled as milliseconds, or hours as seconds: the median time step is under 0.2 ms",
     "refuse",
-    "the median step",
+    "message with the median time step",
 )
 def _(bench):
     bench.units["time"] = "ms"
@@ -316,19 +358,19 @@ def _(bench):
 # --- units -------------------------------------------------------------------------------------------------------------
 
 
-@case("Units", "no unit", "refuse", IN_REFUSAL + " and unit expected")
+@case("Units", "channel without a unit", "refuse", IN_REFUSAL_AND + "expected unit")
 def _(bench):
     del bench.units["omega_t"]
     bench.write().refused("'omega_t'", "no unit", "'rad/s'")
 
 
-@case("Units", "a unit that nothing knows", "refuse", IN_REFUSAL + " and both units")
+@case("Units", "an unknown unit", "refuse", IN_REFUSAL_AND + "both units: found and expected")
 def _(bench):
     bench.units["p_im"] = "inHg?"
     bench.write().refused("'p_im'", "'inHg?'", "'Pa'")
 
 
-@case("Units", "a unit of another kind", "refuse", IN_REFUSAL + " and both units")
+@case("Units", "a unit of another quantity", "refuse", IN_REFUSAL_AND + "both units: found and expected")
 def _(bench):
     bench.units["p_im"] = "K"
     bench.write().refused("'p_im'", "'K'", "'Pa'")
@@ -336,9 +378,9 @@ def _(bench):
 
 @case(
     "Units",
-    "another unit of the same kind, also when it differs between the logs of one job",
+    "another unit of the same quantity, even if it differs between the logs of one run",
     "repair: converted",
-    "unit in the file",
+    "the unit in the file",
 )
 def _(bench):
     plain = bench.write().inspect()
@@ -360,28 +402,28 @@ def _(bench):
 def _wrong(defect, channel, factor, offset, policy="refuse"):
     """Register a wrong unit or sign that the readings betray."""
 
-    @case("Units", defect, policy, IN_REFUSAL + " and reading")
+    @case("Units", defect, policy, IN_REFUSAL_AND + "the implausible reading")
     def _(bench):
         bench.log[channel] = bench.log[channel] * factor + offset
         bench.write().refused(f"'{channel}'", "unit")
 
 
 for _channel in ("p_im", "p_em", "p_amb"):
-    _wrong(f"kPa said to be Pa (`{_channel}`)", _channel, 1e-3, 0.0)
-_wrong("bar said to be Pa", "p_im", 1e-5, 0.0)
-_wrong("gauge pressure said to be absolute", "p_im", 1.0, -9.8e4)
-_wrong("Pa said to be kPa", "p_im", 1e3, 0.0)
+    _wrong(f"kPa labelled as Pa (`{_channel}`)", _channel, 1e-3, 0.0)
+_wrong("bar labelled as Pa", "p_im", 1e-5, 0.0)
+_wrong("gauge pressure labelled as absolute", "p_im", 1.0, -9.8e4)
+_wrong("Pa labelled as kPa", "p_im", 1e3, 0.0)
 for _channel in ("T_im", "T_amb"):
-    _wrong(f"degrees C said to be K (`{_channel}`)", _channel, 1.0, -273.15)
-_wrong("degrees C said to be K (`T_em`): the exhaust is colder than the air outside", "T_em", 1.0, -273.15 - 100.0)
-_wrong("rad/s said to be rpm (`n_e`)", "n_e", 2 * np.pi / 60, 0.0)
-_wrong("rpm said to be rad/s (`n_e`)", "n_e", 60 / (2 * np.pi), 0.0)
-_wrong("rpm said to be rad/s (`omega_t`)", "omega_t", 60 / (2 * np.pi), 0.0)
-_wrong("g/s or kg/h said to be kg/s (`W_maf`)", "W_maf", 1e3, 0.0)
-_wrong("kg/s said to be g/s or kg/h (`W_maf`)", "W_maf", 1e-3, 0.0)
-_wrong("g said to be mg (`u_delta`)", "u_delta", 1e-3, 0.0)
-_wrong("a fraction said to be per cent (`u_egr`, `u_vgt`)", "u_vgt", 1e-2, 0.0)
-_wrong("the wrong sign", "u_delta", -1.0, 0.0)
+    _wrong(f"degrees C labelled as K (`{_channel}`)", _channel, 1.0, -273.15)
+_wrong("degrees C labelled as K (`T_em`): the exhaust is colder than the air outside", "T_em", 1.0, -273.15 - 100.0)
+_wrong("rad/s labelled as rpm (`n_e`)", "n_e", 2 * np.pi / 60, 0.0)
+_wrong("rpm labelled as rad/s (`n_e`)", "n_e", 60 / (2 * np.pi), 0.0)
+_wrong("rpm labelled as rad/s (`omega_t`)", "omega_t", 60 / (2 * np.pi), 0.0)
+_wrong("g/s or kg/h labelled as kg/s (`W_maf`)", "W_maf", 1e3, 0.0)
+_wrong("kg/s labelled as g/s or kg/h (`W_maf`)", "W_maf", 1e-3, 0.0)
+_wrong("g labelled as mg (`u_delta`)", "u_delta", 1e-3, 0.0)
+_wrong("a fraction labelled as per cent (`u_egr`, `u_vgt`)", "u_vgt", 1e-2, 0.0)
+_wrong("wrong sign", "u_delta", -1.0, 0.0)
 
 # --- types -------------------------------------------------------------------------------------------------------------
 
@@ -400,42 +442,50 @@ def _(bench):
     bench.write().kept(N)
 
 
-@case("Types", "decimals", "repair: read as floats", "nothing")
+@case("Types", "decimal numbers", "repair: read as floats", "nothing")
 def _(bench):
     exact = pa.array([Decimal(f"{value:.3f}") for value in bench.log["T_em"]], type=pa.decimal128(12, 3))
     content = bench.write(T_em=exact).kept(N)
     assert abs(content.channels["T_em"].max - bench.log["T_em"].max()) <= 5e-4  # rounded to a thousandth
 
 
-@case("Types", "a dictionary of numbers", "repair: read as floats", "nothing")
+@case("Types", "dictionary-encoded numbers", "repair: read as floats", "nothing")
 def _(bench):
     bench.write(p_amb=pa.array(bench.log["p_amb"]).dictionary_encode()).kept(N)
 
 
-@case("Types", "yes and no in a needed channel", "refuse: a fraction said to be per cent", IN_REFUSAL)
+@case("Types", "true and false in a needed channel", "refuse: taken for a fraction labelled as per cent", IN_REFUSAL)
 def _(bench):
     bench.write(u_egr=pa.array(bench.log["u_egr"] > 20.0)).refused("'u_egr'", "fraction")
 
 
-@case("Types", "yes and no in another channel", "repair: read as 0 and 1", "the channel, as auxiliary")
+@case(
+    "Types",
+    "true and false in another channel",
+    "repair: read as 0 and 1",
+    "the channel, in the list of auxiliary channels",
+)
 def _(bench):
     bench.log["fan"] = np.arange(N) % 2 == 0
     assert bench.write().kept(N).channels["fan"].max == 1.0
 
 
-@case("Types", "text, also if it looks like numbers", "refuse", IN_REFUSAL + " and type")
+@case("Types", "text, even if it looks like numbers", "refuse", IN_REFUSAL_AND + "data type")
 def _(bench):
     bench.write(n_e=pa.array([f"{value:.1f}" for value in bench.log["n_e"]])).refused("'n_e'", "string")
 
 
-@case("Types", "a dictionary of text, lists, structures, bytes", "refuse", IN_REFUSAL + " and type")
+@case("Types", "dictionary-encoded text, lists, structures, bytes", "refuse", IN_REFUSAL_AND + "data type")
 def _(bench):
     for odd in (pa.array(["1.0"] * N).dictionary_encode(), pa.array([[1.0]] * N), pa.array([b"1"] * N)):
         bench.write(T_im=odd).refused("'T_im'", "expected numbers")
 
 
 @case(
-    "Types", "time of day or date, with or without time zone, in place of seconds", "refuse", IN_REFUSAL + " and type"
+    "Types",
+    "time of day or date instead of seconds, with or without time zone",
+    "refuse",
+    IN_REFUSAL_AND + "data type",
 )
 def _(bench):
     stamps = (1_700_000_000_000 + 10 * np.arange(N)).astype("datetime64[ms]")
@@ -454,24 +504,24 @@ def _(bench):
 # --- files -------------------------------------------------------------------------------------------------------------
 
 
-@case("Files", "a missing channel", "refuse", IN_REFUSAL + " and what is there")
+@case("Files", "a needed channel is missing", "refuse", IN_REFUSAL_AND + "the channels that the file has")
 def _(bench):
     del bench.log["W_maf"]
     bench.write().refused("'W_maf'", "missing", "T_em")
 
 
-@case("Files", "a channel that comes twice", "refuse", IN_REFUSAL)
+@case("Files", "a needed channel that is there twice", "refuse", IN_REFUSAL)
 def _(bench):
     bench.write(twice=("p_em",)).refused("'p_em'", "2 times")
 
 
-@case("Files", "another channel that comes twice", "left out", "not listed")
+@case("Files", "another channel that is there twice", "drop this channel", "nothing")
 def _(bench):
     bench.log["fan"] = np.ones(N)
     assert "fan" not in bench.write(twice=("fan",)).kept(N).channels
 
 
-@case("Files", "no such file, a folder, a device", "refuse", "the refusal")
+@case("Files", "no such file, or a folder or device in its place", "refuse", "message")
 def _(bench):
     bench.refused("no such log")
     bench.path = bench.folder
@@ -480,13 +530,13 @@ def _(bench):
     bench.refused("no such log")
 
 
-@case("Files", "an empty file", "refuse", "the refusal")
+@case("Files", "an empty file", "refuse", "message")
 def _(bench):
     bench.path.write_bytes(b"")
     bench.refused("Parquet")
 
 
-@case("Files", "truncated", "refuse", "the refusal")
+@case("Files", "a truncated file", "refuse", "message")
 def _(bench):
     whole = bench.write().path.read_bytes()
     for share in (0.01, 0.5, 0.9999):
@@ -494,7 +544,7 @@ def _(bench):
         bench.refused("Parquet")
 
 
-@case("Files", "corrupted", "refuse", "the refusal")
+@case("Files", "a corrupted file", "refuse", "message")
 def _(bench):
     content = bytearray(bench.write().path.read_bytes())
     content[8 : len(content) // 2] = b"\xff" * (len(content) // 2 - 8)
@@ -502,14 +552,14 @@ def _(bench):
     bench.refused()
 
 
-@case("Files", "foreign: CSV, HDF5, a picture", "refuse", "the refusal")
+@case("Files", "a file of another format: CSV, HDF5, a picture", "refuse", "message")
 def _(bench):
     for content in (b"time,n_e\n0,800\n", b"\x89HDF\r\n\x1a\n" + bytes(4096), b"\x89PNG\r\n\x1a\n"):
         bench.path.write_bytes(content)
         bench.refused("Parquet")
 
 
-@case("Files", "encrypted or password-protected", "refuse", "the refusal")
+@case("Files", "an encrypted or password-protected file", "refuse", "message")
 def _(bench):
     content = bytearray(bench.write().path.read_bytes())
     content[:4] = content[-4:] = b"PARE"  # what an encrypted footer begins and ends with
@@ -517,7 +567,7 @@ def _(bench):
     bench.refused("not a readable Parquet log")
 
 
-@case("Files", "changed while it is read", "refuse", "the refusal")
+@case("Files", "a file that changes while it is read", "refuse", "message")
 def _(bench):
     bench.write()
     digest = reader.log_digest
@@ -534,7 +584,7 @@ def _(bench):
         reader.log_digest = digest
 
 
-@case("Files", "a channel name that is not UTF-8", "refuse", "the refusal")
+@case("Files", "a channel name that is not UTF-8", "refuse", "message")
 def _(bench):
     bench.log["zzzz"] = np.zeros(N)
     content = bench.write().path.read_bytes()
@@ -545,9 +595,9 @@ def _(bench):
 
 @case(
     "Files",
-    "more rows than fit into memory, whatever the size of the file",
+    "more rows than fit into memory, even if the file is small",
     "refuse before reading",
-    "rows, and the most that fit",
+    "message with the number of rows, and how many fit",
 )
 def _(bench):
     rows = 5_000_000
@@ -558,13 +608,18 @@ def _(bench):
     bench.refused(f"{rows} rows", "memory")
 
 
-@case("Files", "more than 10 000 columns", "refuse before reading", "their number")
+@case("Files", "more than 10 000 columns", "refuse before reading", "message with the number of columns")
 def _(bench):
     pq.write_table(pa.table({f"c{k}": [0.0] for k in range(10_001)}), bench.path)
     bench.refused("10001 columns")
 
 
-@case("Files", "a million columns: a description of more than 64 MiB", "refuse before parsing", "its size")
+@case(
+    "Files",
+    "a million columns: the footer is larger than 64 MiB",
+    "refuse before parsing",
+    "message with the size of the footer",
+)
 def _(bench):
     length = 70 * 2**20
     with bench.path.open("wb") as stream:
@@ -593,21 +648,21 @@ def refused_to_write(target, word, failure=None):
     assert before is None or sorted(target.parent.iterdir()) == before
 
 
-@case("Outputs", "a full disk", "refuse; the old file stays", "the refusal, exit code 3")
+@case("Outputs", "a full disk", "refuse; the old file stays", "message, exit code 3")
 def _(bench):
     bench.write()
     refused_to_write(bench.path, "No space left", OSError(28, "No space left on device"))
     assert bench.kept(N)
 
 
-@case("Outputs", "a folder that is missing, or read-only", "refuse before working", "the refusal, exit code 3")
+@case("Outputs", "the output folder is missing or read-only", "refuse before working", "message, exit code 3")
 def _(bench):
     refused_to_write(bench.folder / "none" / "result.h5", "cannot be written")
     refused_to_write(Path("/proc/result.h5"), "cannot be written")
 
 
 @case(
-    "Outputs", "a folder, device or pipe in the place of the file", "refuse before working", "the refusal, exit code 3"
+    "Outputs", "a folder, device or pipe in place of the output file", "refuse before working", "message, exit code 3"
 )
 def _(bench):
     (bench.folder / "result.h5").mkdir()
@@ -615,7 +670,7 @@ def _(bench):
     refused_to_write(Path("/dev/null"), "not a regular file")
 
 
-@case("Outputs", "a second writer of the same file", "refuse before working", "the refusal, exit code 3")
+@case("Outputs", "another process writes the same output file", "refuse before working", "message, exit code 3")
 def _(bench):
     lock = bench.folder / ".drive.parquet.lock"
     with lock.open("w") as other:
@@ -624,7 +679,7 @@ def _(bench):
     bench.write().kept(N)
 
 
-@case("Outputs", "what a killed writer left", "swept away by the next one", "nothing")
+@case("Outputs", "temporary files of a killed run", "removed by the next run that writes the same file", "nothing")
 def _(bench):
     left = [bench.folder / name for name in (".drive.parquet.lock", ".drive.parquet.x1y2z3_4.part")]
     for path in left:
@@ -634,7 +689,7 @@ def _(bench):
     assert [path.name for path in bench.folder.iterdir()] == ["drive.parquet"]
 
 
-@case("Outputs", "a file name that is not UTF-8", "refuse before working", "the refusal, exit code 3")
+@case("Outputs", "an output file name that is not UTF-8", "refuse before working", "message, exit code 3")
 def _(bench):
     refused_to_write(bench.folder / "r\udcff.h5", "not UTF-8")
 
@@ -648,13 +703,13 @@ def _(bench):
     bench.write().kept(N)
 
 
-@case("No defect", "ambient pressure and temperature that never change, valves that rest", "kept", "nothing")
+@case("No defect", "ambient pressure and temperature or valve positions that never change", "kept", "nothing")
 def _(bench):
     bench.log["u_egr"][:], bench.log["u_vgt"][:] = 0.0, 60.0
     bench.write().kept(N)
 
 
-@case("No defect", "everything still: an engine that idles, or a steady bench", "kept", "nothing")
+@case("No defect", "no channel changes: an engine at idle, or a stationary bench point", "kept", "nothing")
 def _(bench):
     for name in bench.log:
         if name != "time":
@@ -662,7 +717,7 @@ def _(bench):
     bench.write().kept(N)
 
 
-@case("No defect", "a repeating value for as long as a slow bus holds it, coarse resolution", "kept", "nothing")
+@case("No defect", "a value repeated between two updates of a slow bus, or coarse resolution", "kept", "nothing")
 def _(bench):
     steps = {
         "p_im": 1e3,
@@ -684,10 +739,18 @@ def table():
     head = [
         "# Defects of logs",
         "",
-        "`make defects` writes the tables below from `tests/robust/defects.py`. Every row is a test. *Shown* is what",
-        "`lpvobs inspect` prints (`--json` lists it under `defects`). A result keeps the same for each of its logs, and `report`",
-        "shows it. A refused log gives one line and exit code 3. The checks look at the log alone. They cannot find a wrong unit",
-        "if every reading is still plausible with it, for example g/s labelled kg/h, or a turbine speed in Hz labelled rad/s.",
+        "This page lists the known defects of logs and what `lpvobs` does about each. Every row is a test in",
+        "`tests/robust/defects.py`; `make defects` writes the tables from there. The column *policy* says what is done:",
+        "",
+        "- *refuse*: the log is not used, or the output is not written. The command prints one line and ends with exit code 3.",
+        "- *drop*: the samples concerned are left out.",
+        "- *split*: the log is divided at this place, and the observer starts again with the second part.",
+        "- *repair*: the readings are converted as stated, and the log is used.",
+        "",
+        "The column *shown* says what `lpvobs inspect` prints about the defect. `inspect --json` lists the defects of a used log",
+        "under `defects`. A result stores the same list for each of its logs, and `report` prints it. The checks read the log",
+        "alone and know nothing of the engine's constants. So they cannot find a wrong unit if every reading is still plausible",
+        "with it, for example g/s labelled as kg/h, or a turbine speed in Hz labelled as rad/s.",
     ]
     body = []
     for group in GROUPS:
