@@ -10,26 +10,34 @@ from lpvobs.cli.options import CONFIG, JSON, flag, needed, option
 def calibrate(
     out: Path = needed("ENGINE.h5", "The engine file to write."),
     bench: list[Path] | None = option(
-        "TABLE", "Stationary points with W_reference: CSV with a second line of units, or Parquet.", "--bench"
+        "TABLE",
+        "Stationary bench points with the reference air flow W_reference: Parquet, or CSV with the units in the second line.",
+        "--bench",
     ),
-    healthy: list[Path] | None = option("LOG", "A log whose air flow sensor reads right.", "--healthy"),
+    healthy: list[Path] | None = option("LOG", "A log from a day on which the MAF sensor was in order.", "--healthy"),
     reference: list[Path] | None = option(
-        "LOG", "A log that also has W_reference, the flow from a reference meter in the same air path.", "--reference"
+        "LOG",
+        "A log with the extra channel W_reference, the air flow from a reference meter in the same air path.",
+        "--reference",
     ),
     maps: list[str] | None = option(
         "KIND=FILE",
-        "The map of one component: CSV with a second line of units, Parquet, or FILE.dcm:LABEL. A compressor's map states "
-        "T_reference and p_reference.",
+        "The map of one component, such as compressor=FILE: Parquet, CSV with the units in the second line, or FILE.dcm:LABEL. "
+        "A map in corrected quantities needs T_reference and p_reference.",
         "--map",
     ),
     gain: Path | None = option(
-        "GAIN.h5", "A gain made by synth-gain, for calibrating from logs. By default a gain is made and proven first."
+        "GAIN.h5",
+        "An observer gain made by synth-gain, used for logs only. Without it, the command makes and proves a gain first.",
     ),
-    plan: bool = flag("--plan", "Say which further bench points would help most; needs no data yet."),
+    plan: bool = flag(
+        "--plan",
+        "List the further bench points that would reduce the uncertainty of the air flow most. No data are needed.",
+    ),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Find an engine's constants and the corrections of its components. `estimate` then starts from these.
+    """Find an engine's constants and the corrections of its component models. `estimate --engine` starts from them.
 
     Each of --bench, --healthy, --reference and --map can be given several times. The search starts from the constants and
     tolerances of the configuration.
@@ -64,11 +72,13 @@ def calibrate(
     if found.constants:
         say(f"constants that the data determined: {', '.join(by_data) or 'none'}")
         say(
-            "constants that the data did not determine, so the configuration's value and tolerance stay: "
+            "constants that the data hardly determined (at least half of the configured tolerance is left): "
             f"{', '.join(by_prior) or 'none'}"
         )
     points = f", {found.points} bench points" if found.points else ""
     say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:
         before = 100 * found.plan[0].before
-        say(f"the air flow is uncertain by {before:.2g} % now, over all stationary points of the engine")
+        say(
+            f"uncertainty of the air flow before the planned points: {before:.2g} % rms over the engine's stationary points"
+        )

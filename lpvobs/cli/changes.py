@@ -10,24 +10,36 @@ from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, REGION, SCHEDULER, a
 
 @guarded
 def compare(
-    first: Path = argument("A.h5", "A result of estimate, the earlier one; or a fleet made by track."),
-    second: Path | None = argument("[B.h5]", "The later result; leave it out for a fleet.", None),
-    vehicle: str = option("NAME", "A vehicle of the fleet, of which two periods are compared.", default=""),
-    period: list[str] | None = option("PERIOD", "Two periods, such as 2025-01; the earlier one first."),
-    values: str = option("GROUP", "map: nodes that both have estimated; extrapolation: every node.", default="map"),
+    first: Path = argument(
+        "A.h5", "The earlier result of estimate; or a fleet made by track, to compare two periods of one vehicle."
+    ),
+    second: Path | None = argument("[B.h5]", "The later result of estimate; leave it out if A.h5 is a fleet.", None),
+    vehicle: str = option("NAME", "For a fleet: the vehicle whose maps of two periods are compared.", default=""),
+    period: list[str] | None = option(
+        "PERIOD",
+        "For a fleet: a period to compare, such as 2025-01. Give this option twice, with the earlier period first.",
+    ),
+    values: str = option(
+        "GROUP",
+        "map: compare the nodes that both results have estimated; extrapolation: compare every node of both extrapolated maps.",
+        default="map",
+    ),
     region: str | None = REGION,
     gate: list[str] | None = option(
         "EXPR",
-        'A limit that the change must keep, such as "largest_change<=0.5 g/s". Also mean_change, p_value. Repeatable.',
+        'A limit on the change, such as "largest_change<=0.5 g/s"; if it is exceeded, the exit code is 1. '
+        "Other metrics: mean_change and p_value. Repeatable.",
     ),
-    figure: Path | None = option("FILE.svg", "Draw the change at every node, with a frame where it exceeds its error."),
+    figure: Path | None = option(
+        "FILE.svg", "Draw the change at every node as SVG. A frame marks each node whose change exceeds its error."
+    ),
     as_json: bool = JSON,
 ) -> None:
     """Show how map B differs from map A, and where the difference exceeds the errors of both.
 
     Example: lpvobs compare january.h5 june.h5 --gate "largest_change<=0.5 g/s"
 
-    Of a fleet: lpvobs compare fleet.h5 --vehicle V1 --period 2025-01 --period 2025-10
+    Two periods of one vehicle of a fleet: lpvobs compare fleet.h5 --vehicle V1 --period 2025-01 --period 2025-10
     """
     from lpvobs.api.compare import compare as compare_maps
     from lpvobs.api.compare import expect_gates, region_of
@@ -43,10 +55,10 @@ def compare(
         print_json("compare", found)
     else:
         low, high = (grams(end) for end in found.mean.ci90)
-        where = f"in {region}" if region else f"over the {found.nodes} nodes that both have"
+        where = f"in {region}" if region else f"over the {found.nodes} nodes with a value in both maps"
         print(f"mean change {where}: {grams(found.mean.value)} g/s (90 %: {low} to {high})")
         many = len(found.significant)
-        print(f"p = {found.p_value:.2g} if nothing has changed; {many} nodes have changed by more than their errors")
+        print(f"p-value of 'no change': {found.p_value:.2g}; {many} nodes have changed by more than their errors")
         if found.significant:
             rows = [
                 [f"{node.speed:g}", f"{node.fuel:g}", *map(grams, (node.before, node.after, node.change, *node.ci90))]
@@ -62,31 +74,53 @@ def compare(
 def track(
     logs: list[Path] | None = argument(
         "[LOG]...",
-        "Parquet logs, patterns, or folders; without any, what the fleet file holds is evaluated again.",
+        "Parquet logs, patterns such as logs/*.parquet, or folders. Without any log, track evaluates the logs in the fleet again.",
         None,
     ),
-    out: Path = needed("FLEET.h5", "The fleet to write or to add to; logs that are in it already are not read again."),
-    by: str = option("KEY", "The field that names the vehicle of a log.", default="vehicle"),
-    every: str = option("PERIOD", "day, week, month or year; a map is made for each.", offers=PERIODS, default="month"),
-    path: str | None = option("PATTERN", 'Fields in the paths of logs, such as "{vehicle}/{month}.parquet".'),
+    out: Path = needed(
+        "FLEET.h5", "The fleet file to write, or to add logs to. Logs that are already in the fleet are not read again."
+    ),
+    by: str = option(
+        "KEY", "The field that contains the vehicle's name, in the log, in --path or in --origins.", default="vehicle"
+    ),
+    every: str = option(
+        "PERIOD",
+        "Length of a period: day, week, month or year. Each vehicle gets one map per period.",
+        offers=PERIODS,
+        default="month",
+    ),
+    path: str | None = option(
+        "PATTERN", 'Where the path of a log contains its vehicle and date, such as "{vehicle}/{month}.parquet".'
+    ),
     origins: Path | None = option(
-        "TABLE", "CSV or Parquet with a column log, and others such as vehicle, engine, date."
+        "TABLE",
+        "A table (CSV or Parquet) with a row for each log: the column log is its path, other columns are vehicle, engine, date.",
     ),
     gain: Path | None = GAIN,
-    engine: Path | None = option("ENGINE.h5", "An engine file of calibrate, from the same configuration as --config."),
-    to_table: Path | None = option("FILE.parquet", "Write a row for each vehicle, period and node.", "--table"),
+    engine: Path | None = option(
+        "ENGINE.h5",
+        "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",
+    ),
+    to_table: Path | None = option(
+        "FILE.parquet", "Also write the maps as a table with a row for each vehicle, period and node.", "--table"
+    ),
     refined: list[Path] | None = option(
-        "REFINED.h5", "A result of refine; the fleet then shows when its effects were there. Repeatable.", "--refined"
+        "REFINED.h5",
+        "A result of refine on logs of this fleet. track then shows when the effects in it were present. Repeatable.",
+        "--refined",
     ),
     jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
     scheduler: str | None = SCHEDULER,
-    verbose: bool = flag("--verbose", "Show every vehicle, not only those that stand out."),
+    verbose: bool = flag(
+        "--verbose", "Show every vehicle, not only vehicles that drift, have changed or differ from their type."
+    ),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Follow the map of every vehicle over time: trends, changes with their dates, what to drive next.
+    """Follow the map of every vehicle over time, and show its trend, its changes with their dates, and what to drive next.
 
-    Vehicle and date of a log come from the log (simulate and ingest --vehicle --date), from its path, or from a table.
+    The vehicle and date of a log come from the log itself, from its path (--path) or from a table (--origins). `simulate` and
+    `ingest` store both in the log with --vehicle and --date.
 
     Example: lpvobs track logs/ --path "{vehicle}/{month}.parquet" --gain gain.h5 --out fleet.h5
     """
@@ -103,7 +137,7 @@ def track(
     else:
         show_fleet(fleet, verbose)
         stopped = f", {content.reused} of them read by an earlier run that was stopped" * bool(content.reused)
-        say(f"{out}: {content.new} new logs{stopped}, {content.logs - content.new} known before")
+        say(f"{out}: {content.new} new logs{stopped}, {content.logs - content.new} were in the fleet before")
     leave(content.refused)
 
 

@@ -50,9 +50,15 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             _stopped(received())
             where = f"{error.filename}: " if error.filename else ""
             if error.errno in DISK_FAILURES:
-                fail(f"{where}{error.strerror}; no file was changed; make room on the disk and run this again", 3)
+                fail(
+                    f"{where}{error.strerror}; no file was changed; make room on the disk or make it writable, then run again",
+                    3,
+                )
             if error.errno in REFUSALS:
-                fail(f"{where}{error.strerror}; no file was changed; correct this and run the command again", 3)
+                fail(
+                    f"{where}{error.strerror}; no file was changed; correct the file name or its permissions, then run again",
+                    3,
+                )
             _fault(error)
         except Exception as error:
             _stopped(received())
@@ -69,11 +75,13 @@ def _expect_surroundings() -> None:
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
     if not epoch.isdecimal():
-        raise UsageError(f"SOURCE_DATE_EPOCH={epoch}: expected whole seconds since 1970; correct or unset the variable")
+        raise UsageError(
+            f"environment variable SOURCE_DATE_EPOCH={epoch}: expected whole seconds since 1970; correct or unset the variable"
+        )
     granted, _ = resource.getrlimit(resource.RLIMIT_AS)
     if granted != resource.RLIM_INFINITY and granted < LEAST_ADDRESSES:
         raise DataError(
-            f"the limit on memory (ulimit -v) is {granted >> 20} MiB; expected at least {LEAST_ADDRESSES >> 20}: raise it"
+            f"the limit on memory (ulimit -v) is {granted >> 20} MiB; expected {LEAST_ADDRESSES >> 20} MiB or more; raise the limit"
         )
 
 
@@ -89,7 +97,10 @@ def _fault(error: BaseException) -> NoReturn:
     if os.environ.get("LPVOBS_DEBUG"):
         raise error
     kind = type(error).__name__
-    fail(f"a fault of the program ({kind}: {error}); set LPVOBS_DEBUG=1 to see where, and report it", 4)
+    fail(
+        f"a fault of the program ({kind}: {error}); run again with LPVOBS_DEBUG=1 to see where in the code, and report the fault",
+        4,
+    )
 
 
 def fail(message: str, code: int) -> NoReturn:
@@ -103,7 +114,7 @@ def chosen_config(given: Path | None) -> Path:
     found = given or folder_config()
     if found is None:
         raise UsageError(
-            "no configuration: name one with --config TOML, or keep it as lpvobs.toml in this folder or one above it"
+            "no configuration found; give one with --config TOML, or store it as lpvobs.toml in this folder or a folder above"
         )
     return found
 
@@ -224,6 +235,6 @@ def leave(refused: Iterable[str]) -> None:
     """Name the logs that were left out; end with the contract's code if there are any."""
     messages = list(refused)
     for message in messages:
-        say(f"lpvobs: left out: {message}")
+        say(f"lpvobs: log left out: {message}")
     if messages:
         raise typer.Exit(DataError.exit_code)

@@ -6,10 +6,10 @@ from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progres
 from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
 
 WITH_OR_WITHOUT = (
-    "joint: estimate the engine's constants and corrections with the map; consider: leave them as configured and widen the "
-    "intervals. By default as the configuration says."
+    "joint: estimate the engine's constants and corrections together with the map; consider: keep them as configured and widen "
+    "the map's intervals by their tolerances. By default the configuration decides."
 )
-SIDE_BY_SIDE = "Logs done at a time, in processes; by default one for a few logs, else one per processor."
+SIDE_BY_SIDE = "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors."
 MOST_ROWS = 12
 """Logs that are shown one by one; of more, a summary and the unusual ones."""
 MOST_LINES = 5
@@ -22,11 +22,13 @@ def estimate(
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
     engine: Path | None = option(
-        "ENGINE.h5", "An engine made by calibrate from this configuration; without it, the configured constants."
+        "ENGINE.h5",
+        "An engine made by calibrate with the same configuration. Without it, the configured engine is used.",
     ),
     method: str = option(
         "NAME",
-        "observer; published, the observer with Gamma = 200 I as in the paper; ekf, a Kalman filter; batch, least squares.",
+        "The estimator: observer; published, the observer with the paper's map gain Gamma = 200 I; ekf, a Kalman filter; batch, "
+        "least squares.",
         offers=METHODS,
         default="observer",
     ),
@@ -39,8 +41,8 @@ def estimate(
 ) -> None:
     """Estimate the error map of the sensor from logs.
 
-    With several logs, finished ones are kept in RESULT.h5.parts until the result is written, so a run that was killed can
-    continue.
+    With several logs, RESULT.h5.parts keeps the finished logs until RESULT.h5 is written. If a run is killed, the same command
+    continues from there.
 
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
@@ -87,21 +89,21 @@ def estimate(
             summaries = tuple(unusual(summaries, agreement))
             agreement = tuple(item for item in agreement if item.disagrees)
         elif done.reused:
-            say(f"{done.reused} logs were finished by an earlier run")
+            say(f"{done.reused} logs were finished by an earlier run and are not processed again")
         if summaries:
             print(table(*told(log_rows(summaries))))
         if agreement:
             print("\n" + table(*told(agreement_rows(agreement))))
         if done.agreement:
-            say(f"the maps of single logs scatter by {1e3 * done.scatter:.3g} g/s per node beyond what noise explains")
+            say(f"the maps of single logs scatter by {1e3 * done.scatter:.3g} g/s per node more than noise explains")
         say(f"{out}: {nodes} of {found.grid.size} nodes estimated by method {found.method}")
         say(f"{done.headline}; next: lpvobs extrapolate {out}")
     for item in done.agreement:
         if item.disagrees:
             by = f"{1e3 * item.mean_difference:+.3g} g/s on average"
-            say(f"lpvobs: {item.name}: disagrees with the map of all logs by {by}")
+            say(f"lpvobs: log {item.name}: its map differs from the map of all logs by {by}")
     for line in done.doubts.says[:MOST_LINES]:
         say(f"lpvobs: {line}")
     if len(done.doubts.says) > MOST_LINES:
-        say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more warnings, see --json")
+        say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more warnings; --json prints all of them")
     leave(done.refused)

@@ -5,17 +5,22 @@ from pathlib import Path
 from lpvobs.cli.common import guarded, print_json, say, table
 from lpvobs.cli.options import EXTRAPOLATIONS, JSON, argument, flag, option
 
-HOW = "kriging: Eq. (37) and what the error has beyond it; quadratic: Eq. (37) alone, as in the paper."
+HOW = "kriging: the quadratic of Eq. (37) plus the deviations from it; quadratic: Eq. (37) alone, as in the paper."
 
 
 @guarded
 def extrapolate(
-    result: Path = argument("RESULT.h5", "A result of estimate; /extrapolation is written into it."),
+    result: Path = argument(
+        "RESULT.h5", "A result of estimate. The filled map is written into this file as /extrapolation."
+    ),
     method: str = option("NAME", HOW, offers=EXTRAPOLATIONS, default="kriging"),
-    smooth: bool = flag("--smooth", "Smooth the estimated nodes as well; /extrapolation marks them."),
+    smooth: bool = flag(
+        "--smooth",
+        "Replace the estimated nodes in /extrapolation by smoothed values, too, and mark them there as smoothed.",
+    ),
     as_json: bool = JSON,
 ) -> None:
-    """Fill the nodes that no log visited, with an interval for each.
+    """Fill the map nodes that no log visited, and give a 90 % interval for each.
 
     Example: lpvobs extrapolate nedc.h5
     """
@@ -35,8 +40,8 @@ def extrapolate(
         print(table(*coefficients))
     more = f", {fitted.nodes} smoothed" if smooth else ""
     say(
-        f"outer estimated nodes, left out and predicted from the others, lie inside the predicted 90 % interval: {percent(held, 0)}"
+        f"check: {percent(held, 0)} of the outer estimated nodes lie inside the 90 % interval predicted from the other nodes"
     )
     say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
     if half is not None:
-        say(f"their 90 % intervals: +-{grams(half[0])} g/s or less for half of them, +-{grams(half[1])} g/s at most")
+        say(f"90 % intervals of the filled nodes: +-{grams(half[0])} g/s in the median, +-{grams(half[1])} g/s at most")

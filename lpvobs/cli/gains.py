@@ -8,19 +8,23 @@ from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 
 @guarded
 def synth_gain(
-    out: Path = needed("GAIN.h5", "The gain to write."),
+    out: Path = needed("GAIN.h5", "The gain file to write."),
     logs: list[Path] | None = argument(
-        "[LOG]...", "Logs, patterns or folders; the gain is proven for the range that they cover.", default=None
+        "[LOG]...",
+        "Logs, patterns or folders. The gain is proven for the parameter ranges that these logs cover.",
+        default=None,
     ),
     published: str | None = option(
-        "COLUMN", "Store the paper's own L of Eq. (38), proven on this column of Table 1: ETC, FTP75, NEDC."
+        "COLUMN",
+        "Store the gain L that the paper prints in Eq. (38), proven for this column of the paper's Table 1: ETC, FTP75 or NEDC.",
     ),
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Find the observer gain L from the linear matrix inequalities of Theorem 1 and prove it exactly.
+    """Find the observer gain L from the linear matrix inequalities of the paper's Theorem 1, and prove it in exact arithmetic.
 
-    The ranges of the parameters rho come from the logs, or from [gain.bounds]; those of the temperatures from [gain.temperatures].
+    The ranges of the scheduling parameters rho come from the logs, or from [gain.bounds] of the configuration. The ranges of the
+    temperatures come from [gain.temperatures].
 
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
@@ -49,24 +53,29 @@ def synth_gain(
         print_json("synth-gain", made)
         return
     outputs = ", ".join(stored.outputs)
-    print(f"L of {stored.origin}, proven at {gain.certificate.vertices} vertices; outputs {outputs}, sensor")
+    print(
+        f"observer gain L ({stored.origin}), proven at {gain.certificate.vertices} vertices; outputs {outputs}, sensor"
+    )
     rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
     print(table(["", *stored.outputs, "sensor"], rows))
     print()
     print(table(*bounds_table(stored)))
     if gain.bound is not None:
-        print("\nthe error of the state is bounded, also proven:\n" + table(*state_bound_table(stored)))
+        print("\nproven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))
 
 
 @guarded
 def verify(
-    gain: Path = argument("GAIN.h5", "A gain made by synth-gain."),
-    config: Path | None = option("TOML", "Check that the gain is for the engine of this file, too.", "--config"),
+    gain: Path = argument("GAIN.h5", "An observer gain made by synth-gain."),
+    config: Path | None = option(
+        "TOML", "A configuration file. verify then also checks that the gain was made for the engine in it.", "--config"
+    ),
     as_json: bool = JSON,
 ) -> None:
-    """Prove the certificate of a gain again, in exact arithmetic and without the solver.
+    """Prove the stability of the observer with a stored gain again, in exact arithmetic and without the solver.
 
-    Exit code 1 if the stored numbers do not prove Theorem 1 on the stored region, 3 if the gain is not for the engine of --config.
+    Exit code 1 if the stored numbers do not prove Theorem 1 on the stored parameter region, 3 if the gain was made for another
+    engine than that in --config.
 
     Example: lpvobs verify gain.h5 --config configs/diesel.toml
     """
@@ -90,5 +99,5 @@ def verify(
         print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")
         print(f"made for {stored.made_for()}")
         if stored.gain.bound is not None:
-            print("the error of the state is bounded, also proven:")
+            print("proven bounds of the observer's state error:")
             print(table(*state_bound_table(stored)))

@@ -17,7 +17,9 @@ MOST_SHOWN = 6
 
 @guarded
 def trace(
-    result: Path = argument("RESULT.h5", "A result of estimate or refine; /trace is written into it."),
+    result: Path = argument(
+        "RESULT.h5", "A result of estimate or refine. The findings are written into this file as /trace."
+    ),
     logs: list[Path] = LOGS,
     freeze_map: bool | None = MAP,
     engine: Path | None = ENGINE,
@@ -25,12 +27,12 @@ def trace(
 ) -> None:
     """Look at the residual that the model leaves, and name the effects that cause it.
 
-    On the logs that made the map, map and effects are estimated together; on other logs the map is taken as right.
-    A log that cannot be used is named and left out: exit code 3.
+    If the map was estimated from these logs, map and effects are estimated together. On other logs the stored map is assumed to be
+    right. A log that cannot be used is left out with a message, and the exit code is 3.
 
     Example: lpvobs trace nedc.h5 nedc.parquet
 
-    Example, what has changed since: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
+    Example, to find what has changed since the map was made: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
     from lpvobs.api.trace import TraceOutput
     from lpvobs.api.trace import trace as trace_residual
@@ -56,7 +58,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
 
     print(f"verdict: {found.verdict} (map {'frozen' if frozen else 'estimated jointly'})")
     if not found.findings:
-        print(f"  probability that nothing is there: {chance(found.p_value)}")
+        print(f"  p-value of 'no effect': {chance(found.p_value)}")
     content = found.as_json(refined)
     if found.verdict == "unexplained":
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
@@ -96,28 +98,28 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
 def _show_likes(effects: "tuple[Finding, ...]") -> None:
     for effect in effects:
         if effect.indistinguishable:
-            likes = f"What would tell {effect.id} from {', '.join(effect.indistinguishable)}: {effect.drive}."
+            likes = f"To tell {effect.id} from {', '.join(effect.indistinguishable)}, record {effect.drive}."
             print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
 
 
 @guarded
 def refine(
-    result: Path = argument("RESULT.h5", "A result of estimate."),
+    result: Path = argument("RESULT.h5", "A result of estimate or refine."),
     logs: list[Path] = LOGS,
     out: Path = needed("REFINED.h5", "The refined result to write."),
     hold_out: list[Path] | None = option(
         "LOG",
-        "A log to judge the error on, which is kept out of every fit and decision. Repeatable.",
+        "A log on which only the error is judged; it is used for no fit and no decision. Repeatable.",
         "--hold-out",
     ),
     freeze_map: bool | None = MAP,
     engine: Path | None = ENGINE,
     as_json: bool = JSON,
 ) -> None:
-    """Add the effects that the logs prove, estimate again, and print the error before and after on data that was held out.
+    """Add the effects that the logs prove to the model, estimate again, and print the error on held-out data before and after.
 
-    If nothing is found, the earlier result is copied byte for byte. A refined result can be refined again. A log that cannot be
-    used is named and left out: exit code 3.
+    If no effect is found, the earlier result is copied byte for byte. A refined result can be refined again. A log that cannot be
+    used is left out with a message, and the exit code is 3.
 
     Example: lpvobs refine nedc.h5 nedc.parquet --out refined.h5
 
@@ -146,4 +148,11 @@ def _tell(traced: "Traced", out: Path) -> None:
         f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "
         f"ratio {error.ratio:.3f} ({low:.3f} to {high:.3f})"
     )
-    say(f"{out}: " + ("written with the effects" if found.findings else "the earlier model, nothing was proven"))
+    say(
+        f"{out}: "
+        + (
+            "written with the effects"
+            if found.findings
+            else "a copy of the earlier result, because no effect was proven"
+        )
+    )

@@ -21,25 +21,25 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Estimate the error of a mass air flow sensor as a map over fuel quantity and engine speed, from recorded drive cycles.",
-    epilog="Chain: simulate, synth-gain, estimate, extrapolate, report. Each verb's --help has an example.",
+    epilog="Usual order of the verbs: simulate, synth-gain, estimate, extrapolate, report. The --help of each verb has an example.",
 )
 VERBS = {
-    "simulate": "Drive the nonlinear engine over a cycle and record a log.",
-    "ingest": "Make a log of a foreign recording.",
-    "profile": "Draft a profile for ingest by looking at a recording.",
-    "inspect": "Show channels, units, ranges and defects of logs.",
-    "calibrate": "Find an engine's constants and corrections from bench points and healthy logs.",
-    "synth-gain": "Find the observer gain and prove it.",
-    "verify": "Prove a gain again, without the solver.",
+    "simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
+    "ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
+    "profile": "Draft the profile that ingest needs from the channels of a recording.",
+    "inspect": "Show the channels, units, value ranges and defects of logs.",
+    "calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
+    "synth-gain": "Compute the observer gain and prove that the observer is stable with it.",
+    "verify": "Prove the stability of a stored observer gain again, without the solver.",
     "estimate": "Estimate the error map of the sensor from logs.",
-    "extrapolate": "Fill the nodes that no log visited.",
-    "trace": "Find what the model lacks, from its residual.",
-    "refine": "Add what is proven, estimate again, error before and after.",
+    "extrapolate": "Fill the map nodes that no log visited.",
+    "trace": "Find effects that the engine model lacks, from its residual.",
+    "refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
-    "compare": "How two maps differ, and where that is more than their errors.",
+    "compare": "Show how two maps differ, and where the difference exceeds their errors.",
     "track": "Follow the maps of many vehicles over time.",
-    "report": "Tables, gates and the HTML report.",
-    "selftest": "Try the installed package on cases with known answers.",
+    "report": "Show a result as tables or an HTML page, and check gates, that is limits on its metrics.",
+    "selftest": "Test the installed package on cases with known answers.",
 }
 SHARED = {
     "recordings": ("ingest", "profile", "inspect"),
@@ -63,7 +63,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def main(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version of lpvobs and exit.", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
     """Take the options that belong to no verb."""
@@ -112,5 +112,8 @@ def _flushed(out: Outlet) -> int:
     sys.stdout.flush()
     if out.lost is None:
         return 0
-    print(f"lpvobs: stdout: {out.lost.strerror}; the verb has ended, its files are whole; make room", file=sys.stderr)
+    print(
+        f"lpvobs: stdout: {out.lost.strerror}; printed text is missing, but all files are complete; free disk space",
+        file=sys.stderr,
+    )
     return DataError.exit_code

@@ -51,23 +51,28 @@ def flag(name: str, told: str, default: bool | None = False, **more: Any) -> Any
 
 CONFIG = option(
     "TOML",
-    "Engine, map grid, gain, policies; by default lpvobs.toml in this folder or the nearest one above it.",
+    "The configuration: engine, map grid, settings of the gain, treatment of defects. By default lpvobs.toml in this folder or the "
+    "nearest folder above.",
     "--config",
 )
-GAIN = option("GAIN.h5", "A gain made by synth-gain; without it, one is made and proven first.")
+GAIN = option("GAIN.h5", "An observer gain made by synth-gain. Without it, the command makes and proves a gain first.")
 SCHEDULER = option(
-    "tcp://HOST:PORT", "Use the workers of this Dask scheduler; they must see the logs under the same paths."
+    "tcp://HOST:PORT",
+    "Process the logs on the workers of this Dask scheduler. The workers must find the logs under the same paths.",
 )
-VEHICLE = option("NAME", "The vehicle, stored in the log for track.")
-DATE = option("YYYY-MM-DD", "The date of the drive, stored in the log for track.")
-LOGS = argument("LOG...", "Parquet logs, patterns, or folders of logs.")
-REGION = option("AXIS=FROM:TO,...", "Also print the mean over this region of the map; put a comma between two axes.")
+VEHICLE = option("NAME", "Name of the vehicle. It is stored in the log, where track reads it.")
+DATE = option("YYYY-MM-DD", "Date of the drive. It is stored in the log, where track reads it.")
+LOGS = argument("LOG...", "Parquet logs, patterns such as logs/*.parquet, or folders of logs.")
+REGION = option(
+    "AXIS=FROM:TO,...", "Print the mean over this region of the map, for example over n_e=1500:2500,u_delta=8:24."
+)
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(
-    "ENGINE.h5", "An engine made by calibrate to start from; by default, the one that the result was made with."
+    "ENGINE.h5", "An engine made by calibrate to start from. By default the engine with which the result was made."
 )
 MAP = flag(
     "--freeze-map/--free-map",
-    "Keep the map, or estimate it again with the effects. By default it is kept for logs that it was not estimated from.",
+    "Keep the stored map, or estimate it again together with the effects. By default the map is kept if it was estimated from "
+    "other logs.",
     default=None,
 )

@@ -12,16 +12,23 @@ if TYPE_CHECKING:
 
 @guarded
 def ingest(
-    sources: list[Path] = argument("SOURCE...", "CSV, Parquet, MAT or MDF4 files of one drive, on one clock."),
+    sources: list[Path] = argument(
+        "SOURCE...",
+        "Files of one drive: CSV, Parquet, MAT or MDF4. The time stamps of all files must come from the same clock.",
+    ),
     profile: str = needed(
-        "NAME|TOML", "liu-ice, kit-obd, or a profile file drafted by `lpvobs profile`.", offers=PROFILES
+        "NAME|TOML",
+        "The profile of the recording: liu-ice, kit-obd, or a file drafted by `lpvobs profile`.",
+        offers=PROFILES,
     ),
     out: Path = needed("LOG.parquet", "The log to write."),
     vehicle: str | None = VEHICLE,
     date: str | None = DATE,
     as_json: bool = JSON,
 ) -> None:
-    """Turn a foreign recording into a log; a profile states names, units, time and raster, and every repair is counted.
+    """Convert a recording of another tool into a log.
+
+    A profile states the recording's channel names, units, time and raster. The command counts and prints every repair.
 
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
@@ -33,17 +40,22 @@ def ingest(
         print_json("ingest", {"log": str(out), **record})
         return
     print("\n".join([*ingest_notes(record), table(*ingest_rows(record))]))
-    say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` shows this again")
+    say(f"{out}: {record['raster']['samples']} samples; `lpvobs inspect` prints this table again")
 
 
 @guarded
 def profile(
-    source: Path = argument("SOURCE", "A CSV, Parquet, MAT or MDF4 recording."),
-    out: Path | None = option("TOML", "The profile to write; else it is printed."),
-    names: Path | None = option("FILE", "Your own names, used first: CSV or INCA .lab with lines NAME;CHANNEL."),
+    source: Path = argument("SOURCE", "The recording: a CSV, Parquet, MAT or MDF4 file."),
+    out: Path | None = option("TOML", "The profile file to write. Without this option, the profile is printed."),
+    names: Path | None = option(
+        "FILE",
+        "A table of your own channel names, which has priority: CSV or INCA .lab with lines such as AFS_dm;W_maf.",
+    ),
     as_json: bool = JSON,
 ) -> None:
-    """Draft a profile for ingest from names, units and ranges; doubtful channels are comments in it.
+    """Draft a profile for ingest from the channel names, units and value ranges of a recording.
+
+    In the profile, doubtful channels are commented out.
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
@@ -52,7 +64,7 @@ def profile(
     text = draft_profile(source, out, names)
     if out is not None:
         say(
-            f"{out}: read this profile, uncomment the lines that are right, then run: lpvobs ingest {source} --profile "
+            f"{out}: check this profile, uncomment the lines that are right, then run: lpvobs ingest {source} --profile "
             f"{out} --out LOG.parquet"
         )
     if as_json:
@@ -67,15 +79,15 @@ def inspect(
     logs: list[Path] = LOGS,
     config: Path | None = option(
         "TOML",
-        "Engine and policies; by default lpvobs.toml in this folder or one above, else the first engine whose channels "
-        "the log has.",
+        "The configuration: engine and treatment of defects. By default lpvobs.toml in this folder or a folder above, else the "
+        "first engine whose channels the log has.",
         "--config",
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show channels, units, rate, gaps, ranges, the defects of logs, and what each policy did about them.
+    """Show the channels, units, sample rate, gaps and value ranges of logs, and how each defect of a log was treated.
 
-    For a result or an engine it prints what `report` does. Example: lpvobs inspect nedc.parquet
+    For a result or an engine, inspect prints the same as `report`. Example: lpvobs inspect nedc.parquet
     """
     if logs[0].suffix == ".h5":
         from lpvobs.cli.report import report
@@ -98,7 +110,7 @@ def _text(found: "InspectedLog") -> str:
 
     head = (
         f"{found.log}: {found.samples} of {found.samples_read} samples used, {found.duration:.1f} s at "
-        f"{found.rate:.4g} Hz, {found.gaps} gaps, {found.repeated} repeated or backward"
+        f"{found.rate:.4g} Hz, {found.gaps} gaps, {found.repeated} samples with repeated or backward time"
     )
     rows = [
         [
@@ -125,9 +137,15 @@ def _text(found: "InspectedLog") -> str:
     if defects:
         parts.append(table(["defect", "channel", "count", "first", "policy"], defects))
     if found.serves:
-        parts.append(f"this log serves the engines: {', '.join(found.serves)}")
-    parts += [f"engine '{name}': would also use {meanings(name, more)}" for name, more in found.further.items()]
-    parts += [f"engine '{name}': needs {meanings(name, more)} as well" for name, more in found.lacking.items()]
+        parts.append(f"this log has all required channels of the engines: {', '.join(found.serves)}")
+    parts += [
+        f"engine '{name}': would also use, if the log had them: {meanings(name, more)}"
+        for name, more in found.further.items()
+    ]
+    parts += [
+        f"engine '{name}': required channels missing in this log: {meanings(name, more)}"
+        for name, more in found.lacking.items()
+    ]
     if found.ingest is not None:
         from lpvobs.report.tables import ingest_notes, ingest_rows
 

@@ -26,24 +26,28 @@ def _list_metrics(asked: bool) -> None:
 
 @guarded
 def report(
-    result: Path = argument("RESULT.h5", "A result of estimate, or an engine made by calibrate."),
+    result: Path = argument(
+        "RESULT.h5", "A result of estimate or refine, an engine made by calibrate, or a fleet made by track."
+    ),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
-        "Logs that the results were made from, to draw signals over time and the fit; further results.",
+        "Logs from which the results were made, to show signals over time and the fit; or further results to show.",
         default=None,
     ),
-    html: Path | None = option("FILE", "Write one self-contained page."),
+    html: Path | None = option("FILE", "Also write the report as one self-contained HTML page."),
     gate: list[str] | None = option(
-        "EXPR", "metric<=number (or <, >=, >, ==, !=), or verdict==none; exit code 1 if it does not hold. Repeatable."
+        "EXPR",
+        "A limit on a metric, such as residual<=0.001 (also <, >=, >, ==, !=), or verdict==none. If it is not met, the exit code "
+        "is 1. Repeatable.",
     ),
-    junit: Path | None = option("FILE", "Write every gate's verdict on every log as JUnit XML, for CI systems."),
+    junit: Path | None = option("FILE", "Write as JUnit XML which logs pass each gate, for CI systems."),
     region: str | None = REGION,
     list_metrics: bool = flag(
-        "--list-metrics", "List the metrics that a gate may ask for, and end.", callback=_list_metrics, is_eager=True
+        "--list-metrics", "List the metrics that --gate accepts, and exit.", callback=_list_metrics, is_eager=True
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Show what a result says and how good it is, as tables, JSON or an HTML page, and judge gates.
+    """Show a result and its quality as tables, JSON or an HTML page, and check limits on its metrics (gates).
 
     Example: lpvobs report nedc.h5 nedc.parquet --html nedc.html --gate "mean_relative_error<=0.05"
     """
@@ -63,7 +67,7 @@ def report(
     if (kind := kind_of(result)) in ("engine", "fleet"):
         if gate or junit or region or further:
             raise UsageError(
-                f"{result}: holds a {kind}; logs, --gate, --junit and --region are only for results of estimate"
+                f"{result}: holds a {kind}, but logs, --gate, --junit and --region are only for results of estimate; drop them"
             )
         _other(kind, result, html, as_json)
         return

@@ -10,9 +10,9 @@ VERDICTS = {True: "pass", False: "FAIL"}
 
 @guarded
 def selftest(as_json: bool = JSON) -> None:
-    """Try the installed package on cases whose answers are known, for those who must qualify their tools.
+    """Test the installed package on cases whose answers are known, for users who must qualify their tools.
 
-    Exit code 1 if an answer is wrong. Needs no files and leaves none.
+    The command needs no files and leaves none. Exit code 1 if an answer is wrong.
 
     Example: lpvobs selftest
     """
@@ -37,7 +37,7 @@ def selftest(as_json: bool = JSON) -> None:
         print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
         say(", ".join(f"{name} {number}" for name, number in versions.items()))
         for row in failed:
-            say(f"{row.case}: {row.note or 'a wrong answer'}")
-        say(f"{len(rows) - len(failed)} of {len(rows)} passed")
+            say(f"{row.case}: {row.note or 'the answer is wrong'}")
+        say(f"{len(rows) - len(failed)} of {len(rows)} cases passed")
     if failed:
         raise typer.Exit(NotProven.exit_code)

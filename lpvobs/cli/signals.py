@@ -17,7 +17,7 @@ class Stopped(BaseException):
     word: ClassVar[str]
 
     def __str__(self) -> str:
-        return f"{self.word}; no file was changed by the unfinished step"
+        return f"{self.word}; the unfinished step changed no file"
 
 
 class Interrupted(Stopped):

@@ -11,27 +11,35 @@ from lpvobs.errors import UsageError
 def simulate(
     out: Path = needed("FILE", "The log or table to write."),
     cycle: str | None = option(
-        "NAME|CSV", "etc (surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own table.", offers=CYCLES
+        "NAME|CSV",
+        "The drive cycle: etc (a surrogate), etc_part1, ftp75, ftp75_cold, nedc, whtc, wltc, or your own cycle as a CSV file.",
+        offers=CYCLES,
     ),
     bench: int | None = option(
-        "N", "A bench table of N stationary points in place of a cycle; CSV if FILE ends in .csv, else Parquet."
+        "N",
+        "Simulate N stationary bench points instead of a cycle. The table is CSV if FILE ends in .csv, else Parquet.",
     ),
     effects: Path | None = option(
         "TOML",
-        "Faults of engine and sensors, a drive on the road, another error surface: examples in configs/effects and "
-        "configs/surfaces.",
+        "File with faults of engine and sensors, road conditions, or another map of the sensor error. Examples are in "
+        "configs/effects and configs/surfaces.",
     ),
     engine: Path | None = option(
-        "ENGINE.h5", "An engine file of calibrate, from the same configuration as --config; its constants are used."
+        "ENGINE.h5",
+        "An engine made by calibrate with the same configuration as --config. The simulation uses its constants.",
     ),
     rate: float | None = option("HZ", "Samples per second.", show_default="100"),
-    seed: int = option("N", "Seed of noise, road and points; the same one gives the same bytes.", default=1),
+    seed: int = option(
+        "N",
+        "Seed of the random noise, road and bench points. The same seed gives the same file, byte for byte.",
+        default=1,
+    ),
     vehicle: str | None = VEHICLE,
     date: str | None = DATE,
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Drive the nonlinear engine over a cycle and record a log with its true error.
+    """Simulate the nonlinear engine model over a drive cycle and write a log that includes the true sensor error.
 
     Example: lpvobs simulate --config configs/diesel.toml --cycle nedc --out nedc.parquet
 
@@ -46,7 +54,7 @@ def simulate(
     if bench is not None:
         of_cycle = {"--cycle": cycle, "--effects": effects, "--rate": rate, "--vehicle": vehicle, "--date": date}
         if given := [name for name, value in of_cycle.items() if value is not None]:
-            raise UsageError(f"--bench: simulates stationary points and no cycle; drop {' and '.join(given)}")
+            raise UsageError(f"--bench: simulates stationary points, not a cycle; drop {' and '.join(given)}")
         with progress(f"simulating {bench} points") as report:
             points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
         channels, samples, duration, told = tuple(points.channels), bench, points.duration, f"{bench} stationary points"

@@ -78,7 +78,7 @@ def test_without_either_both_ways_are_named(lpvobs, tmp_path):
         assert done.code == 2
         (line,) = done.err.strip().splitlines()
         assert "--config TOML" in line
-        assert "lpvobs.toml in this folder or one above it" in line
+        assert "lpvobs.toml in this folder or a folder above" in line
     assert list(tmp_path.iterdir()) == []
 
 
@@ -103,21 +103,21 @@ def test_inspect_holds_a_log_against_the_engine_of_the_folder(config, chain, pro
         (
             (),
             [
-                "serves the engines: diesel, series, speed_density",
-                "'series': would also use lambda_e (lambda in the exhaust)",
+                "has all required channels of the engines: diesel, series, speed_density",
+                "'series': would also use, if the log had them: lambda_e (lambda in the exhaust)",
             ],
         ),
         (
             ("omega_t", "p_em"),
             [
-                "serves the engines: series, speed_density",
+                "has all required channels of the engines: series, speed_density",
                 "'diesel': needs p_em (exhaust manifold pressure), omega_t (turbine",
             ],
         ),
         (
             ("omega_t", "p_em", "u_delta", "u_egr"),
             [
-                "serves the engines: speed_density",
+                "has all required channels of the engines: speed_density",
                 "u_egr (EGR valve opening) or lambda_e (lambda in the exhaust) as well",
             ],
         ),

@@ -153,7 +153,7 @@ def test_a_log_that_cannot_be_used_is_named_and_left_out(lpvobs, chain, refined,
     assert done.code == 3
     assert done.json["effects"] == refined[1]["effects"]  # those of the good log; a log held out teaches nothing
     assert [str(bad) in message for message in done.json["refused"]] == [True]
-    assert f"lpvobs: left out: {bad}" in done.err
+    assert f"lpvobs: log left out: {bad}" in done.err
     copy, out = tmp_path / "copy.h5", tmp_path / "out.h5"
     copy.write_bytes(chain.result.read_bytes())
     assert lpvobs("trace", copy, bad).code == 3

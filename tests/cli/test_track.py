@@ -97,7 +97,7 @@ def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_pat
     out = tmp_path / "fleet.h5"
     assert track(out, [fleet / "?" / f"2025-0{m}.parquet" for m in range(1, 4)]).code == 0
     done = track(out, [fleet / "?" / "2025-04.parquet", fleet / "a" / "2025-01.parquet"])
-    assert "2 new logs, 6 known before" in done.err
+    assert "2 new logs, 6 were in the fleet before" in done.err
     added, at_once = contents(out), contents(whole[0])
     for name in ("maps/delta_W_c", "maps/standard_error", "vehicles/trend"):
         np.testing.assert_allclose(added[name], at_once[name], rtol=1e-4, atol=1e-7)
@@ -110,9 +110,9 @@ def test_what_a_stopped_run_had_read_is_said(fleet, track, config, chain, tmp_pa
     out.unlink()  # as a run that is killed before it has written leaves its folder
     done = track(out, logs)
     assert done.code == 0, done.err
-    assert "2 new logs, 2 of them read by an earlier run that was stopped, 0 known before" in done.err
+    assert "2 new logs, 2 of them read by an earlier run that was stopped, 0 were in the fleet before" in done.err
     out.unlink()
-    assert "2 new logs, 0 known before" in track(out, logs).err
+    assert "2 new logs, 0 were in the fleet before" in track(out, logs).err
 
 
 def test_what_belongs_to_results_alone_is_refused_beside_a_fleet(whole, lpvobs, tmp_path):

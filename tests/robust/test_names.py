@@ -46,7 +46,7 @@ def test_too_little_memory_for_the_libraries_is_one_line_before_they_are_loaded(
     with pytest.raises(typer.Exit) as end:
         guarded(lambda: ran.append(1))()
     assert end.value.exit_code == 3
-    assert "ulimit -v) is 300 MiB; expected at least 1024" in capsys.readouterr().err
+    assert "ulimit -v) is 300 MiB; expected 1024 MiB or more" in capsys.readouterr().err
     assert not ran
 
 
