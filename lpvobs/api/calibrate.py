@@ -77,20 +77,21 @@ def calibrate(
     given = None if gain is None else as_path(gain)
     parts = [named_file(item, air_path) for item in maps]
     if not (tables or known or metered or parts or prior):
-        raise UsageError("nothing to calibrate from; give --bench, --healthy, --reference or --map KIND=FILE")
+        raise UsageError("no data to calibrate from; give --bench, --healthy, --reference or --map KIND=FILE")
     inputs = [*tables, *known, *metered, *dict.fromkeys(path for _, path, _ in parts)]
     refuse_copies(inputs)
     for number, path in enumerate(inputs):
         if path.name in [other.name for other in inputs[:number]]:
             raise UsageError(
-                f"{path}: another input has the same file name, but results tell inputs apart by file name; rename one "
-                "of the two files"
+                f"{path}: another input file has the same name, but the engine file tells inputs apart by name; rename one of "
+                "the two files"
             )
     with writing(out, [config, *inputs, given]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
                 raise UsageError(
-                    f"{as_path(config)}: this kind of engine is learned from healthy logs only; give --healthy LOG"
+                    f"{as_path(config)}: this kind of engine is calibrated from logs with a healthy MAF sensor only; "
+                    "give --healthy LOG and no other data"
                 )
             stored = _learned(configuration, text, known)
         elif not air_path.components:

@@ -177,7 +177,7 @@ def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
     """Raise UsageError where a map that stands was estimated with another engine."""
     if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
         raise UsageError(
-            f"{stored.path}: was not made with {calibrated}, but to keep a map, `trace` needs the engine with which it was made; "
+            f"{stored.path}: this map was not estimated with {calibrated}; a stored map can only be kept with its own engine; "
             f"drop --engine, estimate the map with this engine, or give --free-map"
         )
 
@@ -188,7 +188,7 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
         step = float(np.median(np.diff(log.time)))
         if step > SLOWEST:
             raise DataError(
-                f"{log.name}: a sample every {step:.3g} s is too slow to tell an unlisted cause from fast transients; "
+                f"log {log.name}: with one sample every {step:.3g} s, unknown causes cannot be told from fast transients; "
                 f"record at least 20 samples a second"
             )
 
@@ -197,10 +197,12 @@ def _refuse_copies(logs: Sequence[Log]) -> None:
     """Raise for two logs of the same bytes, or of the same name."""
     for log, other in ((log, other) for i, log in enumerate(logs) for other in logs[:i]):
         if log.sha256 == other.sha256:
-            raise UsageError(f"{log.name}: same bytes as {other.name}; the same drive would count twice, leave one out")
+            raise UsageError(
+                f"logs {log.name} and {other.name} have the same content, so this drive would count twice; leave one log out"
+            )
         if log.name == other.name:
             raise UsageError(
-                f"{log.name}: two logs have this name, but a result tells logs apart by name; rename one of them"
+                f"log {log.name}: two logs have this name, but a result tells logs apart by name; rename one of the files"
             )
 
 
@@ -211,13 +213,14 @@ def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
         if anew and len(logs) < len(stored.logs):
             names = ", ".join(log.name for log in stored.logs)
             raise UsageError(
-                f"{stored.path}: was estimated from {names}; name all these logs, or give --free-map to estimate a map "
-                "from the named ones"
+                f"{stored.path}: this map was estimated from the logs {names}, but some of them are not named; name all of them, "
+                "or give --free-map to estimate a map from the named logs alone"
             )
         return False
     if any(made):
         names = ", ".join(log.name for log, own in zip(logs, made, strict=True) if own)
         raise UsageError(
-            f"{stored.path}: was estimated from {names}, but not from the other logs; give --freeze-map or --free-map"
+            f"{stored.path}: this map was estimated from {names}, but not from the other named logs; give --freeze-map to "
+            "keep the map, or --free-map to estimate it again"
         )
     return True

@@ -64,7 +64,7 @@ class CompareOutput:
     axes: tuple[str, str]  # of speed and fuel, with units
     nodes: Count  # that have a value in both
     mean: MeanChange
-    p_value: Annotated[float, Meta(description="Of so large a change at the nodes if nothing has changed.")]
+    p_value: Annotated[float, Meta(description="Probability of changes as large as these if nothing has changed.")]
     largest_change: KgPerS  # among the significant nodes, zero where none is
     significant: Sequence[NodeChange]  # the largest first
 
@@ -112,10 +112,11 @@ def compare(
         raise UsageError(f"--values {values}: expected {' or '.join(SOURCES)}")
     if vehicle or second is None:
         if values != "map":
-            raise UsageError(f"--values {values}: a fleet has no extrapolated maps; drop --values")
+            raise UsageError(f"--values {values}: a fleet contains no extrapolated maps; drop --values")
         if second is not None or not vehicle or not len(periods) == len({*periods}) == 2:
             raise UsageError(
-                "expected two results, or one fleet with --vehicle NAME and --period twice, with different periods"
+                "expected two results to compare, or one fleet with --vehicle NAME and two different periods, each given by "
+                "--period"
             )
         change, later = _between(as_path(first), vehicle, (periods[0], periods[1]))
         names = [f"{first}: {vehicle} {period}" for period in periods]
@@ -125,7 +126,8 @@ def compare(
     on = np.flatnonzero(np.isfinite(change.values.ravel()) & np.isfinite(change.standard_error.ravel()))
     if not on.size:
         raise DataError(
-            f"{names[0]}, {names[1]}: no node has a value with a standard error in both; run `lpvobs extrapolate` on both"
+            f"{names[0]}, {names[1]}: no node has a value with a standard error in both maps; run `lpvobs extrapolate` on both "
+            "results, then compare with --values extrapolation"
         )
     nodes = Joint(change.values.ravel()[on], change.covariance[np.ix_(on, on)])
     alike = Joint(nodes.values.mean(keepdims=True), nodes.covariance.mean(keepdims=True))
@@ -155,8 +157,8 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
     sums = {each.vehicle: each for each in kept.sums}
     there = [each.period for each in fleet.found.maps if each.vehicle == vehicle]
     if missing := [each for each in pair if each not in there]:
-        held = f"{vehicle} has {', '.join(there)}" if there else f"its vehicles are {', '.join(sums)}"
-        raise DataError(f"{path}: has no map of {vehicle} in {missing[0]}; {held}")
+        held = f"periods with a map: {', '.join(there)}" if there else f"vehicles in this fleet: {', '.join(sums)}"
+        raise DataError(f"{path}: this fleet has no map of vehicle {vehicle} in period {missing[0]}; {held}")
     own = vehicle_of(
         sums[vehicle], [log for log in kept.logs if log.vehicle == vehicle], kept.basis, settings.prior_map
     )
@@ -187,7 +189,7 @@ def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOut
     fuel, speed = (MapAxis(axis.name, axis.unit, axis.long_name) for axis in (change.y, change.x))
     grid = Grid(change.y.nodes, change.x.nodes)
     view = SurfaceView(grid, (fuel, speed), change.values, np.zeros(grid.shape, dtype=bool))
-    drawn = change_map("change", f"{found.second} less {found.first}", view, changed)
+    drawn = change_map("change", f"{found.second} minus {found.first}", view, changed)
     with writing(figure, maps) as path, replacing(path) as temporary:
         temporary.write_text(drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), encoding="utf-8")
 
@@ -201,7 +203,7 @@ def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:
         gate, unit = failed[0], "" if failed[0].metric == "p_value" else " kg/s"
         raise NotProven(
             f"gate failed: from {found.first} to {found.second}, {gate.metric} = {known[gate.metric]:.6g}{unit}, "
-            f"the gate is {gate}{unit}; look at the significant nodes, or widen the gate"
+            f"but the gate is {gate}{unit}; check the nodes with significant changes, or widen the gate"
         )
 
 
@@ -249,5 +251,7 @@ def region_of(text: str) -> dict[str, tuple[float, float]]:
         try:
             found[name.strip()] = (float(low), float(high))
         except ValueError:
-            raise UsageError(f"--region {text}: expected AXIS=FROM:TO, or two of these with a comma between") from None
+            raise UsageError(
+                f"--region {text}: expected AXIS=FROM:TO for one axis, or for both axes with a comma between"
+            ) from None
     return found

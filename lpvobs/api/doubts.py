@@ -84,23 +84,26 @@ def _said(config: Config, sums: BalanceSums, own: BalanceAgreement) -> Iterable[
     for check, share in zip(config.kind.suspects.checks, (sums.broken / sums.blocks.sum()).tolist(), strict=True):
         if share > check.most:
             yield (
-                f"{check.says} for {100 * share:.0f} % of the time, which no healthy engine does; "
-                f"check whether the two channels are exchanged, or one has another unit or reference"
+                f"{check.says} for {100 * share:.0f} % of the time, which a healthy engine never shows; check "
+                f"whether the two channels are exchanged, or whether one has a wrong unit or reference pressure"
             )
     reads = _reads(sums)
     if not READS <= reads <= 1.0 / READS:
         yield (
-            f"{config.kind.air_path.sensor} reads {reads:.2g} times the air flow that the balances give; check its unit: g/s "
-            f"labelled kg/h gives a factor of 0.28, kg/h labelled g/s a factor of 3.6"
+            f"{config.kind.air_path.sensor} reads {reads:.2g} times the air flow that the engine model gives; check its "
+            f"unit: g/s labelled kg/h gives a factor of 0.28, kg/h labelled g/s a factor of 3.6"
         )
     mistake = sums.mended_by()
     if mistake is not None:
-        yield f"{config.kind.suspects.mix_ups[mistake].says}? The balances would then agree far better; correct the log"
+        yield (
+            f"the log probably has {config.kind.suspects.mix_ups[mistake].says}, because the air flow balances agree far better "
+            f"with them exchanged back; correct the log"
+        )
     elif own.ratio > DISAGREE:
         place = ", ".join(f"{axis} {low:g} to {high:g}" for axis, (low, high) in own.where.items())
         yield (
-            f"the balances differ by {own.ratio:.1f} times what noise and tolerances allow, most at {place}; "
-            f"a constant of [engine] is wrong, the log is of another engine, or the engine has a fault"
+            f"the air flow balances differ by {own.ratio:.1f} times what noise and tolerances allow, most at {place}; check "
+            f"the constants in [engine], whether the log is of this engine, and whether the engine has a fault"
         )
 
 
@@ -126,7 +129,7 @@ def _another_volume(volumes: Sequence[str], found: EngineFound | None) -> Iterab
         if sure > SURE and abs(off) > OFF:
             which = "larger" if off > 0.0 else "smaller"
             yield (
-                f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}, which is {sure:.0f} "
+                f"{name}: fast transients fit better with a value {100 * abs(off):.0f} % {which}; this difference is {sure:.0f} "
                 f"times what noise and tolerance allow; check {name} in [engine]"
             )
 
@@ -140,12 +143,12 @@ def refuse_too_large(estimate: MapEstimate, sums: BalanceSums, most: float, says
     size = float(np.abs(error).sum())
     if not size > most * air:
         return
-    why = "no sensor is that wrong: check its unit, and the constants in [engine], the volumes first"
+    why = "no sensor has such a large error: check the sensor's unit and the constants in [engine], first the volumes"
     if abs(float(sums.reading[known].sum())) < NEXT_TO_NOTHING * air:
-        why = "the sensor reads next to nothing, as if it were unplugged: connect it and drive again"
+        why = "the sensor reads almost zero, as if it were unplugged: connect the sensor and drive again"
     elif says:
         why = says[0]
     raise DataError(
-        f"the map is {100 * size / air:.0f} % of the air flow on average, expected at most {100 * most:g} % (largest_error in "
-        f"[estimate]); {why}"
+        f"the estimated sensor error is {100 * size / air:.0f} % of the air flow on average, expected at most {100 * most:g} % "
+        f"(largest_error in [estimate]); {why}"
     )

@@ -59,15 +59,15 @@ class EstimateOutput:
 
     result: str
     method: str
-    headline: Annotated[str, Meta(description="What the map says, in a sentence.")]
+    headline: Annotated[str, Meta(description="Summary of the map in one sentence.")]
     logs: Sequence[LogOutput]
     refused: Refused
     map: NodeCounts
-    scatter: Annotated[float, Meta(description="kg/s, of a node between logs")]
+    scatter: Annotated[float, Meta(description="kg/s, scatter of a node between the maps of single logs")]
     agreement: Sequence[disagreement.Agreement]
     balance_agreement: BalanceAgreement
     engine: EngineUsed
-    doubts: Annotated[Sequence[str], Meta(description="What speaks against logs or engine, a line each.")]
+    doubts: Annotated[Sequence[str], Meta(description="Warnings about logs or the engine, one line each.")]
 
 
 def estimate(
@@ -135,7 +135,7 @@ def used_engine(config: Config, engine: Path | None, method: str) -> engines.Cal
     if engine is None:
         return None
     if method != "observer" and not config.kind.air_path.learns:
-        raise UsageError(f"--method {method}: always uses the configured engine; drop --engine")
+        raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
     stored = engines.read_engine(engine, config.engine_path())
     return engines.CalibratedEngine(engine.name, file_digest(engine), stored)
 
@@ -146,7 +146,7 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
         raise UsageError(f"--constants {constants}: unknown; expected one of {', '.join(CONSTANTS)}")
     if method != "observer":
         raise UsageError(
-            f"--constants: --method {method} always uses the configured constants; drop one of the two options"
+            f"--constants: the method {method} always uses the configured constants; drop --constants or --method"
         )
     return replace(config, estimate=replace(config.estimate, constants=constants))
 
@@ -239,12 +239,14 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
     """Return where logs are done: here by default if they are few, else in one process per processor."""
     if jobs is not None and scheduler is not None:
         raise UsageError(
-            "--jobs: starts processes on this machine, but --scheduler uses workers on others; drop one of the two options"
+            "--jobs starts processes on this machine, but --scheduler uses workers on other machines; drop one of the two options"
         )
     if method != "observer" and (scheduler is not None or (jobs or 1) > 1):
-        raise UsageError(f"--method {method}: processes one log after the other; drop --jobs and --scheduler")
+        raise UsageError(
+            f"--method {method}: this method processes one log after the other; drop --jobs and --scheduler"
+        )
     if jobs is not None and jobs < 1:
-        raise UsageError(f"--jobs {jobs}: expected at least 1")
+        raise UsageError(f"--jobs {jobs}: expected a number of processes of at least 1")
     if jobs is None:
         jobs = processors() if logs >= MANY else 1
     return fleet.Workplace(jobs, scheduler)

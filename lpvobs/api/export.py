@@ -105,7 +105,8 @@ def export(
         comments = _comments(path, surface, before)
         if left := int((surface.origin == surfaces.LEFT_OUT).sum()):
             comments.append(
-                f"{left} nodes without a correction: their 90 % interval exceeds {1e3 * most:.3g} g/s, or no flow is known"
+                f"{left} nodes have no correction: their 90 % interval is wider than +-{1e3 * most:.3g} g/s, or no air flow is "
+                "known there"
             )
         limited = 0
         if file_format == "csv":
@@ -121,7 +122,9 @@ def export(
             if its is not None:
                 held, limited = its.fitted(item.values)
                 item = replace(item, values=held)
-                comments.append(f"{limited} values changed by the limits {its.lower:g} to {its.upper:g} {its.unit}")
+                comments.append(
+                    f"{limited} values clipped to the control unit's limits {its.lower:g} to {its.upper:g} {its.unit}"
+                )
             write = files.write_dcm if file_format == "dcm" else exchange.write_cdfx
             write(target, item, digits, comments)
     changed = None if was is None or known is None else files.changes(surface, known, digits)
@@ -141,7 +144,9 @@ def _in_unit(path: Path, surface: surfaces.Surface, unit: str) -> surfaces.Surfa
             text = str(file["provenance"].attrs["config"])
         cylinders = config_of(text, path).engine_path().cylinders
         if not cylinders:
-            raise UsageError(f"--unit {unit}: this engine has no cylinders; expected a flow, % or factor")
+            raise UsageError(
+                f"--unit {unit}: this kind of engine has no number of cylinders; expected a unit of flow, % or factor"
+            )
     mean = surfaces.read_readings(path, surface).values if share else None
     return exchange.in_unit(surface, unit, mean, cylinders)
 
@@ -157,14 +162,18 @@ def _refuse_contradictions(
         if value not in known:
             raise UsageError(f"{option} {value}: expected {' or '.join(known)}")
     if not dcm.NAME.fullmatch(name):
-        raise UsageError(f"--name {name}: expected letters, digits, '_', '.', '[' or ']', a letter or '_' first")
+        raise UsageError(
+            f"--name {name}: expected a label of letters, digits, '_', '.', '[' or ']' that begins with a letter or '_'"
+        )
     if not 2 <= digits <= 17:
         raise UsageError(f"--digits {digits}: expected 2 to 17 significant digits")
     if kind and file_format != "dcm":
-        raise UsageError(f"--kind {kind}: only a DCM has kinds of maps; drop --kind for {file_format}")
+        raise UsageError(
+            f"--kind {kind}: only the format dcm has kinds of maps; drop --kind for the format {file_format}"
+        )
     if file_format in ("dcm", "cdfx") and only_estimated and old is None:
         raise UsageError(
-            f"--only-estimated: a {file_format.upper()} needs a value at every node; give the old values with --old OLD.dcm"
+            f"--only-estimated: a {file_format.upper()} needs a value at every node; give other nodes a value with --old OLD.dcm"
         )
 
 
@@ -177,5 +186,5 @@ def _comments(result: Path, surface: surfaces.Surface, old: Path | None) -> list
         else "factor of the mass air flow sensor: truth is reading times factor",
     ]
     if old is not None:
-        lines.append(f"axes, and values where none is new, from {old.name}, sha256 {file_digest(old)}")
+        lines.append(f"axes, and values of nodes without a new value, from {old.name}, sha256 {file_digest(old)}")
     return lines

@@ -43,7 +43,7 @@ class ExportedUnit:
     # where the map is from: `zero`, or the group of the result
     start: Annotated[str, Meta(extra_json_schema={"enum": STARTS})]
     files: Sequence[str]
-    delay: Annotated[float, Meta(description="s, half of the window")]
+    delay: Annotated[float, Meta(description="s, half of the smoothing window")]
     bytes_of_state: Mapping[str, Count]  # static memory of the state, by number format
     smallest_pivot: Mapping[str, float]  # of the certificate, proven again for the gain rounded to each number format
 
@@ -139,7 +139,8 @@ def _falls(stored: StoredGain, map_gain: str) -> bool:
         raise UsageError(f"--map-gain {map_gain}: expected {' or '.join(MAP_GAINS)}")
     if map_gain == "falling" and not cascade:
         raise UsageError(
-            "--map-gain falling: not proven stable for this gain, because its last column is not zero; use constant"
+            "--map-gain falling: stability is not proven for this observer gain, because its last column is not zero; give "
+            "--map-gain constant"
         )
     return cascade if not map_gain else map_gain == "falling"
 
@@ -160,7 +161,8 @@ def unit_of(
             corrections = known.corrections()
         elif air_path.learns:
             raise UsageError(
-                f"the curves of a {air_path.name} engine come from healthy logs only; name RESULT.h5 or --engine"
+                f"an engine of kind {air_path.name} needs curves learned from healthy logs; name a RESULT.h5 or an --engine "
+                "that contains them"
             )
     elif engine is not None:
         raise UsageError(f"--engine {engine}: {result} already contains an engine; drop --engine or the result")
@@ -204,7 +206,9 @@ def _write_folder(folder: Path, made: Mapping[str, str]) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise DataError(f"{folder}: this folder cannot be made ({error.strerror}); name another in --out") from None
+        raise DataError(
+            f"{folder}: this folder cannot be created ({error.strerror}); name another folder with --out"
+        ) from None
     for name, text in made.items():
         with replacing(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")

@@ -29,7 +29,7 @@ class ExtrapolateOutput(QuadraticOutput):
     outer_coverage: Fraction
     half_widths: Annotated[
         tuple[KgPerS, KgPerS] | None,
-        Meta(description="kg/s, half of the filled nodes' 90 % intervals: median, and the widest."),
+        Meta(description="kg/s, half-width of the filled nodes' 90 % intervals: the median and the largest."),
     ]
 
 
@@ -64,16 +64,16 @@ def fill(result: File, method: str = "kriging", smooth: bool = False) -> tuple[S
         raise UsageError(f"--method {method}: expected {' or '.join(METHODS)}")
     if smooth and method == "quadratic":
         raise UsageError(
-            "--smooth: the quadratic does not go through the estimated nodes, so it cannot smooth them; drop --smooth, "
-            "or use --method kriging"
+            "--smooth: only --method kriging can smooth the estimated nodes, not the quadratic; drop --smooth, or use --method "
+            "kriging"
         )
     with updating(result) as path:
         stored = read_result(path)
         known = bool(np.isfinite(stored.covariance).all())
         if not known and smooth:
             raise UsageError(
-                f"--smooth: {path}: the method {stored.method} has no covariance, which smoothing needs; estimate with "
-                "--method observer"
+                f"--smooth: {path}: smoothing needs a covariance, but a map of method {stored.method} has none; estimate the map "
+                "again with --method observer"
             )
         covariance, noise = (each if known else np.zeros_like(each) for each in (stored.covariance, stored.noise))
         grid, theta, design = stored.grid, stored.theta, stored.design

@@ -25,7 +25,7 @@ def as_path(file: File) -> Path:
     path = Path(file)
     if "\0" in str(path) or any(len(os.fsencode(part)) > LONGEST_NAME for part in path.parts):
         raise UsageError(
-            f"{str(path)!r}: no file can have this name, expected at most {LONGEST_NAME} bytes and no zero byte"
+            f"{str(path)!r}: this is no valid file name; expected at most {LONGEST_NAME} bytes and no zero byte"
         )
     return path
 
@@ -75,7 +75,9 @@ def refuse_copies(paths: Sequence[Path]) -> None:
             except OSError:  # whoever reads it tells why it cannot be
                 continue
             if digest in seen:
-                raise UsageError(f"{path}: same bytes as {seen[digest]}; the drive would count twice, leave one out")
+                raise UsageError(
+                    f"{path}: same content as {seen[digest]}; this drive would count twice, so leave one file out"
+                )
             seen[digest] = path
 
 
@@ -85,7 +87,7 @@ def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
     path = as_path(out)
     for file in read:
         if file is not None and is_same(path, as_path(file)):
-            raise UsageError(f"{path}: is also an input and would be lost; name another file to write")
+            raise UsageError(f"{path}: this file is also an input and would be overwritten; name another file to write")
     with claimed(path):
         yield path
 

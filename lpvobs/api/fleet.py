@@ -240,12 +240,13 @@ def refuse_empty(estimate: MapEstimate) -> None:
     if not estimate.supported.any():
         names = ", ".join(run.name for run in estimate.runs)
         raise DataError(
-            f"{names}: no operating point was driven for long enough (least_information in [estimate]); "
+            f"logs {names}: no node of the map was driven for long enough (least_information in [estimate]); "
             f"drive longer and over more operating points"
         )
     if not np.isfinite(estimate.theta[estimate.supported]).all():
         raise DataError(
-            "the estimate is not finite: the observer is unstable with this gain; make one for this engine with `lpvobs synth-gain`"
+            "the estimated map contains infinite values, because the observer is unstable with this gain; make a gain for this "
+            "engine with `lpvobs synth-gain`"
         )
 
 

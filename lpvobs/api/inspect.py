@@ -45,7 +45,7 @@ class ChannelOutput:
     median: float
     max: float
     dropped: Count
-    refresh: Annotated[float, Meta(description="Hz, how often it changes; null for a constant")]
+    refresh: Annotated[float, Meta(description="Hz, how often the channel changes; null for a constant channel")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,12 +65,14 @@ class InspectedLog:
     defects: Sequence[Defect]
     channels: Mapping[str, ChannelOutput]
     ingest: Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/IngestRecord"})] | None
-    serves: Annotated[Sequence[str], Meta(description="The engines that the log has every needed channel for.")]
+    serves: Annotated[Sequence[str], Meta(description="Kinds of engine for which the log has every required channel.")]
     lacking: Annotated[
-        Mapping[str, Sequence[str]], Meta(description="By other engine, the channels that it needs as well.")
+        Mapping[str, Sequence[str]],
+        Meta(description="For each other kind of engine: required channels that the log lacks."),
     ]
     further: Annotated[
-        Mapping[str, Sequence[str]], Meta(description="By served engine, channels that it would use as well.")
+        Mapping[str, Sequence[str]],
+        Meta(description="For each engine in serves: optional channels that the log lacks."),
     ]
 
 

@@ -83,7 +83,7 @@ def _in_processes(
         yield from _side_by_side(partial(_submitted, pool, function), enumerate(tasks), lambda: ahead)
     except BrokenProcessPool:
         raise DataError(
-            "a worker died, perhaps for lack of memory; run again with fewer --jobs: finished logs are kept"
+            "a worker process died, perhaps for lack of memory; run again with fewer --jobs; finished logs are kept"
         ) from None
 
 
@@ -165,8 +165,8 @@ def _through(client: Any, function: Callable[[Task], Result], left: dict[int, Ta
         yield from _side_by_side(partial(pool.submit, function), list(left.items()), ahead)
     except KilledWorker:
         raise DataError(
-            "several workers died with the same log, perhaps for lack of memory; give them more and run again, finished "
-            "logs are kept"
+            "several workers died on the same log, perhaps for lack of memory; give the workers more memory and run again; "
+            "finished logs are kept"
         ) from None
 
 
@@ -175,7 +175,9 @@ def _client(address: str, patience: float) -> Any:
     try:
         from distributed import Client
     except ImportError:
-        raise UsageError("--scheduler: Dask is not installed; install lpvobs[cluster]") from None
+        raise UsageError(
+            "--scheduler needs Dask, which is not installed; install it with: pip install 'lpvobs[cluster]'"
+        ) from None
     until = time.monotonic() + patience
     while True:
         try:
@@ -183,7 +185,8 @@ def _client(address: str, patience: float) -> Any:
         except (OSError, ValueError, TimeoutError) as error:
             if time.monotonic() > until:
                 raise UsageError(
-                    f"--scheduler {address}: cannot be reached ({error}); start `dask scheduler`, or check the address; "
+                    f"--scheduler {address}: the scheduler cannot be reached ({error}); start `dask scheduler`, or check "
+                    "the address; "
                     f"finished logs are kept"
                 ) from None
             time.sleep(1.0)

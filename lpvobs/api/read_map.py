@@ -72,11 +72,17 @@ class Map(Surface):
         try:
             import xarray
         except ImportError:
-            raise UsageError("to_xarray: needs xarray; pip install 'lpvobs[notebook]'") from None
+            raise UsageError(
+                "to_xarray needs the library xarray; install it with: pip install 'lpvobs[notebook]'"
+            ) from None
         both, unit = (self.x.name, self.y.name), {"units": self.unit}
         return xarray.Dataset(
             {
-                "delta_W_c": (both, self.values, unit | {"long_name": "error of the sensor, reading minus truth"}),
+                "delta_W_c": (
+                    both,
+                    self.values,
+                    unit | {"long_name": "error of the mass air flow sensor, reading minus truth"},
+                ),
                 "standard_error": (both, self.standard_error, unit),
                 "origin": (both, np.vectorize(ORIGINS.get)(self.origin)),
             },

@@ -67,8 +67,8 @@ def expect_cascade(path: Path, gain: StoredGain) -> None:
     """Raise DataError for a result whose gain lets the sensor correct the state: its map cannot be estimated beside effects."""
     if gain.gain.L[:, -1].any():
         raise DataError(
-            f"{path}: made with the gain '{gain.origin}', whose last column is not zero; with such a gain, map and "
-            f"effects cannot be estimated together: estimate with the default method first, or give --freeze-map"
+            f"{path}: this map was made with the gain '{gain.origin}', whose last column is not zero; such a gain cannot estimate "
+            f"map and effects together; estimate the map with the default method first, or give --freeze-map"
         )
 
 

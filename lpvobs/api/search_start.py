@@ -40,8 +40,8 @@ def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> 
     found = stored.engine
     if found is None or found.constants != stored.constants or not np.isfinite(stored.covariance).all():
         raise DataError(
-            f"{stored.path}: a map of method '{stored.method}' has no covariance with the engine's constants, which is needed to "
-            f"keep the map; run `lpvobs estimate` with the default method"
+            f"{stored.path}: a map can only be kept if its covariance with the engine's constants is stored, but the method "
+            f"'{stored.method}' stores none; run `lpvobs estimate` with the default method"
         )
     prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, found.covariance, prior_map)
     deviation, own, conditional = _of_model(found, model.names)

@@ -92,11 +92,11 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
     if not plant:
         able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.plant)
         raise UsageError(
-            f"{config}: air_path = '{configuration.air_path}': there is no simulator for this engine; see {able}"
+            f"{config}: there is no simulator for air_path = '{configuration.air_path}'; engines with a simulator are in {able}"
         )
     if configuration.simulation is None:
         raise UsageError(
-            f"{config}: has no [simulation] tables, simulate needs them; see configs/{configuration.kind.example}"
+            f"{config}: the [simulation] tables for simulate are missing; copy them from configs/{configuration.kind.example}"
         )
     calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
     if calibrated is not None:

@@ -33,11 +33,14 @@ class SynthGainOutput(GainOutput):
     gain: str
     eps_1: Finite
     eps_2: Finite
-    region: Annotated[Mapping[str, tuple[Finite, Finite]], Meta(description="Range of every parameter, as proven.")]
+    region: Annotated[
+        Mapping[str, tuple[Finite, Finite]],
+        Meta(description="Range of every scheduling parameter for which the gain is proven."),
+    ]
     nonnegative_sums: Sequence[tuple[str, str]]
     logs: Annotated[
         Mapping[str, tuple[Sequence[Finite], Sequence[Finite]]],
-        Meta(description="Least and largest parameters along each log."),
+        Meta(description="Smallest and largest value of every scheduling parameter in each log."),
     ]
 
 
@@ -70,7 +73,7 @@ def synth_gain(config: File, logs: Files = (), *, out: File, published: str | No
     paths = finding.find_logs(files.as_paths(logs))
     if published is not None and paths:
         raise UsageError(
-            "--published takes no logs, because the paper's Table 1 gives its region; drop --published or the logs"
+            "--published takes no logs, because the paper's Table 1 gives the parameter ranges; drop --published or the logs"
         )
     with files.writing(out, [config, *paths]) as target:
         configuration, text = load_config(files.as_path(config))
@@ -112,8 +115,8 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     try:
         part = largest_feasible(problem, centre, cascade=settings.cascade, decay=settings.decay)
     except (NotProven, UsageError):
-        return "not even its centre has one"
-    return f"drawn towards its centre, a share of {part.scale:.2f} of it has one: {part.problem.region}"
+        return "even the centre of this region alone has no gain"
+    return f"this region has a gain if it is shrunk around its centre to {part.scale:.2f} of its size: {part.problem.region}"
 
 
 def make_published_gain(config: Config, column: str | None = None) -> gains.StoredGain:
@@ -124,12 +127,14 @@ def make_published_gain(config: Config, column: str | None = None) -> gains.Stor
     if printed is None:
         able = ", ".join(f"configs/{kind.example}" for kind in ENGINES.values() if kind.published)
         raise UsageError(
-            f"air_path = '{config.air_path}': the paper has no gain for this engine; make one with `lpvobs synth-gain`, "
-            f"or see {able}"
+            f"air_path = '{config.air_path}': the paper prints no gain for this kind of engine; make one with `lpvobs synth-gain`, "
+            f"or use an engine with a printed gain: {able}"
         )
     column = next(iter(printed.bounds)) if column is None else column
     if column not in printed.bounds:
-        raise UsageError(f"--published {column}: unknown; expected one of {', '.join(printed.bounds)}")
+        raise UsageError(
+            f"--published {column}: unknown column of Table 1; expected one of {', '.join(printed.bounds)}"
+        )
     rho = dict(zip(air_path.parameter_names, printed.bounds[column], strict=False))
     temperatures = {name: (T, T) for name, T in config.published.temperatures.items()}
     region = _region(air_path, rho | dict(air_path.rate_bounds(temperatures)), ())
@@ -180,7 +185,9 @@ def _region(air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: 
     names = air_path.parameter_names
     missing = [name for name in names if name not in ranges]
     if missing:
-        raise UsageError(f"[gain.bounds]: {', '.join(missing)} missing; give bounds there, or logs to take them from")
+        raise UsageError(
+            f"[gain.bounds]: no bounds for {', '.join(missing)}; add these bounds there, or give logs to take bounds from"
+        )
     lower, upper = zip(*(ranges[name] for name in names), strict=True)
     return Region(names, tuple(map(float, lower)), tuple(map(float, upper)), sums)
 

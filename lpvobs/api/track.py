@@ -46,15 +46,20 @@ class TrackOutput:
 
     fleet: str
     logs: Count
-    new: Annotated[int, Meta(description="Logs that were not in the fleet before.")]
-    reused: Annotated[int, Meta(description="Those of them that a run which was stopped had read.")]
+    new: Annotated[int, Meta(description="Number of logs that were not in the fleet before.")]
+    reused: Annotated[int, Meta(description="Number of new logs that an earlier, interrupted run had already read.")]
     refused: Refused
     periods: Sequence[str]
     vehicles: Sequence[Standing]
     changes: Sequence[MapChange]
-    effects: Annotated[Sequence[DatedEffect], Meta(description="What refine found, in the time of the fleet.")]
+    effects: Annotated[
+        Sequence[DatedEffect], Meta(description="Effects that refine found, with the dates of the logs that have them.")
+    ]
     next: Sequence[NextCell]
-    power: Annotated[Sequence[Detectable], Meta(description="Changes of the gain found in 90 %, by number of logs.")]
+    power: Annotated[
+        Sequence[Detectable],
+        Meta(description="Smallest changes of the gain that are found in 90 % of cases, by number of logs."),
+    ]
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ def track(
     with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(
-                f"{target}: there is no such fleet, and no logs are named to make it from; name logs, or correct the name"
+                f"{target}: this fleet file does not exist, and no logs are named to make it from; name logs, or correct --out"
             )
         before = read_fleet(target) if target.is_file() else None
         if before is not None and before.provenance.config != text:
@@ -185,8 +190,8 @@ def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str])
 
 def _other(path: Path) -> DataError:
     return DataError(
-        f"{path}: was made with another configuration, gain, engine or version: give what it was made with, or name a new file "
-        f"in --out and all logs"
+        f"{path}: this fleet was made with another configuration, gain, engine or version of lpvobs; use the same ones again, or "
+        f"name a new file with --out, and all logs"
     )
 
 
@@ -196,8 +201,8 @@ def _point(config: Config, engine: Path | None) -> Point:
     air_path = engine_before(config, (), None if start is None else start.stored).air_path
     if air_path.learns and air_path.knowledge() is None:
         raise UsageError(
-            f"air_path = '{air_path.name}': learns its curves from logs, and curves learned from the logs of a fleet would follow "
-            f"the age of its sensors; learn them once, by `lpvobs calibrate --healthy LOG`, and give --engine"
+            f"air_path = '{air_path.name}': the curves of this engine must not be learned from the fleet's own logs, because they "
+            f"would hide sensor drift; learn them once with `lpvobs calibrate --healthy LOG`, and give --engine"
         )
     point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
     if start is None or air_path.learns:
@@ -214,8 +219,8 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
             if not origin.get(by):
                 metadata_of(path)  # raises where there is no such log, or it is damaged
                 raise DataError(
-                    f"{path}: the {by} of this log is unknown; give --path or --origins, or name it by --vehicle when "
-                    "you ingest the log"
+                    f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
+                    "log with `lpvobs ingest --vehicle NAME`"
                 )
             kind = origin.get("engine") or config.air_path
             found.append(_Whose(path, origin[by], kind, day_of(path, origin)))

@@ -53,18 +53,22 @@ def check_stored(gain: File, config: File | None = None) -> tuple[StoredGain, Ce
 def expect_proven(gain: File, certificate: Certificate) -> None:
     """Raise NotProven for a certificate that does not hold."""
     if not certificate.proven:
-        raise NotProven(f"{gain}: not proven: {certificate.reason}; make the gain again with `lpvobs synth-gain`")
+        raise NotProven(
+            f"{gain}: stability is not proven for this gain: {certificate.reason}; make the gain again with `lpvobs synth-gain`"
+        )
 
 
 def check_again(stored: StoredGain) -> Certificate:
     """Prove a stored gain again, from its numbers alone; raises DataError for another engine, or numbers that do not fit."""
     if stored.air_path not in ENGINES:
-        raise DataError(f"gain: for air path '{stored.air_path}', expected one of {', '.join(ENGINES)}")
+        raise DataError(
+            f"gain: was made for an unknown air path '{stored.air_path}'; expected one of {', '.join(ENGINES)}"
+        )
     gain, known = stored.gain, ENGINES[stored.air_path].air_path
     if gain.region.names != known.parameter_names or not set(stored.outputs) <= set(known.state_names):
         raise DataError(
-            f"gain: parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} are not those of "
-            f"a {stored.air_path}; make the gain again with `lpvobs synth-gain`"
+            f"gain: its parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} do not fit an engine of "
+            f"kind {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
     problem = GainProblem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
     found = check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2)

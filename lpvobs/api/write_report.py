@@ -79,10 +79,10 @@ def make_report(
     conditions = list(dict.fromkeys(map(parse_gate, [gates] if isinstance(gates, str) else gates)))
     if junit is not None and not conditions:
         raise UsageError(
-            f"--junit {junit}: there is no verdict to write without a gate; add --gate, or leave out --junit"
+            f"--junit {junit}: JUnit XML contains the outcome of gates, but no gate is given; add --gate, or drop --junit"
         )
     if junit is not None and html is not None and as_path(junit).resolve() == as_path(html).resolve():
-        raise UsageError(f"--junit {junit}: is also the HTML page; name two files")
+        raise UsageError(f"--junit {junit}: --html names the same file; name two different files")
     paths = [as_path(result), *as_paths(further)]
     with ExitStack() as claims:
         page, suite = (None if each is None else claims.enter_context(writing(each, paths)) for each in (html, junit))

@@ -117,10 +117,10 @@ QUANTILE = 1.2816
 class Detectable:
     """What is found nine times out of ten in so many logs of a vehicle, as a share of the reading."""
 
-    logs: Annotated[int, Item("1", "logs of a vehicle", name="log_count")]
-    days: Annotated[float, Item("d", "between the first and the last")]
-    drift: Annotated[float, Item("1", "change of the gain in a month, as a trend from the first log on")]
-    step: Annotated[float, Item("1", "change of the gain at once, half-way")]
+    logs: Annotated[int, Item("1", "number of logs of the vehicle", name="log_count")]
+    days: Annotated[float, Item("d", "time between the first and the last log")]
+    drift: Annotated[float, Item("1", "smallest trend of the gain that is found, as change in a month")]
+    step: Annotated[float, Item("1", "smallest step of the gain that is found, half-way between first and last log")]
 
 
 def power_of(vehicles: Sequence[Timeline], sizes: Fleetwide) -> tuple[Detectable, ...]:

@@ -36,13 +36,16 @@ class Standing:
 
     vehicle: Annotated[str, Item("1", "vehicle")]
     type: Annotated[str, Item("1", "kind of engine")]
-    logs: Annotated[int, Item("1", "logs behind it")]
-    first: Annotated[float, Item("d", "first log, days since 1970-01-01")]
-    last: Annotated[float, Item("d", "last log, days since 1970-01-01")]
-    verdict: Annotated[str, Item("1", "steady, drifts, changed, or changed and drifts")]
-    trend: Annotated[Aspects, Item(UNITS, "change in a month", ASPECTS)]
+    logs: Annotated[int, Item("1", "number of the vehicle's logs")]
+    first: Annotated[float, Item("d", "date of the first log, days since 1970-01-01")]
+    last: Annotated[float, Item("d", "date of the last log, days since 1970-01-01")]
+    verdict: Annotated[str, Item("1", "verdict on the map: steady, drifts, changed, or changed and drifts")]
+    trend: Annotated[Aspects, Item(UNITS, "change of the map in a month", ASPECTS)]
     trend_error: Annotated[Aspects, Item(UNITS, "standard error of the trend", ASPECTS)]
-    unlike: Annotated[float, Item("1", "standard deviations between the mean of its map and that of its type")]
+    unlike: Annotated[
+        float,
+        Item("1", "difference between the mean of its map and the mean of its type's map, in standard deviations"),
+    ]
 
     @property
     def stands_out(self) -> bool:
@@ -55,10 +58,10 @@ class MapChange:
     """A change of a vehicle's map at once."""
 
     vehicle: Annotated[str, Item("1", "vehicle")]
-    kind: Annotated[str, Item("1", "step; renewal: another trend from then on, as with a new sensor")]
-    date: Annotated[float, Item("d", "days since 1970-01-01")]
-    earliest: Annotated[float, Item("d", "begin of the 90 % interval")]
-    latest: Annotated[float, Item("d", "end of it")]
+    kind: Annotated[str, Item("1", "kind of change: step; or renewal, a step to another trend, as with a new sensor")]
+    date: Annotated[float, Item("d", "date of the change, days since 1970-01-01")]
+    earliest: Annotated[float, Item("d", "earliest date in the 90 % interval")]
+    latest: Annotated[float, Item("d", "latest date in the 90 % interval")]
     size: Annotated[Aspects, Item(UNITS, "change of the map", ASPECTS)]
     size_error: Annotated[Aspects, Item(UNITS, "standard error of the change", ASPECTS)]
 
@@ -69,7 +72,7 @@ class PeriodMap:
 
     vehicle: Annotated[str, Item("1", "vehicle")]
     period: Annotated[str, Item("1", "period")]
-    theta: Annotated[Array, Item("kg/s", "error of the sensor", ("node",), "delta_W_c", gaps=True)]
+    theta: Annotated[Array, Item("kg/s", "error of the mass air flow sensor", ("node",), "delta_W_c", gaps=True)]
     standard_error: Annotated[Array, Item("kg/s", "standard error of delta_W_c", ("node",), gaps=True)]
 
 
@@ -78,9 +81,9 @@ class NextCell:
     """A cell that a vehicle should visit next."""
 
     vehicle: Annotated[str, Item("1", "vehicle")]
-    speed: Annotated[float, Item("1", "middle of the cell, in the unit of the axis")]
-    fuel: Annotated[float, Item("1", "middle of the cell, in the unit of the axis")]
-    seconds: Annotated[float, Item("s", "to drive there")]
+    speed: Annotated[float, Item("1", "speed at the middle of the cell, in the unit of the axis")]
+    fuel: Annotated[float, Item("1", "fuel at the middle of the cell, in the unit of the axis")]
+    seconds: Annotated[float, Item("s", "time to drive in the cell")]
 
 
 @dataclass(frozen=True)

@@ -87,8 +87,15 @@ class TypeMap:
 
     kind: Annotated[str, Item("1", "kind of engine", name="type")]
     mean: Annotated[Array, Item("kg/s", "map of the type", ("node",), gaps=True)]
-    covariance: Annotated[Array, Item("kg^2/s^2", "of its errors", ("node", "other_node"))]
-    between: Annotated[Array, Item("kg^2/s^2", "covariance of a vehicle's map about it", ("node", "other_node"))]
+    covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the errors of the type's map", ("node", "other_node"))]
+    between: Annotated[
+        Array,
+        Item(
+            "kg^2/s^2",
+            "covariance of the differences between a vehicle's map and the type's map",
+            ("node", "other_node"),
+        ),
+    ]
 
 
 def type_map(kind: str, maps: Sequence[OverTime], Phi: Array, prior: float) -> TypeMap:

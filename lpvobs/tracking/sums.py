@@ -39,16 +39,29 @@ class Basis:
     """How the rows of logs are weighed, and what of the engine counts; found once, from the first logs."""
 
     weights: Annotated[
-        Array, Item("s/kg^2", "inverse covariance of the errors new in every window", ("balance", "other_balance"))
+        Array,
+        Item(
+            "s/kg^2",
+            "inverse covariance of the errors that are independent between windows",
+            ("balance", "other_balance"),
+        ),
     ]
     engine: Annotated[
-        Array, Item("1", "the engine's unknowns in coordinates with prior N(0, 1)", ("unknown", "coordinate"))
+        Array,
+        Item(
+            "1",
+            "transformation from coordinates with prior N(0, 1) to the engine's unknowns",
+            ("unknown", "coordinate"),
+        ),
     ]
-    mean: Annotated[Array, Item("1", "mean of the unknowns before any log", ("unknown",))]
-    flow: Annotated[Array, Item("kg/s", "flow at the nodes", ("node",))]
-    error: Annotated[Array, Item("kg/s", "error of the sensor at the nodes", ("node",))]
+    mean: Annotated[Array, Item("1", "prior mean of the engine's unknowns", ("unknown",))]
+    flow: Annotated[Array, Item("kg/s", "air flow at the nodes", ("node",))]
+    error: Annotated[Array, Item("kg/s", "error of the mass air flow sensor at the nodes", ("node",))]
     terms: Annotated[Array, Item("1", "terms of Eq. (37) at the nodes", ("node", "term"))]
-    lasting: Annotated[float, Item("1", "variance of all errors over that of errors new in every window")]
+    lasting: Annotated[
+        float,
+        Item("1", "variance of all errors, divided by the variance of the errors that are independent between windows"),
+    ]
 
     @property
     def size(self) -> int:
@@ -84,12 +97,12 @@ class TrackedLog:
     """What tracking keeps of a log."""
 
     sha256: Annotated[str, Item("1", "SHA-256 of the log", name="log")]
-    name: Annotated[str, Item("1", "name of its file")]
-    vehicle: Annotated[str, Item("1", "whose it is")]
-    date: Annotated[float, Item("d", "days since 1970-01-01")]
-    duration: Annotated[float, Item("s", "duration without gaps")]
-    modes: Annotated[Array, Item("1", "products of modes and all columns", ("mode", "summed"))]
-    own: Annotated[Array, Item("1", "products of modes", ("mode", "other_mode"))]
+    name: Annotated[str, Item("1", "name of the log's file")]
+    vehicle: Annotated[str, Item("1", "vehicle of the log")]
+    date: Annotated[float, Item("d", "date of the log, days since 1970-01-01")]
+    duration: Annotated[float, Item("s", "duration of the log without gaps")]
+    modes: Annotated[Array, Item("1", "sums of weighted products of the modes with all columns", ("mode", "summed"))]
+    own: Annotated[Array, Item("1", "sums of weighted products of the modes with each other", ("mode", "other_mode"))]
 
 
 @dataclass(frozen=True)
@@ -98,8 +111,10 @@ class VehicleSums:
 
     vehicle: str
     kind: str  # of engine: vehicles of a kind have a map in common
-    columns: Annotated[NDArray[np.int64], Item("1", "columns that the logs touch", name="column")]
-    products: Annotated[Array, Item("1", "weighed products of columns", ("column", "other_column"))]
+    columns: Annotated[
+        NDArray[np.int64], Item("1", "numbers of the columns that are not zero in the logs", name="column")
+    ]
+    products: Annotated[Array, Item("1", "sums of weighted products of columns", ("column", "other_column"))]
     gram: Annotated[
         Array, Item("s", "integral of Psi_l^T Psi_l over the stay in each cell", ("cell", "corner", "other_corner"))
     ]
@@ -128,12 +143,14 @@ class DatedEffect:
     id: Annotated[str, Item("1", "effect", name="effect")]
     parameter: Annotated[str, Item("1", "parameter")]
     unit: Annotated[str, Item("1", "unit of the parameter")]
-    value: Annotated[float, Item("1", "the parameter")]
-    low: Annotated[float, Item("1", "begin of the 90 % interval", gaps=True)]
-    high: Annotated[float, Item("1", "end of it", gaps=True)]
-    absent: Annotated[float, Item("d", "last log before that is without it, days since 1970-01-01", gaps=True)]
-    first: Annotated[float, Item("d", "first log that has it, days since 1970-01-01")]
-    last: Annotated[float, Item("d", "last log that has it, days since 1970-01-01")]
+    value: Annotated[float, Item("1", "value of the parameter")]
+    low: Annotated[float, Item("1", "lower end of the 90 % interval", gaps=True)]
+    high: Annotated[float, Item("1", "upper end of the 90 % interval", gaps=True)]
+    absent: Annotated[
+        float, Item("d", "date of the last log without the effect before it appears, days since 1970-01-01", gaps=True)
+    ]
+    first: Annotated[float, Item("d", "date of the first log with the effect, days since 1970-01-01")]
+    last: Annotated[float, Item("d", "date of the last log with the effect, days since 1970-01-01")]
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,15 @@ FLAT = 1e-3
 class Fleetwide:
     """Standard deviations that all vehicles share, over those of `CHANGE`."""
 
-    level: Annotated[float, Item("1", "of the level between days")]
-    shape: Annotated[float, Item("1", "of each shape between days")]
-    gain: Annotated[float, Item("1", "of the gain between days")]
-    walk: Annotated[float, Item("1", "of every mode after a year of random walk")]
+    level: Annotated[float, Item("1", "standard deviation of the level between days, in units of 1e-3 kg/s")]
+    shape: Annotated[float, Item("1", "standard deviation of each shape between days, in units of 1e-3 kg/s")]
+    gain: Annotated[float, Item("1", "standard deviation of the gain between days, in units of 0.05")]
+    walk: Annotated[
+        float,
+        Item(
+            "1", "standard deviation of every mode after a year of random walk, in the units of level, shape and gain"
+        ),
+    ]
 
     def uneasy(self, factor: float) -> "Fleetwide":
         """Return them for a vehicle whose days differ more than those of others."""

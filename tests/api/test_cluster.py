@@ -109,7 +109,7 @@ def test_every_task_comes_back_once_with_its_number(processes):
 
 
 def test_a_worker_that_dies_is_said_in_one_line():
-    with pytest.raises(DataError, match="worker died") as failure, jobs.Workers(2) as workers:
+    with pytest.raises(DataError, match="worker process died") as failure, jobs.Workers(2) as workers:
         list(workers.finished(squared, [13, 1, 2]))
     assert "\n" not in str(failure.value)
 

@@ -26,5 +26,5 @@ def test_a_gain_through_which_the_sensor_bends_the_state_is_refused_in_one_line(
     L = np.zeros((3, 3))
     expect_cascade(Path("r.h5"), SimpleNamespace(origin="made", gain=SimpleNamespace(L=L)))
     L = L + np.array([0.0, 0.0, 1.0])
-    with pytest.raises(DataError, match=r"^r.h5: made with the gain 'Eq. \(38\)', .*--freeze-map$"):
+    with pytest.raises(DataError, match=r"^r.h5: this map was made with the gain 'Eq. \(38\)', .*--freeze-map$"):
         expect_cascade(Path("r.h5"), SimpleNamespace(origin="Eq. (38)", gain=SimpleNamespace(L=L)))

@@ -69,7 +69,7 @@ def test_a_report_shows_its_curves(lpvobs, engine, folder):
 def test_only_healthy_logs_teach_it(lpvobs, folder, option):
     done = lpvobs("calibrate", "--config", LIU_ICE, option, folder / "healthy.parquet", "--out", folder / "no.h5")
     assert done.code == 2
-    assert "is learned from healthy logs only" in done.err
+    assert "is calibrated from logs with a healthy MAF sensor only" in done.err
 
 
 def test_a_fleet_of_such_engines_is_tracked_with_what_was_taught_once(lpvobs, engine, folder):
@@ -81,7 +81,7 @@ def test_a_fleet_of_such_engines_is_tracked_with_what_was_taught_once(lpvobs, en
     track = ("track", "--config", LIU_ICE, "--path", "{vehicle}-{date}.parquet", "--out", folder / "fleet.h5", "--json")
     untaught = lpvobs(*track, *logs)
     assert untaught.code == 2
-    assert "learn them once, by `lpvobs calibrate --healthy LOG`, and give --engine" in untaught.err
+    assert "learn them once with `lpvobs calibrate --healthy LOG`, and give --engine" in untaught.err
     done = lpvobs(*track, "--engine", engine, "--jobs", 1, *logs)
     assert done.code == 0, done.err
     (change,) = done.json["changes"]

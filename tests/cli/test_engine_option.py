@@ -92,7 +92,7 @@ def test_trace_and_refine_take_an_engine(lpvobs, other_engine, chain, result, tm
     call = ("estimate", "--config", DIESEL, "--gain", chain.gain, other_engine.healthy, "--out", plain)
     assert lpvobs(*call).code == 0
     refused = lpvobs("trace", plain, other_engine.drive, "--engine", other_engine.known)
-    assert (refused.code, "was not made with" in refused.err) == (2, True)
+    assert (refused.code, "was not estimated with" in refused.err) == (2, True)
     engine = ("--engine", other_engine.known)
     free = lpvobs("refine", plain, other_engine.healthy, *engine, "--out", tmp_path / "refined.h5", "--json")
     assert free.code == 0, free.err

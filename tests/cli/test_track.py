@@ -232,15 +232,15 @@ def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
     assert compare("a", "--gate", "largest_change<=0.5 g/s").code == 0
     done = compare("c")
     assert done.code == 3
-    assert "has no map of c in 2025-01; its vehicles are a, b" in done.err
+    assert "has no map of vehicle c in period 2025-01; vehicles in this fleet: a, b" in done.err
     done = compare("b", "--gate", "largest_change<=0.5")  # of what?
     assert (done.code, "the limit has no unit" in done.err) == (2, True)
     done = compare("b", "--values", "extrapolation")
-    assert (done.code, "a fleet has no extrapolated maps" in done.err) == (2, True)
+    assert (done.code, "a fleet contains no extrapolated maps" in done.err) == (2, True)
     assert "a has 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
     for wrong in (compare("a", periods=("2025-01",)), compare("a", whole[0]), lpvobs("compare", whole[0])):
         assert wrong.code == 2
-        assert "--vehicle NAME and --period twice" in wrong.err
+        assert "--vehicle NAME and two different periods" in wrong.err
 
 
 def refined(path, digests, spans):

@@ -69,7 +69,7 @@ def test_a_name_that_no_file_can_have_is_refused_from_python(samples, tmp_path, 
         lambda: lpvobs.trace(samples.result, [samples.log, name]),
         lambda: lpvobs.simulate(samples.config, f"{name}.csv", out),
     ):
-        with pytest.raises(UsageError, match="no file can have this name"):
+        with pytest.raises(UsageError, match="this is no valid file name"):
             call()
     assert list(tmp_path.iterdir()) == []
 
@@ -83,5 +83,5 @@ def test_nothing_to_work_on_is_named_from_python(samples, tmp_path):
     ):
         with pytest.raises(UsageError, match="name at least one"):
             call()
-    with pytest.raises(UsageError, match="expected at least 1"):
+    with pytest.raises(UsageError, match="expected a number of processes of at least 1"):
         lpvobs.estimate(samples.config, samples.log, tmp_path / "out", gain=samples.gain, jobs=0)

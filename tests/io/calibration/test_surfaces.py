@@ -277,7 +277,7 @@ def test_nodes_with_wide_intervals_are_left_out_and_counted(result, tmp_path):
     assert (tmp_path / "maf.csv").read_text().count("left_out") == 6
     export(result, tmp_path / "maf.dcm", "dcm")
     text = (tmp_path / "maf.dcm").read_text(encoding="latin-1")
-    assert "6 nodes without a correction: their 90 % interval exceeds 2 g/s" in text
+    assert "6 nodes have no correction: their 90 % interval is wider than +-2 g/s" in text
     assert read_dcm_map(tmp_path / "maf.dcm", "delta_W_c").values.T[~INSIDE].tolist() == [0.0] * 6
     assert np.all(export(result, tmp_path / "all.csv", "csv", widest=1.0).surface.origin != LEFT_OUT)
     old = write_old(tmp_path / "old.dcm", x=FUEL, y=SPEED, values=0.36 * np.ones((6, 5)))
@@ -298,7 +298,7 @@ def test_a_dcm_has_a_value_everywhere(result, tmp_path):
         ({"file_format": "xlsx"}, "--format xlsx"),
         ({"file_format": "DCM", "values": "gain"}, "--values gain"),
         ({"file_format": "dcm", "kind": "FESTWERT"}, "--kind FESTWERT"),
-        ({"file_format": "csv", "kind": "KENNFELD"}, "only a DCM has kinds"),
+        ({"file_format": "csv", "kind": "KENNFELD"}, "only the format dcm has kinds"),
         ({"file_format": "dcm", "name": "two words"}, "--name two words"),
         ({"file_format": "dcm", "digits": 1}, "--digits 1"),
         ({"file_format": "dcm", "only_estimated": True}, "--old OLD.dcm"),

@@ -272,7 +272,7 @@ def test_a_falling_gain_needs_a_cascade(chain, tmp_path, monkeypatch):
     L = stored.gain.L.copy()
     L[0, -1] = 1.0
     monkeypatch.setattr("lpvobs.api.export_unit.read_gain", lambda _: replace(stored, gain=replace(stored.gain, L=L)))
-    with pytest.raises(UsageError, match="not proven stable"):
+    with pytest.raises(UsageError, match="stability is not proven"):
         export_unit(chain.gain, tmp_path / "unit", "c99", map_gain="falling")
 
 
