@@ -32,7 +32,7 @@ def calibrate(
     ),
     plan: bool = flag(
         "--plan",
-        "List the further bench points that would reduce the uncertainty of the air flow most. No data are needed.",
+        "List the further bench points that would reduce the uncertainty of the air flow most. Works without data, too.",
     ),
     config: Path | None = CONFIG,
     as_json: bool = JSON,

@@ -90,11 +90,11 @@ def track(
         default="month",
     ),
     path: str | None = option(
-        "PATTERN", 'Where the path of a log contains its vehicle and date, such as "{vehicle}/{month}.parquet".'
+        "PATTERN", 'Pattern of the log paths, which marks vehicle and date, such as "{vehicle}/{month}.parquet".'
     ),
     origins: Path | None = option(
         "TABLE",
-        "A table (CSV or Parquet) with a row for each log: the column log is its path, other columns are vehicle, engine, date.",
+        "A table (CSV or Parquet) with a row for each log. Column log is the log's path; other columns give vehicle, engine, date.",
     ),
     gain: Path | None = GAIN,
     engine: Path | None = option(

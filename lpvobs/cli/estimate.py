@@ -39,7 +39,7 @@ def estimate(
     config: Path | None = CONFIG,
     as_json: bool = JSON,
 ) -> None:
-    """Estimate the error map of the sensor from logs.
+    """Estimate the error map of the mass air flow sensor from logs.
 
     With several logs, RESULT.h5.parts keeps the finished logs until RESULT.h5 is written. If a run is killed, the same command
     continues from there.

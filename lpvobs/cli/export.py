@@ -39,7 +39,7 @@ def export(
     ),
     unit: str = option(
         "UNIT",
-        "Unit of the values: a flow such as kg/h, mg/stroke, % of the reading, or factor, by which a reading is multiplied.",
+        "Unit of the values: a flow such as kg/h, mg/stroke, % of the reading, or factor: truth is reading times factor.",
         offers=UNITS,
         default="",
     ),
@@ -62,7 +62,7 @@ def export(
     ),
     widest: float = option(
         "SHARE",
-        "Leave out nodes whose 90 % interval is wider than +- this share of the logs' mean air flow.",
+        "Leave out nodes whose 90 % interval has a half-width above this share of the logs' mean air flow.",
         default=0.1,
     ),
     as_json: bool = JSON,

@@ -31,14 +31,14 @@ VERBS = {
     "calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
     "synth-gain": "Compute the observer gain and prove that the observer is stable with it.",
     "verify": "Prove the stability of a stored observer gain again, without the solver.",
-    "estimate": "Estimate the error map of the sensor from logs.",
+    "estimate": "Estimate the error map of the mass air flow sensor from logs.",
     "extrapolate": "Fill the map nodes that no log visited.",
     "trace": "Find effects that the engine model lacks, from its residual.",
     "refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
     "compare": "Show how two maps differ, and where the difference exceeds their errors.",
     "track": "Follow the maps of many vehicles over time.",
-    "report": "Show a result as tables or an HTML page, and check gates, that is limits on its metrics.",
+    "report": "Show a result as tables or an HTML page, and check limits on its metrics (gates).",
     "selftest": "Test the installed package on cases with known answers.",
 }
 SHARED = {

@@ -37,8 +37,8 @@ def report(
     html: Path | None = option("FILE", "Also write the report as one self-contained HTML page."),
     gate: list[str] | None = option(
         "EXPR",
-        "A limit on a metric, such as residual<=0.001 (also <, >=, >, ==, !=), or verdict==none. If it is not met, the exit code "
-        "is 1. Repeatable.",
+        "A limit on a metric, such as residual<=0.001 (also <, >=, >, ==, !=), or verdict==none: trace has found nothing. If a "
+        "gate fails, the exit code is 1. Repeatable.",
     ),
     junit: Path | None = option("FILE", "Write as JUnit XML which logs pass each gate, for CI systems."),
     region: str | None = REGION,

@@ -111,14 +111,14 @@ def test_inspect_holds_a_log_against_the_engine_of_the_folder(config, chain, pro
             ("omega_t", "p_em"),
             [
                 "has all required channels of the engines: series, speed_density",
-                "'diesel': needs p_em (exhaust manifold pressure), omega_t (turbine",
+                "'diesel': required channels missing in this log: p_em (exhaust manifold pressure), omega_t (turbine",
             ],
         ),
         (
             ("omega_t", "p_em", "u_delta", "u_egr"),
             [
                 "has all required channels of the engines: speed_density",
-                "u_egr (EGR valve opening) or lambda_e (lambda in the exhaust) as well",
+                "u_egr (EGR valve opening) or lambda_e (lambda in the exhaust)",
             ],
         ),
     ],
