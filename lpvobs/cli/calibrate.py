@@ -76,7 +76,7 @@ def calibrate(
             f"{', '.join(by_prior) or 'none'}"
         )
     points = f", {found.points} bench points" if found.points else ""
-    say(f"{out}: engine from {', '.join(found.inputs) or 'the configuration alone'}{points}")
+    say(f"{out}: engine made from {', '.join(found.inputs) or 'the configuration alone'}{points}")
     if found.plan:
         before = 100 * found.plan[0].before
         say(

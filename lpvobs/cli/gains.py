@@ -95,9 +95,9 @@ def verify(
         print_json("verify", proof)
     expect_proven(gain, certificate)
     if not as_json:
-        print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the region")
+        print(f"{gain}: Theorem 1 proven at all {certificate.vertices} vertices of the parameter region")
         print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")
-        print(f"made for {stored.made_for()}")
+        print(f"gain made for {stored.made_for()}")
         if stored.gain.bound is not None:
             print("proven bounds of the observer's state error:")
             print(table(*state_bound_table(stored)))

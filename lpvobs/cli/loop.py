@@ -109,7 +109,7 @@ def refine(
     out: Path = needed("REFINED.h5", "The refined result to write."),
     hold_out: list[Path] | None = option(
         "LOG",
-        "A log on which only the error is judged; it is used for no fit and no decision. Repeatable.",
+        "A log used only to judge the error, and for no fit or decision. Repeatable.",
         "--hold-out",
     ),
     freeze_map: bool | None = MAP,

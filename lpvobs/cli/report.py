@@ -31,7 +31,7 @@ def report(
     ),
     further: list[Path] | None = argument(
         "[LOG|RESULT]...",
-        "Logs from which the results were made, to show signals over time and the fit; or further results to show.",
+        "Logs from which the results were made, to show signals over time and how well the model fits; or further results.",
         default=None,
     ),
     html: Path | None = option("FILE", "Also write the report as one self-contained HTML page."),

@@ -38,7 +38,7 @@ def engine(lpvobs, folder):
     )
     assert done.code == 0, done.err
     assert "filling" in done.out
-    assert "engine from healthy.parquet" in done.err
+    assert "engine made from healthy.parquet" in done.err
     return folder / "engine.h5"
 
 
