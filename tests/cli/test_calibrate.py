@@ -107,9 +107,9 @@ def test_what_makes_no_sense_is_refused(lpvobs, other_engine, chain, folder):
     shutil.copy(other_engine.bench, copy)
     bench = ("--bench", other_engine.bench)
     for options, code, said in (
-        (("--config", DIESEL), 2, "nothing to calibrate from"),
+        (("--config", DIESEL), 2, "no data to calibrate from"),
         (("--config", LIU_ICE, *bench), 2, "is calibrated from logs with a healthy MAF sensor only"),
-        (("--config", DIESEL, *bench, "--bench", copy), 2, "same bytes"),
+        (("--config", DIESEL, *bench, "--bench", copy), 2, "same content"),
         (("--config", DIESEL, "--bench", other_engine.drive), 3, "'W_reference' is missing"),
     ):
         done = lpvobs("calibrate", *options, "--out", folder / "refused.h5")

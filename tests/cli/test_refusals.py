@@ -77,7 +77,7 @@ def test_usage(lpvobs, config, chain, tmp_path):
     refused(
         lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, chain.log, "--out", out),
         2,
-        "same bytes",
+        "same content",
     )
     refused(
         lpvobs("estimate", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "none" / "r.h5"),

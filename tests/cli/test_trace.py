@@ -112,7 +112,7 @@ def test_a_log_held_out_is_judged(refined):
 def test_a_log_that_is_there_twice_is_refused(lpvobs, chain, slow, tmp_path):
     done = lpvobs("refine", chain.result, slow, "--hold-out", slow, "--out", tmp_path / "out.h5")
     assert done.code == 2
-    assert "same bytes" in done.err
+    assert "same content" in done.err
 
 
 def every_other(path, out):

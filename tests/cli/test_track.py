@@ -130,7 +130,7 @@ def test_what_belongs_to_results_alone_is_refused_beside_a_fleet(whole, lpvobs, 
 def test_nothing_says_whose_a_log_is(lpvobs, config, chain, tmp_path):
     done = lpvobs("track", "--config", config, "--gain", chain.gain, chain.log, "--out", tmp_path / "fleet.h5")
     assert done.code == 3
-    assert "the vehicle of this log is unknown; give --path or --origins" in done.err
+    assert "the field 'vehicle' of this log is unknown; give --path or --origins" in done.err
 
 
 def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_path):
@@ -140,7 +140,7 @@ def test_of_a_log_that_cannot_be_read_this_is_said(lpvobs, config, chain, tmp_pa
         done = lpvobs("track", "--config", config, *given, "--out", tmp_path / "fleet.h5")
         assert done.code == 3
         assert word in done.err
-        assert "the vehicle of this log is unknown" not in done.err
+        assert "the field 'vehicle' of this log is unknown" not in done.err
 
 
 def test_a_bad_log_is_left_out_and_said(whole, fleet, track, tmp_path):
@@ -237,7 +237,7 @@ def test_two_periods_of_a_vehicle_are_compared(whole, lpvobs, tmp_path):
     assert (done.code, "the limit has no unit" in done.err) == (2, True)
     done = compare("b", "--values", "extrapolation")
     assert (done.code, "a fleet contains no extrapolated maps" in done.err) == (2, True)
-    assert "a has 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
+    assert "periods with a map: 2025-01, 2025-02" in compare("a", periods=("2025-01", "2025-09")).err
     for wrong in (compare("a", periods=("2025-01",)), compare("a", whole[0]), lpvobs("compare", whole[0])):
         assert wrong.code == 2
         assert "--vehicle NAME and two different periods" in wrong.err

@@ -40,7 +40,7 @@ def test_exchanged_channels_are_named_and_a_gate_can_ask(estimated, lpvobs, tabl
     done = estimated(u_egr=table["u_vgt"].to_numpy(), u_vgt=table["u_egr"].to_numpy())
     assert done.code == 0, done.err
     (doubt,) = done.json["doubts"]
-    assert doubt.startswith("drive: are u_egr and u_vgt exchanged?")
+    assert doubt.startswith("drive: the log probably has u_egr and u_vgt exchanged")
     assert set(done.json["balance_agreement"]["where"]) == {"u_delta", "n_e"}
     gate = lpvobs("report", tmp_path / "map.h5", "--gate", "balance_ratio<=2.5")
     assert gate.code == 1
@@ -53,7 +53,7 @@ def test_an_order_that_no_engine_has_is_said(estimated, table):
     assert any("p_em is below p_im" in line for line in doubts), doubts
 
 
-@pytest.mark.parametrize(("factor", "why"), [(3.6, "its unit"), (1e-3, "unplugged")])
+@pytest.mark.parametrize(("factor", "why"), [(3.6, "the sensor's unit"), (1e-3, "unplugged")])
 def test_a_map_larger_than_a_sensor_can_be_wrong_is_refused(estimated, table, tmp_path, factor, why):
     reading = table["W_maf"].to_numpy()
     done = estimated(W_maf=factor * reading + (0.002 if factor < 1 else 0.0))
