@@ -132,7 +132,7 @@ NONE_SUSPECTED = Suspects()
 
 def exchanged(one: str, other: str) -> MixUp:
     """Return the mistake that two channels bear each other's names."""
-    return MixUp(f"are {one} and {other} exchanged", partial(_exchange, one, other))
+    return MixUp(f"{one} and {other} exchanged", partial(_exchange, one, other))
 
 
 def below(one: str, other: str, most: float, slack: float = 0.0, unit: str = "") -> Check:

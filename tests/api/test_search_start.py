@@ -117,5 +117,5 @@ def test_a_stored_map_and_its_engine_are_conditional_on_what_the_model_takes_as_
 
 def test_a_map_that_does_not_tell_of_its_engine_cannot_stand(model):
     result = Result(np.zeros((1, 2)), np.eye(2), np.zeros((0, 1, 2)), (), None, method="published")
-    with pytest.raises(DataError, match="'published' has no covariance"):
+    with pytest.raises(DataError, match="its covariance with the engine's constants is stored"):
         known_from(result, model, 0.1)

@@ -35,7 +35,7 @@ def test_inspect_shows_what_ingest_did(lpvobs, recording, tmp_path):
     assert done.json["channels"]["p_im"]["repairs"] == {"unreadable": 1, "example": "broken", "empty": 1}
     shown = lpvobs("inspect", out)
     assert shown.code == 0, shown.err
-    for word in ("mine", "drive.csv", "kPa", "as recorded", "unreadable 1", "needs n_e"):
+    for word in ("mine", "drive.csv", "kPa", "as recorded", "unreadable 1", "missing in this log: n_e"):
         assert word in shown.out, word
     content = lpvobs("inspect", out, "--json").json["logs"][0]
     assert content["ingest"]["profile"]["text"] == PROFILE
