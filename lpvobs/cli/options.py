@@ -64,7 +64,7 @@ VEHICLE = option("NAME", "Name of the vehicle. It is stored in the log, where tr
 DATE = option("YYYY-MM-DD", "Date of the drive. It is stored in the log, where track reads it.")
 LOGS = argument("LOG...", "Parquet logs, patterns such as logs/*.parquet, or folders of logs.")
 REGION = option(
-    "AXIS=FROM:TO,...", "Print the mean over this region of the map, for example n_e=1500:2500,u_delta=8:24."
+    "AXIS=FROM:TO,...", "Also print the mean over this region of the map. Put a comma between the ranges of two axes."
 )
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(

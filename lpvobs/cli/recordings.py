@@ -49,7 +49,7 @@ def profile(
     out: Path | None = option("TOML", "The profile file to write. Without this option, the profile is printed."),
     names: Path | None = option(
         "FILE",
-        "A table of your own channel names, which has priority: CSV or INCA .lab with lines such as AFS_dm;W_maf.",
+        "A table of your own channel names, which has priority: CSV or INCA .lab with lines of the form label;channel.",
     ),
     as_json: bool = JSON,
 ) -> None:

@@ -162,7 +162,7 @@ def test_a_bound_of_the_state_that_was_made_smaller_is_not_proven(lpvobs, chain,
     changed = shutil.copy(chain.gain, tmp_path / "changed.h5")
     with h5py.File(changed, "r+") as file:
         file["gain/state_bound/of_rates"][0, 0] *= 0.99
-    refused(lpvobs("verify", changed), 1, "the bound of the state does not hold")
+    refused(lpvobs("verify", changed), 1, "the error bound of the states is not proven")
 
 
 # --- commands ----------------------------------------------------------------------------------------------------------------
