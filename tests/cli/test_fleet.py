@@ -137,7 +137,7 @@ def test_a_sensor_that_has_drifted_is_shown(estimate, fleet, together, table, tm
     done = estimate(fleet, drifted, "--out", tmp_path / "r.h5", "--json")
     assert done.code == 0, done.err
     assert [log["name"] for log in done.json["agreement"] if log["disagrees"]] == ["drifted"]
-    assert "drifted: disagrees" in done.err
+    assert "log drifted: its map differs from the map of all logs by" in done.err
 
 
 @pytest.mark.slow
