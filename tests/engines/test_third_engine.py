@@ -120,7 +120,7 @@ def test_what_it_has_not_is_said(example, tmp_path):
     config, _ = load_config(example)
     with pytest.raises(UsageError, match=f"the paper prints no gain.*{DIESEL.name}"):
         make_published_gain(config, "ETC")
-    with pytest.raises(UsageError, match=f"no simulator for air_path = 'blower'; engines with a simulator are in configs/{DIESEL.name}"):
+    with pytest.raises(UsageError, match=f"no simulator for air_path = 'blower'; .* configs/{DIESEL.name}"):
         simulate(example, "nedc", tmp_path / "log.parquet")
 
 
