@@ -29,6 +29,7 @@ class Candidate:
     # unevenness without its largest block: a single event, such as a cold start, is no structure in time
     elsewhere: float
     from_start: bool  # whether it acts from the first tenth of the logs on, and ends
+    told: float  # share of the gain that is left beside what a healthy engine always seems to have of the effect
 
     @property
     def id(self) -> str:
@@ -162,11 +163,11 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
     unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
     told = _told(linear, term, information)
-    gain, information = told * gain if known else 0.0, told * information
+    gain = gain if known else 0.0
     loss = 0.5 * linear.by_block(left, left)
     clock = problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    return Candidate(term, gain, information, unevenness, loss, elsewhere, from_start)
+    return Candidate(term, gain, told * information, unevenness, loss, elsewhere, from_start, told)
 
 
 def _told(linear: Linear, term: Term, information: float) -> float:
@@ -197,11 +198,12 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     scores = linear.products_by_block(left) @ row * information
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
-    information *= _told(linear, linear.terms[index], information)
+    told = _told(linear, linear.terms[index], information)
     return replace(
         like,
         term=linear.terms[index],
-        information=float(information),
+        information=float(told * information),
+        told=told,
         unevenness=unevenness,
         loss=0.5 * linear.by_block(left, left),
         elsewhere=elsewhere,
@@ -267,7 +269,7 @@ def score(candidate: Candidate) -> float:
 
 def p_value(candidate: Candidate, tried: int) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni)."""
-    statistic = 2.0 * max(candidate.gain, 0.0) / max(candidate.unevenness, 1.0)
+    statistic = 2.0 * max(candidate.told * candidate.gain, 0.0) / max(candidate.unevenness, 1.0)
     intervals = candidate.loss.size**candidate.changes
     return float(min(1.0, tried * intervals * scipy.stats.chi2.sf(statistic, 1)))
 

@@ -90,6 +90,8 @@ class _Products:
         scores = np.stack([plain - self.price(unknowns, plain), referred - self.price(unknowns + 1, referred)], axis=1)
         scores[far | ~lasts, 1] = -np.inf
         scores[self.spread < thresholds.FORM_FLAT * np.abs(self.middle), 0] = -np.inf
+        if Factor(start.target) in self.factors and not start.factors:  # a share of the reading, which `alone` judges
+            scores[self.factors.index(Factor(start.target)), 0] = -np.inf
         found: dict[str, _Tried] = {}
         for at in np.argsort(scores, axis=None)[::-1]:
             i, with_reference = divmod(int(at), 2)

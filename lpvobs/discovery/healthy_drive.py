@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import first_order_size
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, scenes_with
+from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, rests_on, scenes_with
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
@@ -99,6 +99,7 @@ class HealthyDrive:
 
     def taken_off(self, problem: Problem) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows."""
+        problem = where_the_map_stands(problem)
         expected, wider = self.expected(problem)
         patterns = Patterns(tuple(self._slow(problem, b, wider[b]) for b in range(len(self.balances))))
         found = replace(
@@ -158,6 +159,12 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     return replace(found, effects=effects, seeming=np.array(rms))
 
 
+def where_the_map_stands(problem: Problem) -> Problem:
+    """Return the problem without the places whose map was not estimated: what is left there has the sensor's own error in it."""
+    nodes = operating_nodes(problem, scenes_with(problem, (), np.zeros(problem.spread.size)))
+    return replace(problem, shown=problem.shown & rests_on(problem.prior.estimated, nodes))
+
+
 def unmoved(prior: MapPrior) -> MapPrior:
     """Return a map that stands beside an engine of which nothing is unknown."""
     return replace(prior, sensitivity=prior.sensitivity[:, :0])
@@ -167,6 +174,7 @@ def learned_from(
     problem: Problem, logs: Sequence[str], widths: Sequence[float] = thresholds.BELL_WIDTHS
 ) -> HealthyDrive:
     """Return what healthy drives show, laid out with the map and the engine that they made, by the best of some widths."""
+    problem = where_the_map_stands(problem)
     B, K = problem.shown.shape
     scenes = scenes_with(problem, (), np.zeros(problem.spread.size))
     left = imbalances_at(problem, scenes, np.zeros(problem.spread.size)).reshape(B, 2, K)

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.fit import cholesky, normal_of
-from lpvobs.discovery.imbalances import Nodes, by_unknowns, imbalances_at, operating_nodes, residual_of, scenes_with
+from lpvobs.discovery.imbalances import (
+    Nodes,
+    by_unknowns,
+    imbalances_at,
+    operating_nodes,
+    residual_of,
+    rests_on,
+    scenes_with,
+)
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Problem, Term
@@ -98,8 +106,9 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    sound = (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN)
-    return np.asarray(np.all(sound[nodes] | (weights < thresholds.NOTHING), axis=1), dtype=bool)
+    return rests_on(
+        (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN), linear.nodes
+    )
 
 
 def compare(before: Linear, after: Linear) -> Losses:
@@ -174,7 +183,7 @@ def losses_on_unseen(
     for linear, acting in zip(models, terms, strict=True):
         raw, nodes = _with_its_levels(linear, acting, unseen, weight)
         losses.append(((weight * raw) ** 2).sum(0))
-        known &= _informed(time, nodes, after)
+        known &= rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
     return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
@@ -219,15 +228,3 @@ def pooled_losses(parts: Sequence[Losses]) -> Losses:
         np.concatenate([part.coarse + shift for part, shift in zip(parts, offsets, strict=True)]),
         parts[0].scale,
     )
-
-
-def _informed(time: Array, nodes: tuple[NDArray[np.int64], Array], after: Linear) -> NDArray[np.bool_]:
-    """Return where the map along a log is interpolated between nodes that the model knows, shape (K,)."""
-    prior = after.problem.prior
-    stands = (
-        np.zeros(after.p, dtype=bool)
-        if prior.free
-        else np.diag(prior.precision) > thresholds.UNKNOWN * prior.precision.max()
-    )
-    informed = (time >= thresholds.SUPPORT) | stands
-    return np.asarray(np.all(informed[nodes[0]] | (nodes[1] < thresholds.NOTHING), axis=1), dtype=bool)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import STEP
+from lpvobs.discovery.thresholds import NOTHING, STEP
 from lpvobs.engines.effects import Signals
 from lpvobs.records import Array
 
@@ -139,6 +139,11 @@ def operating_nodes(problem: Problem, scenes: Sequence[Scene]) -> Nodes:
 def map_along(theta: Array, nodes: Nodes) -> Array:
     """Return the map's value at every place, shape (K,) [kg/s]."""
     return np.asarray(np.einsum("km,km->k", nodes[1], theta[nodes[0]]))
+
+
+def rests_on(sound: NDArray[np.bool_], nodes: Nodes) -> NDArray[np.bool_]:
+    """Return at which places the map is interpolated between sound nodes alone, shape (K,)."""
+    return np.asarray(np.all(sound[nodes[0]] | (nodes[1] < NOTHING), axis=1), dtype=bool)
 
 
 def by_unknowns(problem: Problem, scenes: Sequence[Scene], terms: Sequence[Term], beta: Array, at: Array) -> Array:

@@ -201,29 +201,48 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
 
 
 def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
-    """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience."""
+    """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience.
+
+    A balance counts with the places where it is shown. Beside balances that are not, it stands alone.
+    """
     shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
     everywhere = cell_numbers(problem.grid, nodes[0])
     classes = problem.transience.astype(np.int64)
-    cells, fast, raw = everywhere[problem.used], classes[problem.used], raw[:, problem.used]
+    used = problem.used
+    cells, fast, raw, shown = everywhere[used], classes[used], raw[:, used], problem.shown[:, used].astype(float)
     B = raw.shape[0]
     spread = np.ones((len(TRANSIENT) + 1, B))
     silent = np.flatnonzero(~raw.any(axis=1))  # a balance that the logs never tell anything of
-    time = _pool(np.bincount(cells, minlength=shape[0] * shape[1]).astype(float), shape) + LEAST_IN_CELL
+    pairs = shown[:, None] * shown[None]
+    visits = _by_pair(pairs, cells, shape)
+    visited, visits = np.maximum(visits.sum(0), 1.0), _pool(visits, shape) + LEAST_IN_CELL
+    often = np.stack([np.bincount(fast, on, minlength=len(spread)) for on in shown], axis=1)
     for _ in range(3):
         x = raw / spread[fast].T
-        sums = np.zeros((time.size, B, B))
-        for a in range(B):
-            for b in range(a + 1):
-                sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=time.size)
-        noise = (_pool(sums, shape) + LEAST_IN_CELL * sums.sum(0) / cells.size) / time[:, None, None]
-        noise[:, silent, silent] = 1.0
-        y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
+        # Of two balances what both show, so that the correlation stays below one (Cauchy and Schwarz).
+        together, own = (_by_pair(each * pairs, cells, shape) for each in (x[:, None] * x[None], x[:, None] ** 2))
+        together, own = (_pool(each, shape) + LEAST_IN_CELL * each.sum(0) / visited for each in (together, own))
+        variance = np.einsum("cbb->cb", own / visits).copy()
+        variance[:, silent] = 1.0
+        alike = together / np.sqrt(np.maximum(own * own.transpose(0, 2, 1), 1e-300))
+        alike[:, np.arange(B), np.arange(B)] = 1.0
+        noise = alike * np.sqrt(variance[:, :, None] * variance[:, None, :])
+        y = raw / np.sqrt(variance)[cells].T
         power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
-        spread = np.sqrt(power / np.maximum(np.bincount(fast, minlength=len(spread)), 1)[:, None])
+        spread = np.sqrt(power / np.maximum(often, 1))
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
-    roots = np.linalg.inv(np.linalg.cholesky(noise))
-    return np.asarray(roots[everywhere] / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
+    roots = np.empty((everywhere.size, B, B))
+    for some in np.unique(problem.shown, axis=1).T:
+        here = (some == problem.shown.T).all(axis=1)
+        alone = noise * np.outer(some, some) + np.diag(~some)
+        roots[here] = np.linalg.inv(np.linalg.cholesky(alone))[everywhere[here]]
+    return np.asarray(roots / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
+
+
+def _by_pair(values: Array, cells: NDArray[np.int64], shape: tuple[int, int]) -> Array:
+    """Return the sums of values of two balances, shape (B, B, K), by cell of the map, shape (cells, B, B)."""
+    counts = [np.bincount(cells, each, minlength=shape[0] * shape[1]) for each in values.reshape(-1, cells.size)]
+    return np.stack(counts, axis=1).reshape(-1, *values.shape[:2]).astype(float)
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:

@@ -85,7 +85,7 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
     # Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience
     # alone.
     always = bool(linear.problem.levels) and candidate.changes == 0
-    return candidate.gain >= least_gain(linear.problem) * (thresholds.ALWAYS if always else 1.0)
+    return candidate.told * candidate.gain >= least_gain(linear.problem) * (thresholds.ALWAYS if always else 1.0)
 
 
 def least_gain(problem: Problem) -> float:

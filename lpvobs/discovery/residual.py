@@ -32,6 +32,11 @@ class MapPrior:
         """Standard error of every node for given constants, shape (p,) [kg/s]."""
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.precision))))
 
+    @cached_property
+    def estimated(self) -> NDArray[np.bool_]:
+        """Whether each node was estimated before, shape (p,)."""
+        return np.asarray((np.diag(self.precision) > thresholds.UNKNOWN * self.precision.max()) & (not self.free))
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -323,7 +323,10 @@ def _fits_as_well(best: Candidate, other: Candidate, per_coarse: int) -> bool:
 
     Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
     a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
+    Where all blocks together differ by less than a tie, neither test is needed.
     """
+    if other.gain > best.gain - thresholds.TIE:
+        return True
     difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
     ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))

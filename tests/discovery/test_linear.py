@@ -89,7 +89,7 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
 def _like(linear, one):
     from lpvobs.discovery.evidence import Candidate
 
-    return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False)
+    return Candidate(Term(one, one.null), 0.0, 1.0, 1.0, np.zeros(linear.problem.first.size), 1.0, False, 1.0)
 
 
 def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
@@ -104,3 +104,14 @@ def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
     assert not out[problem.used].any()
     assert 0 < out.sum() < kept.size  # other stretches are judged as before
     assert not undated(linear).any()
+
+
+def test_two_effects_that_gain_alike_are_not_told_apart(linear):
+    """Small differences of one sign all along a log once told apart effects whose sums were equal to a tenth."""
+    from lpvobs.discovery.select import _fits_as_well
+
+    best = replace(_like(linear, linear.problem.catalogue[0]), gain=90.0)
+    steady = 0.4 / best.loss.size
+    for gap, alike in ((0.4, True), (40.0, False)):
+        other = replace(best, gain=90.0 - gap, loss=best.loss + steady * gap / 0.4)
+        assert _fits_as_well(best, other, linear.problem.per_coarse) is alike

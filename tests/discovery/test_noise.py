@@ -1,9 +1,12 @@
 """Noise that is remembered: innovations, parts that count, and the power of a direction on every range, by the definition."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lpvobs.discovery.noise import Remembered
+from lpvobs.discovery.imbalances import operating_nodes, scenes_with
+from lpvobs.discovery.noise import Remembered, noise_of
 
 ROUNDING = 1e-9
 B, K = 2, 30
@@ -66,3 +69,21 @@ def test_a_part_times_the_dual_is_the_product_of_the_whitened(noise):
     part = direction * (np.arange(K) > 11)
     back = noise.dual(other[None])[0]
     assert np.sum(part[0] * back[0]) == pytest.approx(np.sum(noise.whiten(part) * other), rel=ROUNDING)
+
+
+def test_a_balance_that_counts_at_a_third_of_the_places_has_the_noise_of_these(laid_out, clean):
+    """Its zeros elsewhere once made its noise too small, and weakened the balances that are correlated with it."""
+    problem = laid_out(clean)
+    shown = problem.shown.copy()
+    shown[1] = np.sin(problem.clock / 3.0) > 0.5
+    part = replace(problem, shown=shown)
+    nodes = operating_nodes(part, scenes_with(part, (), np.zeros(part.spread.size)))
+    rng = np.random.default_rng(8)
+    raw = 1e-3 * rng.standard_normal(shown.shape)
+    raw[1] += 0.9 * raw[0]
+    heard = np.where(shown, raw, 0.0)
+    always, some = (
+        white[on & part.used]
+        for white, on in zip(noise_of(part, nodes, heard).whiten(heard)[:2], shown[:2], strict=True)
+    )
+    assert np.mean(some**2) == pytest.approx(np.mean(always**2), rel=0.15)  # three standard errors
