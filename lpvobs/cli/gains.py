@@ -52,10 +52,8 @@ def synth_gain(
         )
         print_json("synth-gain", made)
         return
-    outputs = ", ".join(stored.outputs)
-    print(
-        f"observer gain L ({stored.origin}), proven at {gain.certificate.vertices} vertices; outputs {outputs}, sensor"
-    )
+    vertices = gain.certificate.vertices
+    print(f"observer gain L ({stored.origin}); stability proven at all {vertices} vertices of the parameter region")
     rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
     print(table(["", *stored.outputs, "sensor"], rows))
     print()

@@ -55,7 +55,7 @@ class HealthyDrive:
     ]
     scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
     lasting: Annotated[
-        Array, Item("1", "variance of a sum of the fast errors over that of independent errors", ("balance",))
+        Array, Item("1", "variance of a sum of fast errors, relative to independent errors", ("balance",))
     ]
     unsure: Annotated[
         Array, Item("kg/s", "square root of the weights' covariance", ("balance", "feature", "other_feature"))

@@ -60,7 +60,7 @@ class Basis:
     terms: Annotated[Array, Item("1", "terms of Eq. (37) at the nodes", ("node", "term"))]
     lasting: Annotated[
         float,
-        Item("1", "variance of all errors, divided by the variance of the errors that are independent between windows"),
+        Item("1", "ratio of the variance of all errors to the variance of errors that are independent between windows"),
     ]
 
     @property

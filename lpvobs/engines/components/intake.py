@@ -44,8 +44,8 @@ CHARGE = Component(
 class Filling:
     """eta_vol = c_vol1 sqrt(p_im) + c_vol2 sqrt(n_e) + c_vol3, p_im in Pa, n_e in rpm."""
 
-    c_vol1: Annotated[float, Within(-5e-3, 5e-3, "1/sqrt(Pa)", "slope of the volumetric efficiency")]
-    c_vol2: Annotated[float, Within(-0.05, 0.05, "1/sqrt(rpm)", "slope of the volumetric efficiency")]
+    c_vol1: Annotated[float, Within(-5e-3, 5e-3, "1/sqrt(Pa)", "slope of eta_vol over sqrt(p_im)")]
+    c_vol2: Annotated[float, Within(-0.05, 0.05, "1/sqrt(rpm)", "slope of eta_vol over sqrt(n_e)")]
     c_vol3: Annotated[float, Within(0.2, 3, "1", "level of the volumetric efficiency")]
 
 
@@ -55,7 +55,7 @@ class Egr:
 
     A_egr_max: Annotated[float, Within(1e-6, 0.05, "m^2", "area of an EGR valve")]
     c_egr1: Annotated[float, Within(-0.01, 0.01, "1/%^2", "curvature of the EGR area")]
-    c_egr2: Annotated[float, Within(1e-5, 1, "1/%", "slope of the EGR area")]
+    c_egr2: Annotated[float, Within(1e-5, 1, "1/%", "slope of the effective EGR area over the valve position")]
     pi_egr_opt: Annotated[float, Within(0.2, 0.99, "1", "critical pressure ratio")]
     k_reverse: Annotated[float, Within(0, 1.5, "1", "share of the area for reverse flow")]
 

@@ -31,7 +31,7 @@ class Exhaust:
     """Estimates for exhaust sensors that are not fitted: p_em = p_im + dp_0 + dp_n n_e; without T_em, T_im + T_rise W_f / W_ei."""
 
     dp_0: Annotated[float, Within(-2e4, 1e5, "Pa", "pressure difference across the EGR")]
-    dp_n: Annotated[float, Within(0, 100, "Pa/rpm", "slope of the pressure difference across the EGR")]
+    dp_n: Annotated[float, Within(0, 100, "Pa/rpm", "slope of the pressure difference across the EGR over n_e")]
     T_rise: Annotated[float, Within(2e3, 3e4, "K", "heating of the gas, per fuel over gas")]
 
 

@@ -44,7 +44,7 @@ def parse(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise UsageError(f"{path}: brackets are nested too deeply; correct this line") from None
+        raise UsageError(f"{path}: has too many brackets inside brackets; write fewer levels") from None
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise UsageError(f"{path}: is not TOML ({error}); correct this line") from None
 

@@ -67,7 +67,7 @@ def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:
         own = group["curve"]
         along = f"{effect.curve.of} of {effect.curve.channel}, in the log's unit, rates per second"
         own["knot"].attrs["long_name"] = along
-        own["deviation"].attrs["long_name"] = f"deviation of {effect.curve.carrier} at amplitude one"
+        own["deviation"].attrs["long_name"] = f"relative error of {effect.curve.carrier} for an amplitude of 1"
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
     hdf.write_fields(group, {"acts": hdf.Field(acts, "1", "on the log", ("log",), hdf.flags(hdf.NO_YES))})
 
