@@ -203,7 +203,8 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
 def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience.
 
-    A balance counts with the places where it is shown. Beside balances that are not, it stands alone.
+    A balance counts with the places where it is shown. Beside balances that are not, it stands alone. The correlation of two balances
+    shrinks with the share of places that both are shown at: a few places may show any correlation.
     """
     shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
     everywhere = cell_numbers(problem.grid, nodes[0])
@@ -213,21 +214,19 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     B = raw.shape[0]
     spread = np.ones((len(TRANSIENT) + 1, B))
     silent = np.flatnonzero(~raw.any(axis=1))  # a balance that the logs never tell anything of
-    pairs = shown[:, None] * shown[None]
-    visits = _by_pair(pairs, cells, shape)
-    visited, visits = np.maximum(visits.sum(0), 1.0), _pool(visits, shape) + LEAST_IN_CELL
+    visits = np.stack([np.bincount(cells, on, minlength=shape[0] * shape[1]) for on in shown], axis=1).astype(float)
+    root = np.sqrt(_pool(visits, shape) + LEAST_IN_CELL)  # of the instants of a balance in a cell
+    share = LEAST_IN_CELL / np.maximum(np.sqrt(np.outer(visits.sum(0), visits.sum(0))), 1.0)
     often = np.stack([np.bincount(fast, on, minlength=len(spread)) for on in shown], axis=1)
     for _ in range(3):
         x = raw / spread[fast].T
-        # Of two balances what both show, so that the correlation stays below one (Cauchy and Schwarz).
-        together, own = (_by_pair(each * pairs, cells, shape) for each in (x[:, None] * x[None], x[:, None] ** 2))
-        together, own = (_pool(each, shape) + LEAST_IN_CELL * each.sum(0) / visited for each in (together, own))
-        variance = np.einsum("cbb->cb", own / visits).copy()
-        variance[:, silent] = 1.0
-        alike = together / np.sqrt(np.maximum(own * own.transpose(0, 2, 1), 1e-300))
-        alike[:, np.arange(B), np.arange(B)] = 1.0
-        noise = alike * np.sqrt(variance[:, :, None] * variance[:, None, :])
-        y = raw / np.sqrt(variance)[cells].T
+        sums = np.zeros((len(root), B, B))
+        for a in range(B):
+            for b in range(a + 1):
+                sums[:, a, b] = sums[:, b, a] = np.bincount(cells, x[a] * x[b], minlength=len(root))
+        noise = (_pool(sums, shape) + share * sums.sum(0)) / root[:, :, None] / root[:, None, :]
+        noise[:, silent, silent] = 1.0
+        y = raw / np.sqrt(np.einsum("cbb->cb", noise))[cells].T
         power = np.stack([np.bincount(fast, row**2, minlength=len(spread)) for row in y], axis=1)
         spread = np.sqrt(power / np.maximum(often, 1))
         spread = np.maximum.accumulate(np.maximum(spread, 1e-3), axis=0)
@@ -237,12 +236,6 @@ def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
         alone = noise * np.outer(some, some) + np.diag(~some)
         roots[here] = np.linalg.inv(np.linalg.cholesky(alone))[everywhere[here]]
     return np.asarray(roots / spread[classes][:, None, :] / np.sqrt(problem.lasting).T[:, None, :])
-
-
-def _by_pair(values: Array, cells: NDArray[np.int64], shape: tuple[int, int]) -> Array:
-    """Return the sums of values of two balances, shape (B, B, K), by cell of the map, shape (cells, B, B)."""
-    counts = [np.bincount(cells, each, minlength=shape[0] * shape[1]) for each in values.reshape(-1, cells.size)]
-    return np.stack(counts, axis=1).reshape(-1, *values.shape[:2]).astype(float)
 
 
 def _pool(values: Array, shape: tuple[int, int]) -> Array:
