@@ -10,11 +10,11 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.api.files import File, Files, as_path, as_paths
-from lpvobs.engines.channels import Channel
+from lpvobs.api.further import Informed, informed_with_each
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
-from lpvobs.io.configuration.config import load_config
+from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.kinds import Count, Refused, Seconds, Sha
@@ -74,6 +74,10 @@ class InspectedLog:
         Mapping[str, Sequence[str]],
         Meta(description="For each engine in serves: optional channels that the log lacks."),
     ]
+    informs: Annotated[
+        Sequence[Informed],
+        Meta(description="With --config: map nodes that the log informs, and with one channel more."),
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,43 +115,38 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     config : path, optional
         Engine and policies; by default the first engine that the log serves.
     """
-    channels, policies = _engine_of(config)
-    return inspect_log(as_path(log), channels, policies)
+    return inspect_log(as_path(log), None if config is None else load_config(as_path(config))[0])
 
 
 def inspect_logs(logs: Files, config: File | None = None) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
-    channels, policies = _engine_of(config)
+    configuration = None if config is None else load_config(as_path(config))[0]
     found, refused = [], []
     for path in finding.find_logs(as_paths(logs)):
         try:
-            found.append(inspect_log(path, channels, policies))
+            found.append(inspect_log(path, configuration))
         except DataError as error:
             refused.append(str(error))
     return tuple(found), tuple(refused)
 
 
-def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPolicies]:
-    """Return the channels that the configured engine needs, and the policies; None and the default ones without it."""
-    if config is None:
-        return None, LogPolicies()
-    configuration, _ = load_config(as_path(config))
-    return configuration.engine_path().channels, configuration.policies
-
-
-def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies) -> InspectedLog:
+def inspect_log(path: Path, config: Config | None) -> InspectedLog:
     """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it."""
-    # `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
+    # Without a configuration: the first engine that the log suits, else the usual one.
     units, record = parquet.channel_units(path), stored_record(path)
     lacking, further = {}, {}
-    if needed is None:
+    if config is not None:
+        needed, policies = config.engine_path().channels, config.policies
+    else:
+        policies = LogPolicies()
         for name, kind in ENGINES.items():
-            absent = {key: item for key, item in kind.air_path.channels.items() if key not in units}
-            lacking[name] = [key for key, item in absent.items() if not item.may_lack(units)]
-            further[name] = [key for key in absent if key not in lacking[name]]
+            missed = {key: item for key, item in kind.air_path.channels.items() if key not in units}
+            lacking[name] = [key for key, item in missed.items() if not item.may_lack(units)]
+            further[name] = [key for key in missed if key not in lacking[name]]
         suited = [ENGINES[name].air_path.channels for name, missing in lacking.items() if not missing]
         needed = suited[0] if suited else {} if record else usual_engine().air_path.channels
     log = reading.read_log(path, needed, policies, auxiliary=True)
+    absent = [name for name in needed if name not in units]
     of_all = {"time": log.time, **log.channels, **log.auxiliary}
     in_log = {"time": "s"} | {name: needed[name].unit for name in log.channels}
     return InspectedLog(
@@ -164,6 +163,7 @@ def inspect_log(path: Path, needed: Mapping[str, Channel] | None, policies: LogP
         serves=[name for name, missing in lacking.items() if not missing],
         lacking={name: missing for name, missing in lacking.items() if missing},
         further={name: more for name, more in further.items() if more and not lacking[name]},
+        informs=informed_with_each(config, path, log, absent) if config is not None and absent else (),
     )
 
 

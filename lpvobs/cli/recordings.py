@@ -142,6 +142,16 @@ def _text(found: "InspectedLog") -> str:
         f"engine '{name}': would also use, if the log had them: {meanings(name, more)}"
         for name, more in found.further.items()
     ]
+    if found.informs:
+        rows = [
+            [
+                "as logged" if item.channel is None else f"with {item.channel} ({item.supposed})",
+                str(item.nodes),
+                "-" if item.standard_error is None else f"{1e3 * item.standard_error:.3g}",
+            ]
+            for item in found.informs
+        ]
+        parts.append(table(["channels", "map nodes", "standard error [g/s]"], rows))
     parts += [
         f"engine '{name}': required channels missing in this log: {meanings(name, more)}"
         for name, more in found.lacking.items()

@@ -127,6 +127,9 @@ class AirPath(Protocol):
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances along a log."""
 
+    def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
+        """Return for channels that a log may lack what they are supposed to read, in words and along the log, shape (N,)."""
+
     def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return how far the balances can be relied on.
 
@@ -163,6 +166,10 @@ class AsKnown:
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return none."""
         return ()
+
+    def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
+        """Return none."""
+        return {}
 
     def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return full trust in every balance."""

@@ -30,6 +30,8 @@ TOLERANCE: Mapping[str, float] = {
 """Of constants of which the configuration says nothing: gases are in tables, what is fitted is good to a hundredth; pressure and
 temperature of the exhaust are assumed; an injector's quantity scatters by some per cent."""
 RELATIVE_STEP = 1e-5
+MISSED = 0.25
+"""[1] Share of the cylinders' air that a sensor may miss while the EGR valve is shut."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,28 @@ class Series(AsKnown):
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances."""
         return flows.corrections(self.constants, log.channels, rates)
+
+    def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
+        """Return what the valve, the probe and the sensors of the exhaust would read, by the engine as configured."""
+        c, x = self.constants, log.channels
+        W_ei = intake.cylinder_flow(c, x["p_im"], x["n_e"], x["T_im"])
+        unlogged = {name: values for name, values in x.items() if name not in ("p_em", "T_em")}
+        burnt = c.air_fuel * c.k_fuel * intake.cylinder_fuel_flow(c, x["n_e"], np.maximum(x["u_delta"], 0.1))
+        p_em, T_em = flows.exhaust(c, unlogged, W_ei)
+        opening = np.linspace(0.0, 100.0, 101)
+        wide, _ = flows.egr(c, {**x, "u_egr": np.full(W_ei.size, opening[-1])}, W_ei)
+        area = intake.egr_area(c, opening) / intake.egr_area(c, opening[-1:])
+        less = np.maximum(W_ei - x["W_maf"], 0.0)
+        lifted = np.interp(less / np.maximum(wide, 1e-9), area, opening)
+        return {
+            "u_egr": (
+                "shut where the sensor reads what the cylinders draw",
+                np.where(less < MISSED * W_ei, 0.0, lifted),
+            ),
+            "lambda_e": ("fresh air over fuel", np.maximum((W_ei - self.returned(x, W_ei)) / burnt, 0.7)),
+            "p_em": ("as configured", p_em),
+            "T_em": ("as configured", T_em),
+        }
 
     def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
         """Return full trust, but none in the filling with EGR as long as no calibration knows its flow."""

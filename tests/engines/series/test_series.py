@@ -135,6 +135,23 @@ def test_its_map_is_found_through_the_verbs(tmp_path, without):
     assert without == ("u_egr",) or seen.metrics.visited_cells > 5
 
 
+@pytest.mark.parametrize("further", ["lambda_e", "u_egr"])
+def test_inspect_says_what_a_further_channel_would_add(tmp_path, further):
+    """The log that has the channel is the measure. The stand-in promises a gain, and here no more than the channel gives."""
+    rng, channels = np.random.default_rng(4), drive()
+    for name, error in {"W_maf": 0.01, "p_im": 0.002, "u_delta": 0.01, "lambda_e": 0.01}.items():
+        channels[name] *= 1.0 + error * rng.standard_normal(channels["time"].size)
+    log = written(tmp_path / "log.parquet", channels, (further, "p_em", "T_em"))
+    complete = written(tmp_path / "complete.parquet", channels, ("p_em", "T_em"))
+    promised, real = ({item.channel: item for item in lpvobs.inspect(path, SERIES).informs} for path in (log, complete))
+    assert list(promised) == [None, further, "p_em", "T_em"]
+    assert list(real) == [None, "p_em", "T_em"]
+    now, then = promised[None], promised[further]
+    assert then.nodes == pytest.approx(real[None].nodes, abs=3)
+    assert real[None].standard_error <= then.standard_error < now.standard_error
+    assert lpvobs.inspect(log).informs == ()
+
+
 def test_effects_change_what_they_should(config, tmp_path):
     """A leak of the intake and an EGR area move the filling alone; what the engine lacks slows the pressure by as much."""
     log, rates, _ = found_on(config, written(tmp_path / "log.parquet", drive(20.0)))
