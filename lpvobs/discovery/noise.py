@@ -203,8 +203,8 @@ def _remembered(problem: Problem, stretch: Array | float) -> Remembered:
 def _own_scatter(problem: Problem, nodes: Nodes, raw: Array) -> Array:
     """Return the root of the inverse covariance, shape (K, B, B): by cell of the map, times a spread by class of transience.
 
-    A balance counts with the places where it is shown. Beside balances that are not, it stands alone. The correlation of two balances
-    shrinks with the share of places that both are shown at: a few places may show any correlation.
+    A balance counts with the places where it is shown. Beside balances that are not, it stands alone. The correlation of two
+    balances shrinks with the share of places that both are shown at: a few places may show any correlation.
     """
     shape = (problem.grid.speed.size - 1, problem.grid.fuel.size - 1)
     everywhere = cell_numbers(problem.grid, nodes[0])
