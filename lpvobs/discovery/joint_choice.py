@@ -11,7 +11,7 @@ from lpvobs.discovery.episodes import sharpened
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import rank
+from lpvobs.discovery.ranking import is_proven, rank
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
 
@@ -44,10 +44,12 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
         ranked = rank(bare, others, intervals=False)[:SHORTLIST]
         for rival in ranked:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
-        again = _joint_best(linear, again, sorted(rivals, key=score, reverse=True))
+        proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
+        again = _joint_best(linear, again, sorted(proven, key=score, reverse=True))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
-        on_course, driven = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id != again.id])
+        ids = {rival.id for rival in proven} - {again.id}
+        on_course, driven = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
         if on_course is not again and _is_better(linear, bare, on_course, again):
             linear = fit(problem, [*bare.terms, on_course.term], start=linear)
             nearer = finer(without(linear, newest), on_course)

@@ -34,6 +34,20 @@ def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_
     assert named.term.size == pytest.approx(0.9625, abs=1e-3)
 
 
+@pytest.mark.parametrize("proven", [True, False])
+def test_an_effect_gives_way_only_to_one_that_is_proven(laid_out, plant, clean, monkeypatch, proven):
+    """What healthy drives always seem to have explains a residual well and proves nothing; once it displaced the proven cause."""
+    p_im = clean["p_im"] * np.where(clean.time < ONSET, 1.0, 0.9625)
+    problem = laid_out(replace(clean, channels={**clean.channels, "p_im": p_im}))
+    flow, is_proven = plant.effect("compressor.flow"), joint_choice.is_proven
+    linear = fit(problem, [Term(flow, 0.97, ONSET)])
+    monkeypatch.setattr(
+        joint_choice, "is_proven", lambda c, bare: (proven or not c.id.startswith("p_im.")) and is_proven(c, bare)
+    )
+    (named, _), _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, flow, ONSET)), None)
+    assert named.id.startswith("p_im.") == proven
+
+
 def test_an_effect_that_grows_is_told_from_what_healthy_drives_seem_to_have_of_it_all_the_time(plant):
     """Data of equal weight along the log: what is left of the information beside a size that is always there, by linear algebra."""
     K, size = 1000, 0.05
