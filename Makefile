@@ -170,7 +170,7 @@ unit: $(VENV)/.ready
 
 extrapolation: export OPENBLAS_NUM_THREADS = 1
 extrapolation: $(VENV)/.ready
-	$(VENV)/bin/python benchmarks/extrapolation.py 20 2975931
+	$(VENV)/bin/python benchmarks/extrapolation.py 20 2319573
 	$(VENV)/bin/python benchmarks/state_bound.py
 
 mutants: $(VENV)/.ready

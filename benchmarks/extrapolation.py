@@ -94,7 +94,7 @@ def knowing(grid: Grid, case: Case) -> float:
     for process in product(PROCESSES, product(LENGTHS, LENGTHS)):
         own, over = (data.correlation(data.chosen, nodes, process) for nodes in (data.chosen, off))
         for share in AMPLITUDES:
-            one = Weighted(data, process, share * data.size, own)
+            one = Weighted(data, share * data.size, own)
             beyond = one.whitened(one.power * over).T @ (one.z - one.X @ one.beta)
             least = min(least, np.sqrt(np.mean((data.trend[off] @ one.beta + beyond - case.truth.ravel()[off]) ** 2)))
     return 1e3 * float(least)

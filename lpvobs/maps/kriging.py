@@ -9,7 +9,7 @@ data. Rasmussen and Williams 2006, Eq. (2.41), (2.42), (4.9) and (4.17). No libr
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import groupby, product
 
 import numpy as np
 import scipy
@@ -60,13 +60,15 @@ class KnownNodes:
         """Return the covariance between nodes of a process of amplitude one: Gaussian or Matern of order 5/2, and cubic."""
         (smooth, cubic), lengths = process
         away = [(self.place[rows, None, i] - self.place[columns, i]) / lengths[i] for i in (0, 1)]
-        r = np.hypot(*away)
+        square = away[0] ** 2 + away[1] ** 2
         if smooth:
-            found = np.exp(-0.5 * r * r)  # (4.9)
+            found = np.exp(-0.5 * square)  # (4.9)
         else:
-            r *= np.sqrt(5.0)
+            r = np.sqrt(5.0 * square)
             found = (1.0 + r + r * r / 3.0) * np.exp(-r)  # (4.17)
-        return np.asarray(found + (cubic * self.cubes[rows]) @ (cubic * self.cubes[columns]).T)
+        if cubic:
+            found += (cubic * self.cubes[rows]) @ (cubic * self.cubes[columns]).T
+        return np.asarray(found)
 
     def thinned(self, most: int) -> "KnownNodes":
         """Return the same with at most so many estimated nodes."""
@@ -78,8 +80,8 @@ class KnownNodes:
 class Weighted:
     """The map under one process and amplitude; both sides are whitened by the covariance of process and noise."""
 
-    def __init__(self, data: KnownNodes, process: Process, amplitude: float, correlation: Array):
-        self.data, self.process, self.power = data, process, amplitude**2
+    def __init__(self, data: KnownNodes, amplitude: float, correlation: Array):
+        self.data, self.power = data, amplitude**2
         covariance = self.power * correlation + data.noise
         covariance[np.diag_indices_from(covariance)] *= 1.0 + ROUNDING
         self.root = np.linalg.cholesky(covariance)
@@ -95,15 +97,19 @@ class Weighted:
         half = np.log(np.diag(self.root)).sum() + 0.5 * np.linalg.slogdet(self.information)[1]
         return float(-half - 0.5 * left @ left)
 
-    def predicted(self, nodes: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-        """Return values at nodes, the covariance of their errors, and that of the estimated nodes' errors with theirs."""
+    def predicted(self, nodes: NDArray[np.int64], across: Array) -> tuple[Array, Array, Array, Array]:
+        """Return values at nodes, their errors' covariance with those of the estimated nodes, over the noise's, and two factors.
+
+        `across` is the correlation of the estimated nodes with these. The covariance of the errors at these nodes is the process's
+        own, less the square of the first factor (what the estimated nodes tell), and with that of the second (the trend's error).
+        """
         data = self.data
-        near = self.whitened(self.power * data.correlation(data.chosen, nodes, self.process))
+        near = self.whitened(self.power * across)
         beyond = data.trend[nodes].T - self.X.T @ near
         trend = np.linalg.solve(self.information, beyond)
         weights = near + self.X @ trend
-        covariance = self.power * data.correlation(nodes, nodes, self.process) - near.T @ near + beyond.T @ trend
-        return weights.T @ self.z, covariance, self.whitened(data.noise).T @ weights
+        root = np.linalg.cholesky(np.linalg.inv(self.information))
+        return weights.T @ self.z, self.whitened(weights, trans=1), near, root.T @ beyond
 
 
 def krige(
@@ -122,30 +128,42 @@ def krige(
         correlation = few.correlation(few.chosen, few.chosen, process)
         for amplitude in size * np.array(AMPLITUDES):
             choices.append((process, amplitude))
-            found.append(Weighted(few, process, amplitude, correlation).log_likelihood())
+            found.append(Weighted(few, amplitude, correlation).log_likelihood())
     lengths, amplitudes = np.array([process[1] for process, _ in choices]), np.array([each for _, each in choices])
     likelihoods = found - 0.5 * (np.log(amplitudes / size / USUAL) / SPREAD) ** 2
     weights = np.exp(likelihoods - likelihoods.max())
     kept = np.flatnonzero(weights >= LEAST_WEIGHT)
     weights = weights[kept] / weights[kept].sum()
     filled = np.arange(grid.size) if smooth else np.flatnonzero(~supported)
-    beta, values = _Mixture(6), _Mixture(filled.size)
+    beta, values, square = _Mixture(6), np.zeros(filled.size), np.zeros((filled.size, filled.size))
     joint = np.zeros((data.chosen.size, filled.size))
-    for weight, choice in zip(weights, kept, strict=True):
-        process, amplitude = choices[choice]
-        of_it = Weighted(data, process, amplitude, data.correlation(data.chosen, data.chosen, process))
-        mean, spread, shared = of_it.predicted(filled)
-        values.add(weight, mean, spread)
-        beta.add(weight, of_it.beta, np.linalg.inv(of_it.information))
-        joint += weight * shared
+    places = ((data.chosen, data.chosen), (data.chosen, filled), (filled, filled))
+    for process, alike in groupby(zip(weights, kept, strict=True), lambda item: choices[item[1]][0]):
+        own, across, among = (data.correlation(*pair, process) for pair in places)
+        power, less, more = 0.0, [], []  # one sum of large matrices for all amplitudes of a process
+        for weight, choice in alike:
+            of_it = Weighted(data, choices[choice][1], own)
+            mean, shared, near, trend = of_it.predicted(filled, across)
+            power += weight * of_it.power
+            less.append(np.sqrt(weight) * near)
+            more.append(np.sqrt(weight) * np.vstack([trend, mean]))
+            values += weight * mean
+            beta.add(weight, of_it.beta, np.linalg.inv(of_it.information))
+            joint += weight * shared
+        among *= power
+        square += among
+        for sign, factors in ((-1.0, less), (1.0, more)):
+            factor = np.concatenate(factors)
+            square += sign * (factor.T @ factor)
     back = quadratic.to_raw(grid)
     whole = np.zeros((grid.size, grid.size))
     if not smooth:
+        joint = data.noise @ joint
         whole[np.ix_(data.chosen, data.chosen)] = data.noise
         whole[np.ix_(data.chosen, filled)], whole[np.ix_(filled, data.chosen)] = joint, joint.T
-    whole[np.ix_(filled, filled)] = values.covariance()
+    whole[np.ix_(filled, filled)] = 0.5 * (square + square.T) - np.outer(values, values)
     map_values = np.where(supported, theta, 0.0).ravel()
-    map_values[filled] = values.mean
+    map_values[filled] = values
     code = quadratic.SMOOTHED if smooth else quadratic.ESTIMATED
     half_widths = 0.5 * np.array([np.ptp(grid.fuel), np.ptp(grid.speed)])
     return quadratic.Filled(
@@ -171,7 +189,8 @@ class _Mixture:
     def add(self, weight: float, mean: Array, covariance: Array) -> None:
         """Add one of them; the weights add up to one."""
         self.mean += weight * mean
-        self.square += weight * (covariance + np.outer(mean, mean))
+        self.square += weight * covariance
+        self.square += np.outer(weight * mean, mean)
 
     def covariance(self) -> Array:
         """Return it once all are added."""
