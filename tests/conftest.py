@@ -37,8 +37,8 @@ DEAR = (
     "measured/test_real_engine.py", "measured/test_blind.py", "cli/test_trace.py", "discovery/test_throttled.py",
     "robust/test_kill.py", "discovery/test_refine.py", "api/test_types.py", "contract/test_contract.py",
     "cli/test_fleet.py", "robust/test_same_bytes.py", "simulation/test_heavy_duty.py", "discovery/test_forms.py",
-    "api/test_cluster.py", "cli/test_calibrate.py", "observer/test_estimate.py",
     "io/control_unit/test_control_unit.py", "selftest/test_selftest.py", "api/test_compare.py",
+    "measured/test_road_car.py", "api/test_cluster.py", "cli/test_calibrate.py", "observer/test_estimate.py",
     "observer/test_any_number_of_states.py",
 )  # fmt: skip
 """Files that take longest, the longest first: begun last, one of them would keep a single worker busy while the others are done."""

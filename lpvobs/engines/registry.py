@@ -1,11 +1,13 @@
 """The engines that exist, by the name that configurations, gains and results use."""
 
-from lpvobs.engines import diesel, throttled
+from lpvobs.engines import diesel, series, throttled
 from lpvobs.engines.base import EngineKind
 
 ENGINES: dict[str, EngineKind] = {
     diesel.ENGINE.name: diesel.ENGINE,
     throttled.ENGINE.name: throttled.ENGINE,
+    series.ENGINE.name: series.ENGINE,
+    series.OBD.name: series.OBD,
 }
 
 

@@ -2,6 +2,7 @@
 
 import shutil
 
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -94,3 +95,38 @@ def test_inspect_holds_a_log_against_the_engine_of_the_folder(config, chain, pro
     done = called("inspect", chain.log)
     assert done.exit_code == 3
     assert "channel 'm_f' is missing" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("left_out", "said"),
+    [
+        (
+            (),
+            [
+                "has all required channels of the engines: diesel, series, speed_density",
+                "'series': would also use, if the log had them: lambda_e (lambda in the exhaust)",
+            ],
+        ),
+        (
+            ("omega_t", "p_em"),
+            [
+                "has all required channels of the engines: series, speed_density",
+                "'diesel': required channels missing in this log: p_em (exhaust manifold pressure), omega_t (turbine",
+            ],
+        ),
+        (
+            ("omega_t", "p_em", "u_delta", "u_egr"),
+            [
+                "has all required channels of the engines: speed_density",
+                "u_egr (EGR valve opening) or lambda_e (lambda in the exhaust)",
+            ],
+        ),
+    ],
+)
+def test_inspect_says_which_engines_a_log_serves_and_what_further_channels_are_for(chain, project, left_out, said):
+    (project / "lpvobs.toml").unlink()
+    kept = pq.read_table(chain.log).drop_columns(list(left_out))
+    pq.write_table(kept, "few.parquet")
+    shown = called("inspect", "few.parquet").stdout
+    for line in said:
+        assert line in shown

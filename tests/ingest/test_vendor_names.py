@@ -15,7 +15,7 @@ from lpvobs.ingest.recordings import Head, split_unit
 USUAL = {
     "n_e": ("rpm", 1800.0), "p_im": ("kPa", 140.0), "p_amb": ("hPa", 990.0), "T_amb": ("degC", 20.0), "W_maf": ("kg/h", 120.0),
     "u_delta": ("mg/cycle", 15.0), "u_egr": ("%", 20.0), "u_vgt": ("%", 50.0), "p_em": ("hPa", 1800.0), "T_im": ("degC", 45.0),
-    "T_em": ("degC", 400.0), "omega_t": ("rpm", 80000.0),
+    "T_em": ("degC", 400.0), "omega_t": ("rpm", 80000.0), "lambda_e": ("1", 2.0),
 }  # fmt: skip
 NAMES = {
     "n_e": [
@@ -41,6 +41,7 @@ NAMES = {
     "p_em": ["Exh_pTrbnUs", "Abgasdruck vor Turbine"],
     "T_em": ["Exh_tTrbnUs", "Abgastemperatur vor Turbine"],
     "omega_t": ["TrbChrg_n", "EngTurbo1Speed", "Turboladerdrehzahl"],
+    "lambda_e": ["LSU_rLam_[0]", "O2 Sensor1 Wide Range Equivalence Ratio", "Lambda"],
 }  # fmt: skip
 LISTS = list(csv.DictReader(Path(__file__).with_name("channel_lists.csv").read_text(encoding="utf-8").splitlines()))
 NONE = [

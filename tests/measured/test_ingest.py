@@ -88,6 +88,7 @@ def test_kit_obd_gaps_and_clocks_stay_visible(measured, tmp_path):
     ingest_log([measured / "kit-obd" / "2018-02-26_Seat_Leon_KA_KA_Frei.csv"], "kit-obd", out)
     content = inspect_log(out, None, LogPolicies())
     assert content.gaps == 1
+    assert "speed_density" in content.serves  # it needs neither fuel nor EGR
     record = ingest_log([measured / "kit-obd" / "2017-08-01_Seat_Leon_KA_KA_Frei.csv"], "kit-obd", out)
     assert record["sources"][0]["time_repairs"]["Time"] == {"backward": 3}
     assert record["channels"]["T_im"]["repairs"]["out_of_range"] > 100

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference import throttled_drive
 from reference.adaptive_observer import sample_of
-from repository import LIU_ICE
+from repository import CONFIGS, LIU_ICE
 
 from lpvobs.engines.registry import ENGINES
 from lpvobs.engines.throttled.lpv import Throttled
@@ -118,7 +118,13 @@ def drives(air_path, grid, drive, gain):
     """Return, for every engine, its air path, a log, the measured states, a grid, and gains with and without the sensor."""
     whole = gain.L + np.array([0.0, 0.0, 0.0, 1.0]) * np.array([[4e4], [-2e4], [3e3]])
     diesel = (air_path, drive[0], gain.outputs, grid, (gain.L, whole))
-    found = {"diesel": diesel, "throttled": throttled()}
+    ours = load_config(CONFIGS / "series.toml")[0]
+    cascade = np.array([[500.0, 0.0], [4e-3, 0.0]])
+    both = (cascade, cascade + np.array([0.0, 1.0]) * np.array([[2e5], [3.0]]))
+    series = (ours.engine_path(), drive[0], ("p_im",), ours.grid(), both)
+    simple = load_config(CONFIGS / "speed_density.toml")[0]
+    plain = (simple.engine_path(), drive[0], ("p_im",), simple.grid(), both)
+    found = {"diesel": diesel, "throttled": throttled(), "series": series, "speed_density": plain}
     assert found.keys() == ENGINES.keys()
     return found
 
