@@ -19,7 +19,7 @@ FAULT  := configs/effects/undeclared_leak.toml
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .SECONDARY:
-.PHONY: help setup run test test-all lint bench blind blind2 thresholds forms wrong as-it-is fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
+.PHONY: help setup run test test-all lint bench blind blind2 thresholds forms wrong as-it-is series fleet-proof unit extrapolation docs defects schemas kill fuzz mutants matrix clean
 
 help:
 	@echo 'make run     the whole chain, ends with $(BUILD)/report.html and a result per cycle'
@@ -33,6 +33,7 @@ help:
 	@echo 'make wrong   whether wrong engines and mixed-up logs are noticed, case by case; five minutes of one processor'
 	@echo 'make thresholds how near decisions come to the tuned numbers, and what half and twice of each changes; under two hours'
 	@echo 'make bench   the larger proofs: rivals, wrong constants, coverage, speed, scaling; results in benchmarks/results'
+	@echo 'make series  the engine without turbine speed and exhaust pressure beside the full diesel, ten draws, and a bank of its faults; half an hour of one processor'
 	@echo 'make fleet-proof a fleet that ages, twenty times: what track finds, whom it accuses, how good its maps are; ten minutes of one processor'
 	@echo 'make unit    the observer in C beside Python on every cycle, and what a step costs; needs gcc and valgrind, half an hour'
 	@echo 'make extrapolation nodes that nobody drove, on 100 surfaces a cycle, and the bound of the state; forty minutes of one processor'
@@ -153,6 +154,11 @@ as-it-is: $(VENV)/.ready
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py slow
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py structure
 	$(VENV)/bin/python benchmarks/engine_as_it_is.py healthy
+
+series: export OPENBLAS_NUM_THREADS = 1
+series: $(VENV)/.ready
+	$(VENV)/bin/python benchmarks/series.py
+	$(VENV)/bin/python benchmarks/series_faults.py
 
 fleet-proof: export OPENBLAS_NUM_THREADS = 1
 fleet-proof: $(VENV)/.ready
