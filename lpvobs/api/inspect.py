@@ -11,6 +11,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.api.files import File, Files, as_path, as_paths
 from lpvobs.api.further import Informed, informed_with_each
+from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
@@ -115,30 +116,37 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     config : path, optional
         Engine and policies; by default the first engine that the log serves.
     """
-    return inspect_log(as_path(log), None if config is None else load_config(as_path(config))[0])
+    return inspect_log(as_path(log), *_engine_of(config))
 
 
 def inspect_logs(logs: Files, config: File | None = None) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
-    configuration = None if config is None else load_config(as_path(config))[0]
+    engine = _engine_of(config)
     found, refused = [], []
     for path in finding.find_logs(as_paths(logs)):
         try:
-            found.append(inspect_log(path, configuration))
+            found.append(inspect_log(path, *engine))
         except DataError as error:
             refused.append(str(error))
     return tuple(found), tuple(refused)
 
 
-def inspect_log(path: Path, config: Config | None) -> InspectedLog:
+def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPolicies, Config | None]:
+    """Return the channels that the configured engine needs, the policies, and the configuration; without it the default ones."""
+    if config is None:
+        return None, LogPolicies(), None
+    configuration, _ = load_config(as_path(config))
+    return configuration.engine_path().channels, configuration.policies, configuration
+
+
+def inspect_log(
+    path: Path, needed: Mapping[str, Channel] | None, policies: LogPolicies, config: Config | None = None
+) -> InspectedLog:
     """Return what is in a log; raises DataError where no estimate could use it, unless `ingest` made it."""
-    # Without a configuration: the first engine that the log suits, else the usual one.
+    # `needed` is what the engine needs; None: the first engine that the log suits, else the usual one.
     units, record = parquet.channel_units(path), stored_record(path)
     lacking, further = {}, {}
-    if config is not None:
-        needed, policies = config.engine_path().channels, config.policies
-    else:
-        policies = LogPolicies()
+    if needed is None:
         for name, kind in ENGINES.items():
             missed = {key: item for key, item in kind.air_path.channels.items() if key not in units}
             lacking[name] = [key for key, item in missed.items() if not item.may_lack(units)]
