@@ -7,11 +7,12 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED
-from lpvobs.discovery.imbalances import operating_nodes, residual_of, views
+from lpvobs.discovery.fit import pins
+from lpvobs.discovery.imbalances import by_reading_alone, change_of_reading, operating_nodes, residual_of
 from lpvobs.discovery.linear import Linear, dot
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
-from lpvobs.engines.effects import SENSOR, Effect
+from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
 
@@ -59,11 +60,8 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
     problem = linear.problem
     scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
-    if (
-        effect.place == "sensor" and problem.blocks is None
-    ):  # the residual is linear in the reading, and nothing else changes
-        shift = views((scenes[0][1][SENSOR] - linear.scenes[0][1][SENSOR])[None], problem.K)
-        return np.asarray(shift * problem.by_reading)
+    if by_reading_alone(problem, effect):
+        return change_of_reading(problem, linear.scenes, scenes)
     nodes = operating_nodes(problem, scenes) if effect.moves_point else linear.nodes
     return residual_of(problem, scenes, linear.beta, linear.theta, nodes) - linear.raw
 
@@ -193,9 +191,9 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     unit = np.zeros(linear.newton_step.size)
     unit[at] = 1.0
     row = linear.project(unit)
-    information = 1.0 / row[at]
+    information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
-    scores = linear.products_by_block(left) @ row * information
+    scores = linear.products_by_block(left) @ (row / row[at])
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
     told = _told(linear, linear.terms[index], information)

@@ -52,7 +52,7 @@ def linearised(
     straight = raw.copy()
     straight[0] += imbalances.curvature_bias(problem, scenes, beta, each)
     residual = noise.whiten(straight)
-    pinned = np.zeros(beta.size, dtype=bool) if pinned is None else pinned
+    pinned = np.zeros(beta.size + len(terms), dtype=bool) if pinned is None else pinned
     prior = prior_precision(problem, terms)
     deviation = np.concatenate([theta - problem.prior.mean, beta, [t.size - t.effect.null for t in terms]])
     bare = Linear(
@@ -77,7 +77,7 @@ def linearised(
         newton_step=deviation,
     )
     gram = _gram(bare, near if known else None)
-    normal = gram + prior + pins(problem, pinned, prior.shape[0])
+    normal = gram + prior + pins(bare)
     factor = cholesky(normal)
     gradient = bare.products(residual) + prior @ deviation
     newton_step = scipy.linalg.cho_solve((factor, True), gradient, check_finite=False)
@@ -124,24 +124,25 @@ def objective(linear: Linear) -> float:
 def converged(linear: Linear) -> Linear:
     """Return the model at its optimum with the weights that it has."""
     for step in range(1, MOST_STEPS + 1):
-        if float(linear.newton_step @ linear.normal @ linear.newton_step) < STILL and not linear.pinned_wrongly().any():
+        free = np.concatenate([np.ones(linear.p, dtype=bool), ~linear.pinned])
+        if float(linear.newton_step[free] @ linear.gradient[free]) < STILL and not linear.pinned_wrongly().any():
             break
         linear = _stepped(linear, linear if step % ANEW else None)
     return linear
 
 
 def _stepped(linear: Linear, near: Linear | None) -> Linear:
+    """Return the model after one step; what would leave its range stops at the end of it and is pinned there."""
     problem, p, q = linear.problem, linear.p, linear.beta.size
     bound = np.where(np.arange(q) < q - len(problem.patterns), FARTHEST * problem.spread, np.inf)
-    wanted = linear.beta - linear.newton_step[p : p + q]
-    beta = np.clip(wanted, -bound, bound)
-    terms = tuple(
-        replace(t, size=float(np.clip(t.size - d, t.effect.low, t.effect.high)))
-        for t, d in zip(linear.terms, linear.newton_step[p + q :], strict=True)
-    )
+    low = np.concatenate([-bound, [t.effect.low for t in linear.terms]])
+    high = np.concatenate([bound, [t.effect.high for t in linear.terms]])
+    wanted = np.concatenate([linear.beta, [t.size for t in linear.terms]]) - linear.newton_step[p:]
+    there = np.clip(wanted, low, high)
+    terms = tuple(replace(t, size=float(size)) for t, size in zip(linear.terms, there[q:], strict=True))
     theta = linear.theta - linear.newton_step[:p]
-    pinned = (np.abs(wanted) > bound) | (linear.pinned & ~linear.pinned_wrongly())
-    return linearised(problem, terms, theta, beta, linear.noise, pinned, near)
+    pinned = (wanted != there) | (linear.pinned & ~linear.pinned_wrongly())
+    return linearised(problem, terms, theta, there[:q], linear.noise, pinned, near)
 
 
 def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Array, nodes: imbalances.Nodes) -> Array:
@@ -151,10 +152,21 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Arr
         ends = []
         for shift in (h, -h):
             moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
-            scenes = imbalances.scenes_with(problem, moved, beta)
-            at = imbalances.operating_nodes(problem, scenes) if term.effect.moves_point else nodes
-            ends.append(imbalances.residual_of(problem, scenes, beta, theta, at))
-        found[i] = (ends[0] - ends[1]) / (2.0 * h)
+            ends.append(imbalances.scenes_with(problem, moved, beta))
+        if imbalances.by_reading_alone(problem, term.effect):
+            found[i] = imbalances.change_of_reading(problem, ends[1], ends[0]) / (2.0 * h)
+            continue
+        upper, lower = (
+            imbalances.residual_of(
+                problem,
+                scenes,
+                beta,
+                theta,
+                imbalances.operating_nodes(problem, scenes) if term.effect.moves_point else nodes,
+            )
+            for scenes in ends
+        )
+        found[i] = (upper - lower) / (2.0 * h)
     return found
 
 
@@ -169,12 +181,10 @@ def prior_precision(problem: Problem, terms: tuple[Term, ...]) -> Array:
     return np.asarray(scipy.linalg.block_diag(known, np.diag(own)))
 
 
-def pins(problem: Problem, pinned: NDArray[np.bool_], n: int) -> Array:
-    """Return the precision that holds pinned constants at their values, shape (n, n)."""
-    held = np.zeros(n)
-    p = problem.grid.size
-    held[p : p + pinned.size] = np.where(pinned, PIN * problem.spread**-2.0, 0.0)
-    return np.diag(held)
+def pins(linear: Linear) -> Array:
+    """Return the precision that holds what is pinned at its value, shape (n, n)."""
+    usual = np.concatenate([linear.problem.spread, [t.effect.size for t in linear.terms]])
+    return np.diag(np.concatenate([np.zeros(linear.p), np.where(linear.pinned, PIN * usual**-2.0, 0.0)]))
 
 
 def normal_of(linear: Linear, instants: NDArray[np.int64] | slice = slice(None)) -> Array:

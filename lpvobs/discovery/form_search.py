@@ -1,18 +1,17 @@
 """The sparse search for forms: every product of the library against the residual at once, then the best of them one by one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.components import Shape
 from lpvobs.discovery.evidence import Candidate, change_of, fit_candidate, score, slope_of, with_best_interval
 from lpvobs.discovery.fit import fit, linearised, objective, refit
 from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, unit_of
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.ranking import best_of
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
@@ -23,13 +22,13 @@ FINE_STEPS = (0.92, 0.96, 1.04, 1.08)  # factors on the lag of a form that are t
 
 @dataclass(frozen=True)
 class _Lot:
-    """What is needed of a direction g to know the gain of g times any function of the K places."""
+    """What is needed of a direction g to know the gain of g times any function of the P pools of places."""
 
     linear: Linear
-    residual: Array  # (K,) product with the residual
-    power: Array  # (K,) with itself
-    columns: Array  # (K, q) with the unknowns beside the map
-    nodes: "scipy.sparse.csr_array"  # (K, p) with the map
+    residual: Array  # (P,) product with the residual
+    power: Array  # (P,) with itself
+    columns: Array  # (P, q) with the unknowns beside the map
+    nodes: "scipy.sparse.csr_array"  # (P, p) with the map
 
     def gains(self, y: Array, shapes: Array) -> tuple[Array, Array, Array]:
         """Return the gain of every shape times y, shape (M,), the gain of the shape less its best reference, and that reference."""
@@ -60,19 +59,19 @@ class _Tried:
 
 @dataclass(frozen=True)
 class _Products:
-    """What a form is made of, with values at the places of a problem."""
+    """What a form is made of, with its means over pools of places: channels are calm, and the products cost less."""
 
     problem: Problem
     names: tuple[str, ...]  # of channels, ratios and the time
     factors: tuple[Factor, ...]
-    shapes: Array  # (M, K)
+    shapes: Array  # (M, P)
     middle: Array  # (M,)
     spread: Array  # (M,)
     count: float  # forms that compete
 
     def with_factors(self, factors: Sequence[Factor]) -> "_Products":
         """Return the same with other factors to try."""
-        shapes = np.stack([along_problem(Form("", (factor,)), self.problem) for factor in factors])
+        shapes = np.stack([_along_pools(Form("", (factor,)), self.problem) for factor in factors])
         return replace(self, factors=tuple(factors), shapes=shapes, middle=shapes.mean(1), spread=shapes.std(1))
 
     def price(self, unknowns: Array | int, gain: Array | float) -> Array:
@@ -82,7 +81,7 @@ class _Products:
 
     def best(self, lot: _Lot, start: Form) -> list[_Tried]:
         """Return the best forms that have one factor more, with or without a reference, each of another signal."""
-        y = along_problem(replace(start, target=""), self.problem)
+        y = _along_pools(replace(start, target=""), self.problem)
         plain, referred, references = lot.gains(y, self.shapes)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
         lasts = np.array([factor.of != "rate" for factor in self.factors])
@@ -111,26 +110,26 @@ class _Products:
         listed |= {at.get(e.place, e.place) for e in self.problem.catalogue if e.parameter in ("factor", "offset")}
         if form.target in listed:
             return _Tried(-np.inf, form, lot)
-        y = along_problem(replace(form, target=""), self.problem)
+        y = _along_pools(replace(form, target=""), self.problem)
         gain = float(lot.gains(y, np.ones((1, y.size)))[0][0])
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
 
-def best_with_forms(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
+def beside_forms(linear: Linear, found: list[Candidate], forms: list[Candidate]) -> list[Candidate]:
     """Return all candidates, best first, forms among them."""
     # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
     # noise.
-    found, shapes = best_of(linear)
-    forms = best_forms(linear)
     if score(forms[0]) > score(found[0]):
         beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
-        forms = best_forms(refit(beside, beside.terms[:-1]))
-        return [*forms, *found], shapes
-    return sorted([*found, *forms], key=score, reverse=True), shapes
+        return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
+    return sorted([*found, *forms], key=score, reverse=True)
 
 
-def best_forms(linear: Linear) -> list[Candidate]:
-    """Return the most promising forms, best first, with what they gain beside all unknowns, less the price of the search."""
+def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
+    """Return the most promising forms, best first, with what they gain beside all unknowns, less the price of the search.
+
+    Only those that come close to the best of what has been found are fitted, and one at least.
+    """
     problem, plain = linear.problem, linear
     if linear.dense is not None:  # the search takes places as independent, the fit does not
         pointwise = linear.noise.pointwise()
@@ -150,9 +149,11 @@ def best_forms(linear: Linear) -> list[Candidate]:
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
             pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
     promising = [_with_best_lag(library, tried) for tried in _leading(pool, thresholds.FORM_TRIED)]
+    tried = _leading([*promising, *alone], thresholds.FORM_TRIED)
+    least = thresholds.CLOSE * max(tried[0].score, score(found[0]))
     before = objective(linear)
-    found = [_fitted(linear, library, tried.form, before) for tried in (*promising, *alone)]
-    return sorted(found, key=score, reverse=True)
+    fitted = [_fitted(linear, library, each.form, before) for each in tried if each.score > least or each is tried[0]]
+    return sorted(fitted, key=score, reverse=True)
 
 
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
@@ -268,12 +269,28 @@ def _starts(target: Form, problem: Problem) -> list[Form]:
     return [target, *([replace(target, factors=(Factor(target.target),))] if own else [])]
 
 
+def _pools(problem: Problem) -> NDArray[np.int64]:
+    """Return the first places of pools that last for half of FORM_CALM, each within one log."""
+    new_log = np.diff(problem.of_log, prepend=-1) != 0
+    return np.flatnonzero(new_log | (np.arange(problem.K) % thresholds.FORM_POOL == 0))
+
+
+def _along_pools(form: Form, problem: Problem) -> Array:
+    """Return the mean of a form's product over every pool, shape (P,)."""
+    first = _pools(problem)
+    return np.asarray(np.add.reduceat(along_problem(form, problem), first) / np.diff(first, append=problem.K))
+
+
 def _lot(linear: Linear, effect: Effect) -> _Lot:
+    problem, first = linear.problem, _pools(linear.problem)
     white = linear.whiten(slope_of(linear, effect, effect.null))
     signed = white * np.array([1.0, -1.0])[:, None, None]
     nodes, weights = linear.nodes
     on_map = -(linear.mapped * white[0]).sum(0)[:, None] * weights
-    places = np.repeat(np.arange(linear.problem.K), nodes.shape[1])
-    sparse = scipy.sparse.csr_array((on_map.ravel(), (places, nodes.ravel())), shape=(linear.problem.K, linear.p))
-    residual, power = (signed * linear.residual).sum((0, 1)), (signed * white).sum((0, 1))
-    return _Lot(linear, residual, power, linear.along(white).T, sparse)
+    pool = np.repeat(np.cumsum(np.isin(np.arange(problem.K), first)) - 1, nodes.shape[1])
+    sparse = scipy.sparse.csr_array((on_map.ravel(), (pool, nodes.ravel())), shape=(first.size, linear.p))
+    residual, power, columns = (
+        np.add.reduceat(x, first, axis=-1)
+        for x in ((signed * linear.residual).sum((0, 1)), (signed * white).sum((0, 1)), linear.along(white))
+    )
+    return _Lot(linear, residual, power, columns.T, sparse)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import NOTHING, STEP
-from lpvobs.engines.effects import Signals
+from lpvobs.engines.effects import SENSOR, Effect, Signals
 from lpvobs.records import Array
 
 Nodes = tuple[NDArray[np.int64], Array]
@@ -94,6 +94,16 @@ def residual_of(problem: Problem, scenes: Sequence[Scene], beta: Array, theta: A
     left = views(imbalances_at(problem, scenes, beta), problem.K)
     left[0] -= problem.by_reading * map_along(theta, nodes)
     return left
+
+
+def by_reading_alone(problem: Problem, effect: Effect) -> bool:
+    """Return whether an effect changes the sensor's reading and nothing else, in which the residual is linear."""
+    return effect.place == "sensor" and problem.blocks is None
+
+
+def change_of_reading(problem: Problem, before: Sequence[Scene], after: Sequence[Scene]) -> Array:
+    """Return how the residual changes with the sensor's reading, shape (2, B, K) [model's unit]."""
+    return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
 
 
 def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each: Array) -> Array:

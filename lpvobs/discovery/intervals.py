@@ -26,7 +26,7 @@ def standard_errors(linear: Linear) -> Array:
     if not linear.terms:
         return np.empty(0)
     prior = prior_precision(linear.problem, linear.terms)
-    factor = cholesky(linear.normal - pins(linear.problem, linear.pinned, prior.shape[0]))
+    factor = cholesky(linear.normal - pins(linear))
     first = linear.p + linear.beta.size
     units = np.eye(linear.newton_step.size)[:, first:]
     rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T

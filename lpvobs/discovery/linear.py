@@ -32,7 +32,9 @@ class Linear:
     beta: Array  # (q,)
     scenes: tuple[Scene, ...]
     nodes: Nodes  # (K, 4)
-    pinned: NDArray[np.bool_]  # (q,) constants at the end of their tolerance that would leave it if they could
+    pinned: NDArray[
+        np.bool_
+    ]  # (q + terms,) constants and sizes at an end of their range that would leave it if they could
     noise: Noise  # whitened values are zero at places that are not used
     raw: Array  # (2, B, K) in the model's unit
     residual: Array  # (2, B, K) whitened, with what `curvature_bias` adds
@@ -60,8 +62,9 @@ class Linear:
         return len(self.by_unknowns)
 
     def pinned_wrongly(self) -> NDArray[np.bool_]:
-        """Return which pinned constants the gradient now pushes back into their tolerance, shape (q,)."""
-        along = self.gradient[self.p : self.p + self.beta.size] * np.sign(self.beta)
+        """Return which pinned constants and sizes the gradient now pushes back into their range, shape (q + terms,)."""
+        from_middle = [t.size - 0.5 * (t.effect.low + t.effect.high) for t in self.terms]
+        along = self.gradient[self.p :] * np.sign(np.concatenate([self.beta, from_middle]))
         return np.asarray(self.pinned & (along > 0.0), dtype=bool)
 
     def whiten(self, values: Array) -> Array:

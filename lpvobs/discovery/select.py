@@ -1,8 +1,9 @@
 """Forward selection of effects: add the one that explains most, fit everything again, and stop when no effect is proven."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -22,7 +23,7 @@ from lpvobs.discovery.evidence import (
     score,
 )
 from lpvobs.discovery.fit import fit, objective, refit
-from lpvobs.discovery.form_search import Inside, best_forms, best_with_forms, with_inside
+from lpvobs.discovery.form_search import Inside, beside_forms, best_forms, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
@@ -40,6 +41,8 @@ from lpvobs.discovery.ranking import (
 )
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -84,13 +87,14 @@ class _Search:
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
-    search = _search(problem, progress)
+    once = _Once()
+    search = _search(problem, progress, once)
     nothing = chance_of_nothing(search.first, search.ranking)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
-    if search.verdict == "unexplained" or _form_beats(search):
-        search = _with_forms(problem, progress, search)
+    if search.verdict == "unexplained" or _form_beats(search, once):
+        search = _with_forms(problem, progress, once, search)
     accepted = search.accepted
     losses = compare(_bare(search.linear), search.linear)
     final = _with_all(search.linear)
@@ -107,19 +111,37 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
 
 
-def _form_beats(search: _Search) -> bool:
+class _Once:
+    """Results of work on the same objects: the search with formulas takes the steps of the first one where none of them leads."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], tuple[Any, tuple[object, ...]]] = {}
+
+    def __call__(self, work: Callable[..., Result], *on: object) -> Result:
+        """Return what the work gives, or gave before."""
+        key = (work, *(id(each) for each in on))
+        if key not in self._known:
+            self._known[key] = work(*on), on  # kept alive, so that no other object has its identity
+        result: Result = self._known[key][0]
+        return result
+
+
+def _form_beats(search: _Search, once: _Once) -> bool:
     """Return whether a formula leaves far less than one name does, or no more than several do, where noise drops out of both."""
     listed = [c.id for c, _ in search.accepted]
     if not listed or search.first.problem.blocks is not None or any(name.startswith("channel:") for name in listed):
         return False
     share = thresholds.FORM_OVER_ONE if len(search.accepted) == 1 else thresholds.FORM_OVER_MORE
-    most, rivals = share * objective(search.linear), best_forms(search.first)[: thresholds.SHORTLIST]
+    most, rivals = (
+        share * objective(search.linear),
+        once(best_forms, search.first, once(best_of, search.first)[0])[: thresholds.SHORTLIST],
+    )
     return any(objective(refit(search.linear, [c.term])) < most for c in rivals)
 
 
-def _with_forms(problem: Problem, progress: Callable[[float], None], search: _Search) -> _Search:
+def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once, search: _Search) -> _Search:
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
-    wider = _search(problem, progress, best_with_forms)
+    wider = _search(problem, progress, once, with_forms=True)
     form = any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (
         len(search.accepted) or 3
     )
@@ -129,18 +151,16 @@ def _with_forms(problem: Problem, progress: Callable[[float], None], search: _Se
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
 
 
-def _search(
-    problem: Problem,
-    progress: Callable[[float], None],
-    best_of: Callable[[Linear], tuple[list[Candidate], Mapping[str, Shape]]] = best_of,
-) -> _Search:
+def _search(problem: Problem, progress: Callable[[float], None], once: _Once, with_forms: bool = False) -> _Search:
     """Return what the search comes to; kept stretches take no part."""
-    before = linear = fit(problem)
+    before = linear = once(fit, problem)
     ranking: list[Candidate] = []
-    accepted: list[Named] = []
+    accepted: Sequence[Named] = ()  # the same object in every search, as `once` needs it
     for step in range(thresholds.MOST_EFFECTS):
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
-        found, shapes = best_of(linear)
+        found, shapes = once(best_of, linear)
+        if with_forms:
+            found = beside_forms(linear, found, once(best_forms, linear, found))
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
         if any(_same_place_again(c, accepted) for c in (found[0], best) if is_relevant(c, linear)):
@@ -149,11 +169,10 @@ def _search(
             break
         if any(c.id == best.id for c, _ in accepted):
             break
-        trial = fit(problem, [*linear.terms, best.term], start=linear)
-        named, trial = choose_again(trial, best, shapes.get(best.id))
-        if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem) or _at_its_end(named):
+        longer = once(_with_one_more, linear, best, shapes.get(best.id), accepted)
+        if longer is None:
             break
-        linear, accepted = choose_all_again(trial, [*accepted, named])
+        linear, accepted = longer
     accepted, linear = _pruned(linear, accepted)
     uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c, _ in accepted)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
@@ -161,6 +180,18 @@ def _search(
     if uneven or goes or apart or _structure_remains(linear):
         return _Search("unexplained", [], before, before, ranking, accepted)
     return _Search("effect" if accepted else "none", accepted, linear, before, ranking)
+
+
+def _with_one_more(
+    linear: Linear, best: Candidate, curve: Shape | None, accepted: Sequence[Named]
+) -> tuple[Linear, list[Named]] | None:
+    """Return the model with a further effect, and all effects chosen again beside it; None where it does not predict enough."""
+    problem = linear.problem
+    trial = fit(problem, [*linear.terms, best.term], start=linear)
+    named, trial = choose_again(trial, best, curve)
+    if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem) or _at_its_end(named):
+        return None
+    return choose_all_again(trial, [*accepted, named])
 
 
 def _bare(linear: Linear) -> Linear:
@@ -240,7 +271,7 @@ def _at_its_end(named: Named) -> bool:
     return isinstance(named[1], FactorSurface) and not term.effect.low < term.size < term.effect.high
 
 
-def _pruned(linear: Linear, accepted: list[Named]) -> tuple[list[Named], Linear]:
+def _pruned(linear: Linear, accepted: Sequence[Named]) -> tuple[Sequence[Named], Linear]:
     """Return the effects that are still needed beside the others, and the model with these alone."""
     while accepted:
         accepted = [(in_place(linear, i, c), curve) for i, (c, curve) in enumerate(accepted)]

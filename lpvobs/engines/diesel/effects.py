@@ -67,7 +67,7 @@ _LACKS = IN_ORDER._asdict()
 _SHARED = on_the_intake(_LACKS, lambda found, s: imbalances(found, s)[1])
 CATALOGUE = (
     *(_SHARED[f"maf.{name}"] for name in ("delay", "lag", "offset", "gain", "drift", "temperature")),
-    Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.2, 1.0, "sensor", reading(pulsating), STEADY, True),
+    Effect("maf.backflow", "coefficient", "1", 0.0, 0.05, -0.5, 2.0, "sensor", reading(pulsating), STEADY, True),
     *(_SHARED[name] for name in ("maf.contamination", "leak.inlet", "u_delta.gain", "p_im.offset", "p_im.gain")),
     Effect("p_em.gain", "factor", "1", 1.0, 0.01, 0.7, 1.3, "p_em", gain("p_em"), EGR),
     Effect("omega_t.gain", "factor", "1", 1.0, 0.005, 0.8, 1.2, "omega_t", gain("omega_t"), BOOST),
