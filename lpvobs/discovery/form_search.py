@@ -62,6 +62,7 @@ class _Products:
     """What a form is made of, with its means over pools of places: channels are calm, and the products cost less."""
 
     problem: Problem
+    first: NDArray[np.int64]  # (P,) first places of the pools
     names: tuple[str, ...]  # of channels, ratios and the time
     factors: tuple[Factor, ...]
     shapes: Array  # (M, P)
@@ -71,7 +72,7 @@ class _Products:
 
     def with_factors(self, factors: Sequence[Factor]) -> "_Products":
         """Return the same with other factors to try."""
-        shapes = np.stack([_along_pools(Form("", (factor,)), self.problem) for factor in factors])
+        shapes = np.stack([_along_pools(Form("", (factor,)), self.problem, self.first) for factor in factors])
         return replace(self, factors=tuple(factors), shapes=shapes, middle=shapes.mean(1), spread=shapes.std(1))
 
     def price(self, unknowns: Array | int, gain: Array | float) -> Array:
@@ -81,7 +82,7 @@ class _Products:
 
     def best(self, lot: _Lot, start: Form) -> list[_Tried]:
         """Return the best forms that have one factor more, with or without a reference, each of another signal."""
-        y = _along_pools(replace(start, target=""), self.problem)
+        y = _along_pools(replace(start, target=""), self.problem, self.first)
         plain, referred, references = lot.gains(y, self.shapes)
         unknowns = np.array([replace(start, factors=(*start.factors, factor)).unknowns for factor in self.factors])
         lasts = np.array([factor.of != "rate" for factor in self.factors])
@@ -110,7 +111,7 @@ class _Products:
         listed |= {at.get(e.place, e.place) for e in self.problem.catalogue if e.parameter in ("factor", "offset")}
         if form.target in listed:
             return _Tried(-np.inf, form, lot)
-        y = _along_pools(replace(form, target=""), self.problem)
+        y = _along_pools(replace(form, target=""), self.problem, self.first)
         gain = float(lot.gains(y, np.ones((1, y.size)))[0][0])
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
@@ -138,7 +139,7 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
     starts = [
         _Tried(0.0, form, lot)
         for target in _targets(problem)
-        for lot in [_lot(plain, _effect(target, problem, np.ones(problem.K)))]
+        for lot in [_lot(plain, target, library.first)]
         for form in _starts(target, problem)
     ]
     alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.FORM_TARGETS)
@@ -148,9 +149,10 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         for name in library.names if start.form.target in targets else ():
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
             pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
-    promising = [_with_best_lag(library, tried) for tried in _leading(pool, thresholds.FORM_TRIED)]
-    tried = _leading([*promising, *alone], thresholds.FORM_TRIED)
-    least = thresholds.CLOSE * max(tried[0].score, score(found[0]))
+    leading = _leading([*pool, *alone], thresholds.FORM_TRIED)
+    least = thresholds.CLOSE * max(leading[0].score, score(found[0]))
+    near = [each for each in leading if each.score > thresholds.CLOSE * least] or leading[:1]
+    tried = _leading([_refined(plain, library, each.form) if each.form.factors else each for each in near], len(near))
     before = objective(linear)
     fitted = [_fitted(linear, library, each.form, before) for each in tried if each.score > least or each is tried[0]]
     return sorted(fitted, key=score, reverse=True)
@@ -160,15 +162,16 @@ def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
     return sorted((each for each in tried if each.score > -np.inf), key=lambda each: -each.score)[:most]
 
 
-def _with_best_lag(library: _Products, tried: _Tried) -> _Tried:
-    """Return a form with its lag, and the reference that goes with it, sought more finely."""
-    for steps in (COARSE_STEPS, FINE_STEPS):
-        last = tried.form.factors[-1]
-        if last.of == "lag":
-            taus = [replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps]
-            near = library.with_factors(taus).best(tried.lot, replace(tried.form, factors=tried.form.factors[:-1]))
-            tried = _leading([tried, *near], 1)[0]
-    return tried
+def _refined(linear: Linear, library: _Products, form: Form) -> _Tried:
+    """Return a form with its lag sought more finely, and the reference that goes with it, at every place."""
+    each = replace(library, first=np.arange(linear.problem.K))
+    lot, start = _lot(linear, Form(form.target), each.first), replace(form, factors=form.factors[:-1])
+    best = each.with_factors([replace(form.factors[-1], reference=0.0)]).best(lot, start)[0]
+    for steps in (COARSE_STEPS, FINE_STEPS) if form.factors[-1].of == "lag" else ():
+        last = best.form.factors[-1]
+        taus = [replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps]
+        best = _leading([best, *each.with_factors(taus).best(lot, start)], 1)[0]
+    return best
 
 
 def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Candidate:
@@ -253,11 +256,16 @@ def _library(problem: Problem) -> _Products:
     factors = [*(Factor(name) for name in names), *dynamic]
     count = 2.0 * len(problem.signals.value) * len(names) * len(factors)
     none = np.empty(0)
-    return _Products(problem, names, (), none, none, none, count).with_factors(factors)
+    return _Products(problem, _pools(problem), names, (), none, none, none, count).with_factors(factors)
 
 
 def _targets(problem: Problem) -> list[Form]:
-    """Return what may be off: every channel, and what a catalogued effect changes in the engine."""
+    """Return what may be off: every channel, and what a catalogued effect changes in the engine.
+
+    Where healthy drives tell what the engine's model lacks, which is a function of the channels, too, it is the sensor alone.
+    """
+    if len(problem.patterns):
+        return [Form(SENSOR)]
     channels = [name for name, x in problem.signals.value.items() if np.isfinite(x).all()]  # a log may lack one
     readings = {"sensor", "fuel", *channels}
     return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
@@ -275,14 +283,14 @@ def _pools(problem: Problem) -> NDArray[np.int64]:
     return np.flatnonzero(new_log | (np.arange(problem.K) % thresholds.FORM_POOL == 0))
 
 
-def _along_pools(form: Form, problem: Problem) -> Array:
+def _along_pools(form: Form, problem: Problem, first: NDArray[np.int64]) -> Array:
     """Return the mean of a form's product over every pool, shape (P,)."""
-    first = _pools(problem)
     return np.asarray(np.add.reduceat(along_problem(form, problem), first) / np.diff(first, append=problem.K))
 
 
-def _lot(linear: Linear, effect: Effect) -> _Lot:
-    problem, first = linear.problem, _pools(linear.problem)
+def _lot(linear: Linear, target: Form, first: NDArray[np.int64]) -> _Lot:
+    problem = linear.problem
+    effect = _effect(target, problem, np.ones(problem.K))
     white = linear.whiten(slope_of(linear, effect, effect.null))
     signed = white * np.array([1.0, -1.0])[:, None, None]
     nodes, weights = linear.nodes

@@ -89,7 +89,8 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
     once = _Once()
     search = _search(problem, progress, once)
-    nothing = chance_of_nothing(search.first, search.ranking)
+    ranking = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
+    nothing = chance_of_nothing(search.first, ranking)
     # Where healthy drives tell how errors look, the probability of nothing is that of the verdict.
     if len(problem.patterns) and search.verdict != "effect":
         search = replace(search, verdict="unexplained" if nothing < thresholds.SIGNIFICANT else "none")
@@ -127,16 +128,23 @@ class _Once:
 
 
 def _form_beats(search: _Search, once: _Once) -> bool:
-    """Return whether a formula leaves far less than one name does, or no more than several do, where noise drops out of both."""
-    listed = [c.id for c, _ in search.accepted]
-    if not listed or search.first.problem.blocks is not None or any(name.startswith("channel:") for name in listed):
+    """Return whether one formula explains the logs better than what was named, or no worse than several names do."""
+    listed, problem = [c.id for c, _ in search.accepted], search.first.problem
+    if not listed or any(name.startswith("channel:") for name in listed):
         return False
-    share = thresholds.FORM_OVER_ONE if len(search.accepted) == 1 else thresholds.FORM_OVER_MORE
-    most, rivals = (
-        share * objective(search.linear),
-        once(best_forms, search.first, once(best_of, search.first)[0])[: thresholds.SHORTLIST],
-    )
+    left = objective(search.linear)
+    if len(problem.patterns):
+        most = left + (len(listed) - 2) * thresholds.PROVEN * with_model_error(problem)
+    else:  # noise drops out of both, and what they leave can be compared
+        most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
+    rivals = _forms_of(search, once)[: thresholds.SHORTLIST]
     return any(objective(refit(search.linear, [c.term])) < most for c in rivals)
+
+
+def _forms_of(search: _Search, once: _Once) -> Sequence[Candidate]:
+    """Return the formulas of the first round, best first; none for a model of blocks, where only what is left is asked for them."""
+    first = search.first
+    return () if first.problem.blocks is not None else once(best_forms, first, once(best_of, first)[0])
 
 
 def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once, search: _Search) -> _Search:
@@ -145,7 +153,10 @@ def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once
     form = any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (
         len(search.accepted) or 3
     )
-    if form and cross_validated(_bare(wider.linear), wider.linear).comparison().ratio < thresholds.FORM_LEAVES:
+    learned = len(problem.patterns) > 0  # what is left is then mostly what healthy drives leave, too
+    if form and (
+        learned or cross_validated(_bare(wider.linear), wider.linear).comparison().ratio < thresholds.FORM_LEAVES
+    ):
         rivals = tuple(c.term.effect for c in wider.ranking if c.id.startswith(PREFIX))
         return replace(wider, ranking=search.ranking, forms=rivals)
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
@@ -232,7 +243,8 @@ def _elsewhere(linear: Linear) -> float:
 def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     """Return the probability of the strongest candidate of all, or of such a structure in time, if nothing is there.
 
-    Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain.
+    Noise is not all that a sound model leaves: its error, a share of the data, widens the distribution of every gain. The gain of a
+    formula has paid the price of its search.
     """
     problem, blocks = first.problem, first.problem.coarse_blocks
     wider = with_model_error(problem)
@@ -250,9 +262,10 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to."""
     losses = cross_validated(refit(after, before.terms), after)
     gained = float((losses.before - losses.after).sum())
-    noise = 0.0 if len(after.problem.patterns) else noise_power(after, losses.counted)
-    above = float(losses.before.sum()) - noise
-    return gained > thresholds.MATTERS * max(above, 0.0)
+    learned = len(after.problem.patterns) > 0
+    above = float(losses.before.sum()) - (0.0 if learned else noise_power(after, losses.counted))
+    share = thresholds.MATTERS_FIRST if learned and not before.terms else thresholds.MATTERS
+    return gained > share * max(above, 0.0)
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:

@@ -201,6 +201,9 @@ nat; held by run 9."""
 MATTERS = 0.05
 """[1] Share of what is above noise on held-out blocks that a further effect must explain there. Set by choice: wrong names on
 engines of another structure came with p = 1e-123 and one per cent of it; a name that leaves the residual as it is helps nobody."""
+MATTERS_FIRST = 0.02
+"""[1] The same for the first effect where healthy drives tell: it is then a share of all that is left, noise included, and the
+drive as a whole is known not to be healthy. Set by an air flow sensor that reads 1.5 g/s too much, 3 % of it."""
 MOST_EFFECTS = 4
 """[1] Largest number of effects of one set of logs. Set by time."""
 MOST_STRUCTURE = 0.02
