@@ -140,6 +140,18 @@ def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config,
     assert wider.standard_error > 0.04
 
 
+@pytest.mark.slow
+def test_a_reading_that_follows_what_no_effect_lists_is_found_as_a_formula(healthy, plant, config, prior, other, clean):
+    """No listed effect was proven on such drives, and the verdict was `none`: formulas were asked for only after one was."""
+    warm = clean["T_im"] - clean["T_im"].mean()
+    described = replace(plant, units={"W_maf": "kg/s", **dict.fromkeys(["T_im", "T_em"], "K")})
+    found = refine(described, config.grid(), prior, [other(2, 1.0 + 0.1 * warm / warm.std())], healthy=healthy).trace
+    (finding,) = found.findings
+    assert finding.id.startswith("form:W_maf")
+    assert "T_im" in finding.id
+    assert found.p_value < 1e-3
+
+
 def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
     """The curvature of a balance does not depend on what is taken off it."""
     problem = laid_out(clean)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.evidence import gains_of_intervals, in_place, loss_of, slope_of
-from lpvobs.discovery.fit import fit, normal_of, refit
+from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import dot
@@ -84,6 +84,26 @@ def test_an_absent_effect_is_fitted_as_absent(linear):
     assert candidate.information**-0.5 < 1e-3
     lost = loss_of(refit(with_lag, ())).sum() - loss_of(with_lag).sum()
     assert abs(lost) < 2.0  # nats; chance gives half a one, and steps end within one
+
+
+def test_a_size_at_the_end_of_its_range_stays_there_while_the_rest_is_fitted(laid_out, clean, plant):
+    """Once the others took a step that was right for a size beyond the end, and the fit ended far from any optimum."""
+    shifted = replace(clean, channels={**clean.channels, "W_maf": clean["W_maf"] * 1.10, "p_im": clean["p_im"] * 0.96})
+    gain, p_im = replace(plant.effect("maf.gain"), high=1.02), plant.effect("p_im.gain")
+    start = fit(laid_out(shifted))
+    found = refit(start, [Term(gain, 1.0), Term(p_im, 1.0)])
+    assert found.terms[0].size == 1.02
+    assert found.pinned[-2:].tolist() == [True, False]
+
+    def held_at(size):
+        return objective(refit(start, [Term(replace(gain, low=size, high=size), size), Term(p_im, 1.0)]))
+
+    assert objective(found) == pytest.approx(held_at(1.02), abs=1.0)  # nats: steps end within half of one
+    assert held_at(1.02) < held_at(1.015)  # the optimum lies beyond
+    known = in_place(found, 0, _like(found, gain)).information
+    assert known < 1e-3 * pins(found)[-2, -2]  # of the data, not of the pin
+    freed = refit(start, [Term(plant.effect("maf.gain"), 1.02), Term(p_im, found.terms[1].size)])
+    assert freed.terms[0].size > 1.02
 
 
 def _like(linear, one):
