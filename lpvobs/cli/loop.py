@@ -62,7 +62,8 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     content = found.as_json(refined)
     if found.verdict == "unexplained":
         print(textwrap.fill(visible(where(found.left)), WIDTH, initial_indent="  ", subsequent_indent="  "))
-        if nearest := candidate_rows(content):
+        nearest = candidate_rows(content)
+        if nearest[1]:
             print("\n" + table(*nearest))
     if found.findings:
         print(textwrap.fill(visible(in_words(content["effects"])), WIDTH, initial_indent="  ", subsequent_indent="  "))

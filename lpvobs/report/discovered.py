@@ -18,6 +18,7 @@ from lpvobs.report.spoken import chance, in_words, second, with_interval
 from lpvobs.report.tables import Table, grams, percent
 
 GROUPS = {"refinement": "refine", "trace": "trace"}
+MOST_RANKED = 12
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,7 @@ def where(left: Leftover | None) -> str:
     times = ", ".join(f"from {part.begin:.0f} to {part.end:.0f} s of {part.log}" for part in left.stretches)
     when = f"It is largest {times}." if times else "It is spread evenly over the drive."
     follows = ", ".join(f"{name} ({r:+.2f})" for name, r in left.follows.items()) or "none of the logged signals"
-    slow = (
-        f" Half of the power of the residual's slow part is below {left.half_power:.3g} Hz."
-        if left.half_power > 0
-        else ""
-    )
+    slow = f" Half of the power of the residual's slow part is below {left.half_power:.3g} Hz." * (left.half_power > 0)
     return (
         f"{when} The largest part is in the balance {left.balance}. The worst cell of the map is fuel {left.fuel[0]:g} to "
         f"{left.fuel[1]:g}, speed {left.speed[0]:g} to {left.speed[1]:g} (units of the map's axes), with {left.times_noise:.1f} "
@@ -105,22 +102,10 @@ def where(left: Leftover | None) -> str:
     )
 
 
-def effect_rows(found: Discovered) -> Table | None:
-    """Return the effects found and those that the model had, None where there are none."""
-    header = [
-        "effect",
-        "status",
-        "parameter",
-        "value",
-        "5 %",
-        "95 %",
-        "unit",
-        "onset s",
-        "end s",
-        "share explained",
-        "p-value",
-    ]
-    header.append("cannot be told from")
+def effect_rows(found: Discovered) -> Table:
+    """Return the effects found and those that the model had."""
+    header = ["effect", "status", "parameter", "value", "5 %", "95 %", "unit", "onset s", "end s"]
+    header += ["share explained", "p-value", "cannot be told from"]
     rows = []
     for label, key in (("found", "effects"), ("in the model", "known_effects")):
         for effect in found.content.get(key, []):
@@ -130,21 +115,17 @@ def effect_rows(found: Discovered) -> Table | None:
                 explained = percent(effect["explained"], 1)
                 alike = ", ".join(effect["indistinguishable"]) or "-"
                 rows.append([effect["id"], label, name, *sizes, *times, explained, chance(effect["p_value"]), alike])
-    return (header, rows) if rows else None
+    return header, rows
 
 
-def candidate_rows(content: Mapping[str, Any]) -> Table | None:
-    """Return what comes nearest to a residual without a name, None where there is none."""
-    rows = [
+def candidate_rows(content: Mapping[str, Any]) -> Table:
+    """Return what comes nearest to a residual without a name."""
+    header = ["candidate, not proven", "parameter", "value", "5 %", "95 %", "unit", "share explained"]
+    return header, [
         [item["id"], name, *with_interval(p["value"], *p["ci90"]), p["unit"], percent(item["explained"], 1)]
         for item in content.get("candidates", [])
         for name, p in item["parameters"].items()
     ]
-    return (
-        (["candidate, not proven", "parameter", "value", "5 %", "95 %", "unit", "share explained"], rows)
-        if rows
-        else None
-    )
 
 
 def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
@@ -163,25 +144,22 @@ def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
     return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows
 
 
-def ranking_rows(found: Discovered, most: int = 12) -> Table | None:
-    """Return the candidates of the first round, None where none were stored."""
-    if not found.ranking:
-        return None
+def ranking_rows(found: Discovered) -> Table:
+    """Return the best candidates of the first round."""
     header = ["candidate alone", "size", "unit", "evidence", "unevenness"]
-    rows = [
+    return header, [
         [item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}", f"{item.unevenness:.1f}"]
-        for item in found.ranking[:most]
+        for item in found.ranking[:MOST_RANKED]
     ]
-    return header, rows
 
 
-def whiteness_rows(found: Discovered) -> Table | None:
-    """Return the tests of whiteness by balance, before and after."""
+def whiteness_rows(found: Discovered) -> Table:
+    """Return the tests of whiteness by balance, before and after; no rows where the file does not have both."""
     seen, structure = found.portrait, found.structure
-    if seen is None or set(structure) != {"before", "after"}:
-        return None
     header = ["balance", "blocks", "effective blocks before", "after", "portmanteau p-value before", "after"]
     header += ["periodogram distance before", "after", "limit"]
+    if seen is None or set(structure) != {"before", "after"}:
+        return header, []
     before, after = structure["before"], structure["after"]
     rows = []
     for b, name in enumerate(seen.balances):
@@ -192,8 +170,8 @@ def whiteness_rows(found: Discovered) -> Table | None:
     return header, rows
 
 
-def balance_rows(found: Discovered) -> Table | None:
-    """Return the error of every balance before and after by log, None where the engine's logs are not judged that way."""
+def balance_rows(found: Discovered) -> Table:
+    """Return the error of every balance before and after by log; no rows where the engine's logs are not judged that way."""
     header = ["log", "balance", "before B", "after A", "healthy N", "(B - A) / (B - N)"]
     header += ["median before", "median after"]
     rows = []
@@ -203,22 +181,21 @@ def balance_rows(found: Discovered) -> Table | None:
             errors = [percent(item[key], 1) for key in ("before", "after", "healthy")]
             usual = [percent(item[key], 1) for key in ("usual_before", "usual_after")]
             rows.append([part["log"], item["balance"], *errors, recovered, *usual])
-    return (header, rows) if rows else None
+    return header, rows
 
 
-def day_rows(found: Discovered) -> Table | None:
-    """Return what differs from the healthy day and is no fault, None where that is not told."""
+def day_rows(found: Discovered) -> Table:
+    """Return what differs from the healthy day and is no fault; no rows where that is not told."""
     header = ["log", "level of the day", "value", "usual difference between days", "unit"]
-    rows = [
+    return header, [
         [part["log"], item["name"], f"{item['value']:+.3g}", f"{item['usual']:.3g}", item["unit"]]
         for part in found.content["logs"]
         for item in part.get("day_to_day", [])
     ]
-    return (header, rows) if rows else None
 
 
-def lost_rows(found: Discovered) -> Table | None:
-    """Return what missing channels take away, None where none is missing."""
+def lost_rows(found: Discovered) -> Table:
+    """Return what missing channels take away; no rows where none is missing."""
     header = ["log", "missing channels", "balances lost", "effects that can no longer be told apart"]
     rows = []
     for part in found.content["logs"]:
@@ -226,4 +203,4 @@ def lost_rows(found: Discovered) -> Table | None:
             lost = part["missing"]
             groups = "; ".join(", ".join(group) for group in lost["same_place"])
             rows.append([part["log"], ", ".join(lost["channels"]), ", ".join(lost["balances"]) or "-", groups or "-"])
-    return (header, rows) if rows else None
+    return header, rows

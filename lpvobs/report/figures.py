@@ -93,16 +93,14 @@ def error_limit(surfaces: Sequence[SurfaceView]) -> float:
 @drawn()
 def error_map(figure: Figure, surface: SurfaceView, limit: float) -> None:
     """Draw a heat map of the sensor's error with its values, [g/s]; extrapolated nodes are hatched."""
-    scale = Normalize(-GRAMS * limit, GRAMS * limit)
-    node_map(figure, surface=surface, scale=scale, label="sensor error [g/s]")
+    node_map(figure, surface, Normalize(-GRAMS * limit, GRAMS * limit), "sensor error [g/s]")
 
 
 @drawn()
 def standard_error_map(figure: Figure, surface: SurfaceView) -> None:
     """Draw a heat map of the standard error with its values, [g/s]."""
     known = GRAMS * surface.values[np.isfinite(surface.values) & (surface.values > 0)]
-    scale = _log_scale(known)
-    node_map(figure, surface=surface, scale=scale, label="standard error [g/s]")
+    node_map(figure, surface, _log_scale(known), "standard error [g/s]")
 
 
 @drawn()
@@ -173,8 +171,8 @@ def _two_scales(figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array |
         if values is None:
             continue
         style = {"color": colour, "linestyle": dashes, "label": text}
-        whole.plot(*_in_grams(thin(drive.time, values, drive.segments, COLUMNS)), **style, linewidth=0.7)
-        detail.plot(*_in_grams(thin(drive.time[part], values[part], segments, COLUMNS)), **style)
+        whole.plot(*thin(drive.time, GRAMS * values, drive.segments, COLUMNS), **style, linewidth=0.7)
+        detail.plot(*thin(drive.time[part], GRAMS * values[part], segments, COLUMNS), **style)
     whole.axvspan(start, stop, color=INK, alpha=0.12, linewidth=0)
     whole.set_xlim(drive.time[0], drive.time[-1])
     detail.set_xlim(start, stop)
@@ -183,10 +181,6 @@ def _two_scales(figure: Figure, drive: Drive, lines: Sequence[tuple[str, Array |
         axes.set_ylabel(label)
         axes.grid(visible=True)
     figure.legend(*whole.get_legend_handles_labels(), loc="outside upper left", ncols=len(lines))
-
-
-def _in_grams(points: tuple[Array, Array]) -> tuple[Array, Array]:
-    return points[0], GRAMS * points[1]
 
 
 def node_map(figure: Figure, surface: SurfaceView, scale: Normalize, label: str) -> Axes:
@@ -264,11 +258,8 @@ def _log_scale(values: Array) -> LogNorm:
 def _mark(surface: SurfaceView, j: int, i: int) -> str:
     if surface.filled[j, i]:
         return ", extrapolated"
-    return (
-        ", doubtful: few estimated neighbours and a large standard error"
-        if surface.doubtful is not None and surface.doubtful[j, i]
-        else ""
-    )
+    doubtful = surface.doubtful is not None and surface.doubtful[j, i]
+    return ", doubtful: few estimated neighbours and a large standard error" if doubtful else ""
 
 
 def _where(surface: SurfaceView, i: int, j: int) -> str:

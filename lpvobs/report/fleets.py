@@ -52,18 +52,8 @@ def change_rows(fleet: StoredFleet) -> Table:
 
 def effect_rows(fleet: StoredFleet) -> Table:
     """Return a row per effect that `refine` found: its size, the last log without it, the first and the last with it."""
-    header = [
-        "vehicle",
-        "found by refine",
-        "parameter",
-        "value",
-        "5 %",
-        "95 %",
-        "unit",
-        "last log without",
-        "first log with",
-        "last log with",
-    ]
+    header = ["vehicle", "found by refine", "parameter", "value", "5 %", "95 %", "unit"]
+    header += ["last log without", "first log with", "last log with"]
     return header, [
         [
             *(each.vehicle, each.id, each.parameter),

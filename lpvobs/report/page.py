@@ -114,16 +114,8 @@ def gain_rows(view: ResultView) -> tables.Table:
 
 def defect_rows(report: Report) -> tables.Table:
     """Return what was found wrong with every log and dropped."""
-    header = [
-        "log",
-        "samples used",
-        "samples read",
-        "dropped",
-        "causes",
-        "gaps",
-        "time repeated or backward",
-        "duration s",
-    ]
+    header = ["log", "samples used", "samples read", "dropped", "causes", "gaps"]
+    header += ["time repeated or backward", "duration s"]
     rows = {}
     for view in report.results:
         for log in view.stored.logs:

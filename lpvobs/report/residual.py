@@ -14,9 +14,6 @@ from lpvobs.report.fit import ResidualFit
 from lpvobs.report.tables import Table, fit_rows
 
 MOST_LOGS = 6  # logs whose residual is drawn over time; the tables have all
-WHITENESS = (
-    "Whiteness tests of the residual in blocks of time: effective blocks, portmanteau test, cumulated periodogram"
-)
 TITLES = {"refine": "refined", "trace": "traced"}
 
 
@@ -77,7 +74,7 @@ def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
 
 
 def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
-    for rows, title in (
+    for table, title in (
         (discovered.effect_rows(found), "Effects, with 90 % intervals"),
         (
             discovered.candidate_rows(found.content),
@@ -94,10 +91,13 @@ def _tables(found: discovered.Discovered) -> Iterator[tuple[Table, str]]:
             discovered.ranking_rows(found),
             "Candidates, each tried alone in the model (unevenness near 1: one size fits the whole log)",
         ),
-        (discovered.whiteness_rows(found), WHITENESS),
+        (
+            discovered.whiteness_rows(found),
+            "Whiteness tests of the residual in blocks of time: effective blocks, portmanteau test, cumulated periodogram",
+        ),
     ):
-        if rows is not None:
-            yield rows, title
+        if table[1]:
+            yield table, title
 
 
 def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[Picture]:

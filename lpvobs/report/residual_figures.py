@@ -13,13 +13,12 @@ from lpvobs.discovery.portrait import Partial, Portrait, Track
 from lpvobs.discovery.thresholds import LAGS
 from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.records import Array
+from lpvobs.report.figures import ESTIMATE, GRAMS, READING
 from lpvobs.report.fit import LAGS as LAGS_99
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.svg import INK, drawn, label_of
 
-BEFORE, AFTER = "#c4621a", "#2f7fc1"
-"""Orange and blue, as everywhere on the page: told apart with any colour vision, on white and on black."""
-GRAMS = 1e3
+BEFORE, AFTER = READING, ESTIMATE
 MOST_BARS = 12
 LABELS, COLOURS = ("before", "after"), (BEFORE, AFTER)
 WHITE: dict[str, Any] = {"color": INK, "alpha": 0.12, "linewidth": 0, "label": "95 % band of white noise"}

@@ -89,26 +89,16 @@ def agreement_rows(logs: Sequence[Agreement]) -> Table:
     for log in logs:
         cells = [NONE] * 3
         if log.nodes:
-            cells = [
-                f"{log.chi_square / log.nodes:.2f}",
-                f"{log.deviation:+.1f} sd",
-                f"{1e3 * log.mean_difference:+.3f}",
-            ]
+            apart = f"{log.deviation:+.1f} sd", f"{1e3 * log.mean_difference:+.3f}"
+            cells = [f"{log.chi_square / log.nodes:.2f}", *apart]
         rows.append([cycle_title(log.name), str(log.nodes), *cells, "yes" if log.disagrees else "no"])
     return header, rows
 
 
 def fit_rows(fits: Sequence[ResidualFit]) -> Table:
     """Return how well each balance follows its log, and what its residual still goes with."""
-    header = [
-        "result",
-        "log",
-        "balance",
-        "fit",
-        "residual g/s rms",
-        "lags outside 99 % band",
-        "input lags outside 99 % band",
-    ]
+    header = ["result", "log", "balance", "fit", "residual g/s rms"]
+    header += ["lags outside 99 % band", "input lags outside 99 % band"]
     rows = []
     for item in fits:
         inputs = [f"{name} {percent(share, 0)}" for name, share in list(item.outside.items())[:3] if share > 0.02]
