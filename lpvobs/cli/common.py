@@ -26,6 +26,10 @@ DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO
 """What a full or broken disk says, wherever it hits: also where compiled code is kept for the next time."""
 REFUSALS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOTDIR)
 """What the system says of a name, a right, or too many open files: nothing that the program has done wrong."""
+REMEDIES = {
+    DISK_FAILURES: "make room on the disk or make it writable",
+    REFUSALS: "correct the file name or its permissions",
+}
 
 LEAST_ADDRESSES = 2**30
 """[bytes]; with 0.8 of it short verbs still work, with 0.6 the compiler of the kernels ends the process."""
@@ -43,25 +47,17 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
             raise
         except Stopped as stop:
             fail(str(stop), stop.exit_code)
-        except LpvobsError as error:
-            _stopped(received())
-            fail(str(error), error.exit_code)
-        except OSError as error:
-            _stopped(received())
-            where = f"{error.filename}: " if error.filename else ""
-            if error.errno in DISK_FAILURES:
-                fail(
-                    f"{where}{error.strerror}; no file was changed; make room on the disk or make it writable, then run again",
-                    3,
-                )
-            if error.errno in REFUSALS:
-                fail(
-                    f"{where}{error.strerror}; no file was changed; correct the file name or its permissions, then run again",
-                    3,
-                )
-            _fault(error)
         except Exception as error:
-            _stopped(received())
+            if (signal := received()) is not None:  # whatever has come of it on the way
+                ignore_signals()  # one line, not a second one when it is repeated
+                fail(str(signal), signal.exit_code)
+            if isinstance(error, LpvobsError):
+                fail(str(error), error.exit_code)
+            if isinstance(error, OSError):
+                what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+                for numbers, remedy in REMEDIES.items():
+                    if error.errno in numbers:
+                        fail(f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code)
             _fault(error)
 
     return run
@@ -83,13 +79,6 @@ def _expect_surroundings() -> None:
         raise DataError(
             f"the limit on memory (ulimit -v) is {granted >> 20} MiB; expected {LEAST_ADDRESSES >> 20} MiB or more; raise the limit"
         )
-
-
-def _stopped(stop: Stopped | None) -> None:
-    """Leave if a signal has arrived, whatever has come of it on the way."""
-    if stop is not None:
-        ignore_signals()  # one line, not a second one when it is repeated
-        fail(str(stop), stop.exit_code)
 
 
 def _fault(error: BaseException) -> NoReturn:

@@ -31,9 +31,9 @@ def extrapolate(
     stored, fitted, held = fill(result, method, smooth)
     half = half_widths(fitted)
     if as_json:
+        filled = quadratic_fields(fitted)
         print_json(
-            "extrapolate",
-            ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **quadratic_fields(fitted)),
+            "extrapolate", ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **filled)
         )
         return
     for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):

@@ -38,8 +38,8 @@ def synth_gain(
         stored = synthesise(config, logs or (), out=out, published=published)
         report(1.0)
     gain = stored.gain
-    region = gain.region
     if as_json:
+        region = gain.region
         ranges = {n: (a, b) for n, a, b in zip(region.names, region.lower, region.upper, strict=True)}
         made = SynthGainOutput(
             gain=str(out),
@@ -56,8 +56,7 @@ def synth_gain(
     print(f"observer gain L ({stored.origin}); stability proven at all {vertices} vertices of the parameter region")
     rows = [[state, *(f"{value:.6g}" for value in row)] for state, row in zip(stored.states, gain.L, strict=True)]
     print(table(["", *stored.outputs, "sensor"], rows))
-    print()
-    print(table(*bounds_table(stored)))
+    print("\n" + table(*bounds_table(stored)))
     if gain.bound is not None:
         print("\nproven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))
 
@@ -97,5 +96,4 @@ def verify(
         print(f"smallest relative pivot {certificate.smallest_pivot:.3g}; region: {stored.gain.region}")
         print(f"gain made for {stored.made_for()}")
         if stored.gain.bound is not None:
-            print("proven bounds of the observer's state error:")
-            print(table(*state_bound_table(stored)))
+            print("proven bounds of the observer's state error:\n" + table(*state_bound_table(stored)))

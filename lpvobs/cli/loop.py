@@ -8,7 +8,6 @@ from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, 
 from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument, needed, option
 
 if TYPE_CHECKING:
-    from lpvobs.api.closed_loop import Traced
     from lpvobs.discovery.outcome import Finding, Trace
 
 WIDTH = 80
@@ -70,7 +69,10 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
     for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
-            _show_likes(effects)
+        for effect in effects:
+            if effect.indistinguishable:
+                likes = f"To tell {effect.id} from {', '.join(effect.indistinguishable)}, record {effect.drive}."
+                print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
     if refined or len(found.logs) > 1:
         header, rows = error_rows(content, refined)
         print("\n" + table(header, [[textwrap.shorten(row[0], 28, placeholder="..."), *row[1:]] for row in rows]))
@@ -94,13 +96,6 @@ def _effects(title: str, effects: "tuple[Finding, ...]") -> tuple[list[str], lis
             times = [second(getattr(effect, edge)) for edge in edges]
             rows.append([effect.id, name, *sizes, parameter.unit, *times, chance(effect.p_value)])
     return [title, "", "value", "5 %", "95 %", "unit", *(f"{edge} s" for edge in edges), "p"], rows
-
-
-def _show_likes(effects: "tuple[Finding, ...]") -> None:
-    for effect in effects:
-        if effect.indistinguishable:
-            likes = f"To tell {effect.id} from {', '.join(effect.indistinguishable)}, record {effect.drive}."
-            print(textwrap.fill(visible(likes), WIDTH, initial_indent="  ", subsequent_indent="    "))
 
 
 @guarded
@@ -136,24 +131,13 @@ def refine(
         found = vars(traced.found.output(refined=True))
         print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
     else:
-        _tell(traced, out)
-    leave(traced.refused)
-
-
-def _tell(traced: "Traced", out: Path) -> None:
-    found = traced.found
-    show(found, traced.map_frozen, refined=True)
-    error = found.comparison
-    low, high = error.ratio_ci90
-    say(
-        f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "
-        f"ratio {error.ratio:.3f} ({low:.3f} to {high:.3f})"
-    )
-    say(
-        f"{out}: "
-        + (
-            "written with the effects"
-            if found.findings
-            else "a copy of the earlier result, because no effect was proven"
+        show(traced.found, traced.map_frozen, refined=True)
+        error = traced.found.comparison
+        low, high = error.ratio_ci90
+        say(
+            f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "
+            f"ratio {error.ratio:.3f} ({low:.3f} to {high:.3f})"
         )
-    )
+        copied = "a copy of the earlier result, because no effect was proven"
+        say(f"{out}: {'written with the effects' if traced.found.findings else copied}")
+    leave(traced.refused)

@@ -124,18 +124,10 @@ def _text(found: "InspectedLog") -> str:
         for name, item in found.channels.items()
     ]
     parts = [visible(head), table(["channel", "unit", "use", "min", "median", "max", "changes [Hz]", "dropped"], rows)]
-    defects = [
-        [
-            item.defect,
-            item.channel,
-            str(item.count),
-            f"{item.first:.6g} s" if item.first is not UNSET else "",
-            item.policy,
-        ]
-        for item in found.defects
-    ]
-    if defects:
-        parts.append(table(["defect", "channel", "count", "first", "policy"], defects))
+    if found.defects:
+        begins = ["" if item.first is UNSET else f"{item.first:.6g} s" for item in found.defects]
+        rows = [[x.defect, x.channel, str(x.count), at, x.policy] for x, at in zip(found.defects, begins, strict=True)]
+        parts.append(table(["defect", "channel", "count", "first", "policy"], rows))
     if found.serves:
         parts.append(f"this log has all required channels of the engines: {', '.join(found.serves)}")
     parts += [

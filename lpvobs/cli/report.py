@@ -53,16 +53,8 @@ def report(
     """
     from lpvobs.api.compare import region_of
     from lpvobs.api.write_report import kind_of, make_report
+    from lpvobs.report import tables
     from lpvobs.report.gates import enforce
-    from lpvobs.report.tables import (
-        beside_paper,
-        coefficient_tables,
-        fit_rows,
-        gain_line,
-        region_line,
-        report_rows,
-        told,
-    )
 
     if (kind := kind_of(result)) in ("engine", "fleet"):
         if gate or junit or region or further:
@@ -79,16 +71,18 @@ def report(
     if as_json:
         print_json("report", done.content)
     else:
-        print(table(*told(report_rows(done.results)), labels=3))
-        for coefficients in coefficient_tables(done.results, beside_paper(done.results)):
+        print(table(*tables.told(tables.report_rows(done.results)), labels=3))
+        for coefficients in tables.coefficient_tables(done.results, tables.beside_paper(done.results)):
             print("\n" + table(*coefficients))
         if done.content.fits:
-            print("\n" + table(*fit_rows(done.content.fits), labels=3))
+            print("\n" + table(*tables.fit_rows(done.content.fits), labels=3))
         for mean in done.content.regions:
-            print("\n" + region_line(mean))
+            print("\n" + tables.region_line(mean))
         if done.told:
             print("\n" + "\n".join(visible(line) for line in done.told))
-        print("\n" + "\n".join(visible(f"gain of {name}: {gain_line(item.gain)}") for name, item in done.results))
+        print(
+            "\n" + "\n".join(visible(f"gain of {name}: {tables.gain_line(item.gain)}") for name, item in done.results)
+        )
     enforce(done.verdicts)
     leave(done.content.refused)
 

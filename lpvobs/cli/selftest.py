@@ -25,15 +25,10 @@ def selftest(as_json: bool = JSON) -> None:
     if as_json:
         print_json("selftest", SelftestOutput(passed=not failed, cases=rows, versions=versions))
     else:
-        lines = [
-            [
-                row.case,
-                *(f"{number:.6g}" for number in (row.expected, row.found, row.tolerance)),
-                row.unit,
-                VERDICTS[row.passed],
-            ]
-            for row in rows
-        ]
+        lines = []
+        for row in rows:
+            numbers = [f"{number:.6g}" for number in (row.expected, row.found, row.tolerance)]
+            lines.append([row.case, *numbers, row.unit, VERDICTS[row.passed]])
         print(table(["case", "expected", "found", "tolerance", "unit", ""], lines))
         say(", ".join(f"{name} {number}" for name, number in versions.items()))
         for row in failed:
