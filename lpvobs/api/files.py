@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -96,10 +96,7 @@ def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
 def updating(result: File) -> Iterator[Path]:
     """Yield a result that nobody else writes meanwhile; what is no file is refused by whoever reads it."""
     path = as_path(result)
-    if not path.is_file():
-        yield path
-        return
-    with claimed(path):
+    with claimed(path) if path.is_file() else nullcontext():
         yield path
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,10 +143,10 @@ def estimate_fleet(
         key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
         store = _Store(PartsFolder(out, key, StoredPart) if len(paths) > 1 else None)
         for outcome in outcomes.values():
-            store.keep(outcome)
-        rest = [path for path in paths if path not in outcomes]
+            if outcome.stored is not None:
+                store.keep(outcome.stored)
         opened, task = {each.sha256 for each in outcomes.values()}, replace(task, done=store.done())
-        tasks = [replace(task, path=path) for path in rest]
+        tasks = {path: replace(task, path=path) for path in paths if path not in outcomes}
         done = OPENING_SHARE + PARTS_SHARE
         outcomes |= outcomes_of(workers, part_of, tasks, store.keep, within(progress, OPENING_SHARE, done))
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
@@ -191,7 +191,7 @@ def linearised(
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
-            tasks = [replace(opening, path=path) for path in waiting[:lack]]
+            tasks = {path: replace(opening, path=path) for path in waiting[:lack]}
             ends = OPENING_SHARE * turn / PASSES, OPENING_SHARE * (turn + 1) / PASSES
             found |= outcomes_of(workers, part_of, tasks, None, within(progress, *ends))
             waiting = waiting[lack:]
@@ -207,30 +207,23 @@ def linearised(
     return replace(task, point=opening.point), {path: outcome for path, outcome in found.items() if outcome.whole}
 
 
-class OfPath(Protocol):
-    """A task about a log."""
-
-    @property
-    def path(self) -> Path:
-        """The log."""
-
-
-Task = TypeVar("Task", bound=OfPath)
+Task = TypeVar("Task")
 
 
 def outcomes_of(
     workers: Workers,
     function: Callable[[Task], LogOutcome[Left]],
-    tasks: Sequence[Task],
-    keep: Callable[[LogOutcome[Left]], None] | None,
+    tasks: Mapping[Path, Task],
+    keep: Callable[[Left], None] | None,
     progress: Progress,
 ) -> dict[Path, LogOutcome[Left]]:
-    """Go through logs; what comes of each is handed to `keep`, and forgotten but for its digest."""
+    """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest."""
     found: dict[Path, LogOutcome[Left]] = {}
-    for count, (number, outcome) in enumerate(workers.finished(function, tasks), 1):
-        if keep is not None and outcome.refusal is None:
-            keep(outcome)
-        found[tasks[number].path] = outcome if keep is None else replace(outcome, stored=None)
+    paths = list(tasks)
+    for count, (number, outcome) in enumerate(workers.finished(function, list(tasks.values())), 1):
+        if keep is not None and outcome.stored is not None:
+            keep(outcome.stored)
+        found[paths[number]] = outcome if keep is None else replace(outcome, stored=None)
         progress(count / len(tasks))
     return found
 
@@ -312,13 +305,11 @@ class _Store:
     def done(self) -> frozenset[str]:
         return self.folder.found() if self.folder else frozenset()
 
-    def keep(self, outcome: LogOutcome[StoredPart]) -> None:
-        if outcome.stored is None:
-            return
+    def keep(self, stored: StoredPart) -> None:
         if self.folder:
-            self.folder.keep(outcome.stored)
+            self.folder.keep(stored)
         else:
-            self.held[outcome.sha256] = outcome.stored
+            self.held[stored.sha256] = stored
 
     def read(self, sha256: str) -> StoredPart:
         return self.folder.read(sha256) if self.folder else self.held[sha256]

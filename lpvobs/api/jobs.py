@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
@@ -104,19 +103,12 @@ def _side_by_side(
 
 
 def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], task: Task) -> Future[Result]:
-    try:
-        with _no_interrupt():
-            return pool.submit(function, task)
-    except OSError as error:
-        raise DataError(f"a worker process cannot be started ({error.strerror}); run again with --jobs 1") from None
-
-
-@contextmanager
-def _no_interrupt() -> Iterator[None]:
-    """Hold interrupts back for a moment; processes that start in it hold them back, too, and are left to the parent."""
+    # Interrupts are held back for a moment; processes that start in it hold them back, too, and are left to the parent.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        return pool.submit(function, task)
+    except OSError as error:
+        raise DataError(f"a worker process cannot be started ({error.strerror}); run again with --jobs 1") from None
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -186,7 +178,6 @@ def _client(address: str, patience: float) -> Any:
             if time.monotonic() > until:
                 raise UsageError(
                     f"--scheduler {address}: the scheduler cannot be reached ({error}); start `dask scheduler`, or check "
-                    "the address; "
-                    f"finished logs are kept"
+                    "the address; finished logs are kept"
                 ) from None
             time.sleep(1.0)

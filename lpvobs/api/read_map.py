@@ -9,6 +9,7 @@ from lpvobs.api.files import File, as_path
 from lpvobs.errors import UsageError
 from lpvobs.io.results.results import read_result
 from lpvobs.io.results.surfaces import ORIGINS, Surface, read_surface
+from lpvobs.report.tables import origin_counts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,11 +23,7 @@ class Map(Surface):
     headline: str = ""  # what `estimate` said of it
 
     def __repr__(self) -> str:
-        counts = ", ".join(
-            f"{int((self.origin == code).sum())} {name}"
-            for code, name in ORIGINS.items()
-            if (self.origin == code).any()
-        )
+        counts = ", ".join(f"{count} {name}" for name, count in origin_counts(self).items())
         axes = " over ".join((f"{self.y.name} [{self.y.unit}]", f"{self.x.name} [{self.x.unit}]"))
         return f"Map of the sensor error [{self.unit}], {axes}: {counts}" + (self.headline and f"; {self.headline}")
 

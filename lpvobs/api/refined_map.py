@@ -12,12 +12,10 @@ from lpvobs.discovery.observed import Refined, observed
 from lpvobs.errors import DataError
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.results import LogSummary, summary_of
-from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import MapEstimate, Point, of_parts
-from lpvobs.observer.parts import LogInformation, inform_observed
+from lpvobs.observer.parts import inform_observed
 from lpvobs.records import Log
 from lpvobs.synthesis.problem import GainProblem
-from lpvobs.synthesis.region import Region
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
@@ -47,7 +45,9 @@ def estimate_refined(
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
     moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
     point = Point(engine.air_path, settings, moved, engine.calibrated)
-    parts = [_part(refined, point, grid, gain.gain.region, log) for _, log in logs]
+    region, unknowns = gain.gain.region, point.unknowns
+    seen = ((log, observed(refined, log)) for _, log in logs)
+    parts = [inform_observed(air_path, grid, region, log, beside, settings, unknowns) for log, beside in seen]
     estimate = of_parts(grid, parts, point)
     fleet.refuse_empty(estimate)
     summaries = tuple(
@@ -55,12 +55,6 @@ def estimate_refined(
         for (file, log), run in zip(logs, estimate.runs, strict=True)
     )
     return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
-
-
-def _part(refined: Refined, point: Point, grid: Grid, region: Region, log: Log) -> LogInformation:
-    """Return what a log says of the map beside the effects."""
-    seen = observed(refined, log)
-    return inform_observed(refined.air_path, grid, region, log, seen, point.settings, point.unknowns)
 
 
 def expect_cascade(path: Path, gain: StoredGain) -> None:

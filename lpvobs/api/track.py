@@ -237,11 +237,6 @@ class _SumsTask:
     basis: Basis
     whose: _Whose
 
-    @property
-    def path(self) -> Path:
-        """The log."""
-        return self.whose.path
-
 
 def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
     """Go through one log."""
@@ -293,13 +288,8 @@ class _Adding:
             key = self.key(task.point)
             folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
             task = replace(task, done=folder.found())
-
-            def keep(outcome: LogOutcome[KeptLog]) -> None:
-                if outcome.stored is not None:
-                    folder.keep(outcome.stored)
-
-            tasks = [_SumsTask(task, basis, each) for each in whose]
-            outcomes = outcomes_of(workers, sums_of, tasks, keep, progress)
+            tasks = {each.path: _SumsTask(task, basis, each) for each in whose}
+            outcomes = outcomes_of(workers, sums_of, tasks, folder.keep, progress)
         logs = {} if before is None else {log.sha256: log for log in before.logs}
         sums = {} if before is None else {each.vehicle: each for each in before.sums}
         usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
@@ -326,7 +316,9 @@ class _Adding:
             missing = [each.path for logs in first for each in logs if each.path not in outcomes]
             if not missing:
                 break
-            outcomes |= outcomes_of(workers, part_of, [replace(task, path=path) for path in missing], None, progress)
+            outcomes |= outcomes_of(
+                workers, part_of, {path: replace(task, path=path) for path in missing}, None, progress
+            )
         if not first:
             return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
         stored = [[outcomes[each.path].stored for each in logs] for logs in first]

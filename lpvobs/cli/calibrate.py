@@ -51,16 +51,9 @@ def calibrate(
     config = chosen_config(config)
     with progress("calibrating") as report:
         stored = find_engine(
-            config,
-            bench=bench or (),
-            healthy=healthy or (),
-            reference=reference or (),
-            maps=maps or (),
-            out=out,
-            gain=gain,
-            prior=plan,
-            progress=report,
-        )
+            config, bench=bench or (), healthy=healthy or (), reference=reference or (), maps=maps or (), out=out, gain=gain,
+            prior=plan, progress=report,
+        )  # fmt: skip
     with progress("planning") as report:
         found = told(stored, str(out), plan_bench(config, out, progress=report) if plan else ())
     if as_json:

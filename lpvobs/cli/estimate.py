@@ -54,17 +54,9 @@ def estimate(
     config = chosen_config(config)
     with progress("estimating") as report:
         done = estimate_map(
-            config,
-            logs,
-            out,
-            gain=gain,
-            engine=engine,
-            method=method,
-            constants=constants,
-            jobs=jobs,
-            scheduler=scheduler,
+            config, logs, out, gain=gain, engine=engine, method=method, constants=constants, jobs=jobs, scheduler=scheduler,
             progress=report,
-        )
+        )  # fmt: skip
     found, summaries = done.estimate, done.summaries
     nodes = int(found.supported.sum())
     if as_json:

@@ -100,19 +100,9 @@ def export(
         )
 
     done = export_map(
-        result,
-        out,
-        file_format,
-        values=source,
-        only_estimated=only_estimated,
-        old=old,
-        name=name,
-        kind=kind,
-        digits=digits,
-        widest=widest,
-        unit=unit,
-        a2l=a2l,
-    )
+        result, out, file_format, values=source, only_estimated=only_estimated, old=old, name=name, kind=kind, digits=digits,
+        widest=widest, unit=unit, a2l=a2l,
+    )  # fmt: skip
     counts = origin_counts(done.surface)
     if as_json:
         where, changed = done.surface.source, done.changes

@@ -94,10 +94,9 @@ def lines(
 
     `curves` are values, their standard errors, and those before the data where they are known.
     """
-    mean, error, before = (None if values is None else _along(axes_of, values) for values in curves)
+    mean, error = (_along(axes_of, values) for values in curves[:2])
+    before = None if curves[2] is None else _along(axes_of, curves[2])
     (label, nodes), *others = axes_of.items()
-    if mean is None or error is None:
-        raise ValueError("a curve has values and errors")
 
     def draw(figure: Figure) -> None:
         columns = np.unique(np.linspace(0, mean.shape[1] - 1, CUTS).round().astype(int))

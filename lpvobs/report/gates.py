@@ -14,7 +14,6 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
-Logs = Sequence[ReportedLog]
 TRUTH, SOUGHT, GIVEN = (
     "a log with reference channels",
     "a run of trace or refine on the result",
@@ -170,7 +169,9 @@ class Verdict:
         return f"{place} has {self.gate.metric} = {_said(self.value)}, the gate is {self.gate}"
 
 
-def judge(gates: Sequence[Gate], logs: Logs, results: Sequence[ReportedResult] = ()) -> tuple[Verdict, ...]:
+def judge(
+    gates: Sequence[Gate], logs: Sequence[ReportedLog], results: Sequence[ReportedResult] = ()
+) -> tuple[Verdict, ...]:
     """Return the verdict of every gate on every log; of a metric that a result has as a whole, on every result."""
     return tuple(
         Verdict(gate, item.result, getattr(item, "log", ""), _finite(getattr(item, gate.metric)))

@@ -35,11 +35,8 @@ def cycle_title(log: str) -> str:
     >>> cycle_title("road_17")
     'road_17'
     """
-    if log in CYCLES:
-        return CYCLES[log]
-    known = _cycle_of(log)
-    if known:
-        return f"{CYCLES[known]} ({log})"
+    if known := _cycle_of(log):
+        return CYCLES[known] if known == log else f"{CYCLES[known]} ({log})"
     return f"{SURROGATE} ({log})" if log.startswith("etc") else log
 
 

@@ -14,7 +14,6 @@ from lpvobs.report.fit import ResidualFit
 from lpvobs.report.tables import Table, fit_rows
 
 MOST_LOGS = 6  # logs whose residual is drawn over time; the tables have all
-TITLES = {"refine": "refined", "trace": "traced"}
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def residual_sections(view: ResultView, number: int) -> list[Section]:
     """Return the sections of one result, none where neither verb has run."""
     return [
         Section(
-            title=f"{view.name}, {TITLES[found.verb]}",
+            title=f"{view.name}, {'refined' if found.refined else 'traced'}",
             verdict=discovered.sentence(found),
             tables=tuple(_tables(found)),
             pictures=tuple(_pictures(found, view.name, f"d{number}-{found.verb}")),
@@ -65,8 +64,8 @@ def fit_section(fits: Sequence[ResidualFit]) -> Section | None:
             picture(
                 figures.resid_panels(f"fit{number}", f"correlations of the residual, {log}, {result}", item),
                 f"{log}, {result}: residual of the balance {item.balance}. The first panel is its autocorrelation, the "
-                "other panels are its "
-                f"correlation with each input. Values outside the shaded band show that the model lacks something.",
+                "other panels are its correlation with each input. Values outside the shaded band show that the model lacks "
+                "something.",
             )
             for number, ((result, log), item) in enumerate(best.items())
         ),
@@ -121,9 +120,8 @@ def _pictures(found: discovered.Discovered, result: str, name: str) -> Iterator[
         yield picture(
             figures.partial_residual(f"{name}-part{index}", f"partial residual of {partial.id}, {result}", partial),
             f"Partial residual of {partial.id}: the residual without this effect, plotted over the prediction of this "
-            "effect. From both, "
-            f"the part that map, constants and other effects explain is removed. Points on the dashed line agree with "
-            "the estimated size.",
+            "effect. From both, the part that map, constants and other effects explain is removed. Points on the dashed line "
+            "agree with the estimated size.",
         )
     yield from _structure(found, seen, result, name)
 
@@ -138,8 +136,7 @@ def _over_time(found: discovered.Discovered, seen: Portrait, name: str) -> Itera
         yield picture(
             figures.residual_course(f"{name}-time{index}", title, track, seen.balances, effects),
             f"Residual of every balance on {track.log}, before and after. Each column of pixels shows the smallest and "
-            "the largest value. "
-            f"{judged}.",
+            f"the largest value. {judged}.",
         )
 
 
