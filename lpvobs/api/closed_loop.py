@@ -87,11 +87,10 @@ class Closed:
         """Write `/trace` in place of the one that is there."""
         if "trace" in file:
             del file["trace"]
-        found = self.refinement
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
         refinements.write_comparison(group, self.comparisons)
-        refinements.write_structure(group, self._structure, found.before.problem.model.balances)
+        refinements.write_structure(group, self._structure, self.refinement.before.problem.model.balances)
         self._write_pictures(group)
 
     @property

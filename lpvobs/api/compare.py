@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from lpvobs.api.export import SOURCES
 from lpvobs.api.files import File, as_path, writing
-from lpvobs.engines.base import MapAxis
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.finding import PERIODS, date_of
@@ -21,7 +20,6 @@ from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, KgPerS
-from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
@@ -181,14 +179,12 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
 
 
 def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
-    from lpvobs.report.content import SurfaceView
+    from lpvobs.report.content import view_of
     from lpvobs.report.surface_figures import change_map
 
     nodes = {(node.speed, node.fuel) for node in found.significant}
     changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])
-    fuel, speed = (MapAxis(axis.name, axis.unit, axis.long_name) for axis in (change.y, change.x))
-    grid = Grid(change.y.nodes, change.x.nodes)
-    view = SurfaceView(grid, (fuel, speed), change.values, np.zeros(grid.shape, dtype=bool))
+    view = view_of(change, np.zeros(changed.shape, dtype=bool))
     drawn = change_map("change", f"{found.second} minus {found.first}", view, changed)
     with writing(figure, maps) as path, replacing(path) as temporary:
         temporary.write_text(drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), encoding="utf-8")

@@ -12,7 +12,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import read_log
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.mapping import read, write
+from lpvobs.io.results.mapping import read_if_there, write
 from lpvobs.io.results.results import KIND, REMEDY, read_result, update
 from lpvobs.records import Log
 
@@ -51,4 +51,4 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
 def healthy_drive(path: Path) -> HealthyDrive | None:
     """Return what a result says of its healthy drives, None where it does not."""
     with reading(path, KIND, REMEDY) as file:
-        return read(file[GROUP], HealthyDrive) if GROUP in file else None
+        return read_if_there(file.get(GROUP), HealthyDrive)

@@ -28,13 +28,10 @@ class Map(Surface):
         return f"Map of the sensor error [{self.unit}], {axes}: {counts}" + (self.headline and f"; {self.headline}")
 
     def _repr_html_(self) -> str:
-        from lpvobs.engines.base import MapAxis
-        from lpvobs.maps.grid import Grid
-        from lpvobs.report.content import SurfaceView
+        from lpvobs.report.content import view_of
         from lpvobs.report.figures import error_limit, error_map
 
-        axes = MapAxis(self.y.name, self.y.unit, self.y.long_name), MapAxis(self.x.name, self.x.unit, self.x.long_name)
-        view = SurfaceView(Grid(self.y.nodes, self.x.nodes), axes, self.values, self.origin > 1)
+        view = view_of(self, self.origin > 1)
         drawn = error_map("map", "map of the sensor error", view, error_limit([view]))
         return f'<div style="max-width: 46rem">{drawn}<p>{self.headline}</p></div>'
 

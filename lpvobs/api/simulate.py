@@ -70,17 +70,9 @@ def simulate(
         origin = finding.own_origin(vehicle, date, configuration.air_path)
         wanted = Effects() if effects is None else load_effects(as_path(effects))[0]
         log = plant.run(
-            configuration.engine,
-            configuration.simulation,
-            cycle,
-            rate,
-            seed,
-            wanted.surface,
-            shown(progress),
-            effects=wanted.injected,
-            auxiliary=wanted.auxiliary,
-            sensors=configuration.sensors,
-        )
+            configuration.engine, configuration.simulation, cycle, rate, seed, wanted.surface, shown(progress),
+            effects=wanted.injected, auxiliary=wanted.auxiliary, sensors=configuration.sensors,
+        )  # fmt: skip
         parquet.write_log(target, log.channels, log.units, origin)
     return log
 

@@ -19,6 +19,7 @@ from lpvobs.io.logs.reading import References, read_log, read_references
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.hdf import is_hdf5
 from lpvobs.io.results.results import REMEDY, LogSummary, StoredResult, read_result
+from lpvobs.io.results.surfaces import Surface
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import best_fit
@@ -108,6 +109,12 @@ class SurfaceView:
     values: Array  # (p_2, p_1) [kg/s], NaN where there is none
     filled: NDArray[np.bool_]  # (p_2, p_1) where the value is extrapolated
     doubtful: NDArray[np.bool_] | None = None  # (p_2, p_1) see `doubtful_nodes`
+
+
+def view_of(surface: Surface, filled: NDArray[np.bool_]) -> SurfaceView:
+    """Return a stored surface as it is drawn; `filled` says where its values are extrapolated."""
+    fuel, speed = (MapAxis(axis.name, axis.unit, axis.long_name) for axis in (surface.y, surface.x))
+    return SurfaceView(Grid(surface.y.nodes, surface.x.nodes), (fuel, speed), surface.values, filled)
 
 
 @dataclass(frozen=True)

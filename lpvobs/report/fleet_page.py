@@ -38,18 +38,18 @@ def fleet_page(name: str, fleet: StoredFleet) -> str:
         name=name,
         summary=fleet_summary(fleet),
         header=vehicle_rows(fleet, True)[0][3:],
-        vehicles=list(_told(fleet)),
+        vehicles=list(_told(fleet, (fuel, speed))),
         refused=fleet.refused,
         types=Section("", tuple(pictures)),
     )
 
 
-def _told(fleet: StoredFleet) -> Iterator[dict[str, Any]]:
+def _told(fleet: StoredFleet, axes: tuple[MapAxis, MapAxis]) -> Iterator[dict[str, Any]]:
     """Yield what the page says of each vehicle."""
     own, cells = defaultdict[str, list[PeriodMap]](list), defaultdict[str, dict[str, list[str]]](dict)
     for item in fleet.found.maps:
         own[item.vehicle].append(item)
-    fuel, speed = (MapAxis(axis, item.unit, item.meaning) for axis, item in fleet.axes.items())
+    fuel, speed = axes
     unit = "" if fuel.unit == "1" else f" {fuel.unit}"
     for cell in fleet.found.cells:
         where = f"{cell.seconds:.0f} s each at {spelled(cell.speed, speed)}"

@@ -14,11 +14,8 @@ from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
-TRUTH, SOUGHT, GIVEN = (
-    "a log with reference channels",
-    "a run of trace or refine on the result",
-    "the log as an argument",
-)
+TRUTH, GIVEN = "a log with reference channels", "the log as an argument"
+SOUGHT = "a run of trace or refine on the result"
 
 
 @dataclass(frozen=True)

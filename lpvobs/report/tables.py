@@ -136,18 +136,16 @@ def coefficient_tables(results: Sequence[tuple[str, StoredResult]], paper: bool 
 def bounds_table(gain: StoredGain, logs: Sequence[LogSummary] = (), paper: bool = True) -> Table:
     """Return Table 1: the paper's bounds of rho if asked for, those of the logs, and the region that the certificate covers."""
     # `logs` are those of a result; the logs that the gain's region was drawn from come first.
-    kind, names = ENGINES.get(gain.air_path), gain.gain.region.names
+    kind, region, names = ENGINES.get(gain.air_path), gain.gain.region, gain.gain.region.names
     printed = kind.published.bounds if paper and kind and kind.published else {}
     header = ["", *names]
     rows = [
         [f"paper, {column}", *(_range(low, high) for low, high in bounds), *[NONE] * (len(names) - len(bounds))]
         for column, bounds in printed.items()
     ]
-    ranges = {log.name: (log.lower, log.upper) for log in logs if log.lower.size == len(names)}
-    ranges = {name: (low, high) for name, (low, high) in gain.log_bounds.items()} | ranges
-    for log, (lower, upper) in ranges.items():
-        rows.append([cycle_title(log), *map(_range, lower, upper)])
-    region = gain.gain.region
+    ranges = dict(gain.log_bounds)
+    ranges |= {log.name: np.stack([log.lower, log.upper]) for log in logs if log.lower.size == len(names)}
+    rows += [[cycle_title(log), *map(_range, lower, upper)] for log, (lower, upper) in ranges.items()]
     rows.append(["proven", *map(_range, region.lower, region.upper)])
     return header, rows
 
