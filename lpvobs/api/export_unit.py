@@ -22,7 +22,8 @@ from lpvobs.io.control_unit.sources import MEMORY, Unit, sources
 from lpvobs.io.results.engines import read_corrections, read_engine
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.provenance import read_provenance
+from lpvobs.io.results.mapping import read
+from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import KIND, REMEDY, read_result
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import file_digest, replacing
@@ -152,7 +153,7 @@ def unit_of(
     origin, start, corrections = f"gain {file_digest(gain)}", STARTS[0], dict[str, Array]()
     if result is None:
         with reading(gain, "gain", "make it with `lpvobs synth-gain`") as file:
-            config = config_of(read_provenance(file).config, gain)
+            config = config_of(read(file["provenance"], Provenance).config, gain)
         air_path = config.engine_path()
         theta, driven = np.zeros((2, *config.grid().shape))
         if engine is not None:

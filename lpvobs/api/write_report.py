@@ -14,7 +14,8 @@ from lpvobs.io.configuration.config import config_of
 from lpvobs.io.results.engines import KIND, REMEDY, read_engine
 from lpvobs.io.results.fleets import StoredFleet, read_fleet
 from lpvobs.io.results.hdf import is_hdf5, reading
-from lpvobs.io.results.provenance import read_provenance
+from lpvobs.io.results.mapping import read
+from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.results import StoredResult
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
@@ -151,7 +152,7 @@ def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     """Return what is known of a calibrated engine, and write its page if asked for; raises DataError if the file is none."""
     path = as_path(engine)
     with reading(path, KIND, REMEDY) as file:
-        text = read_provenance(file).config
+        text = read(file["provenance"], Provenance).config
     stored = read_engine(path, config_of(text, path).engine_path())
     found = told(stored, str(path))
     if html is not None:

@@ -90,13 +90,13 @@ class NextCell:
 class Tracked:
     """What is known of a fleet."""
 
-    sizes: Fleetwide
-    types: tuple[TypeMap, ...]
-    vehicles: tuple[Standing, ...]  # by name
-    changes: tuple[MapChange, ...]
-    maps: tuple[PeriodMap, ...]
-    cells: tuple[NextCell, ...]
-    power: tuple[Detectable, ...] = ()  # by number of logs
+    sizes: Annotated[Fleetwide, Item()]
+    types: Annotated[tuple[TypeMap, ...], Item(axes=("type",), name="types")]
+    vehicles: Annotated[tuple[Standing, ...], Item(axes=("vehicle",), name="vehicles")]  # by name
+    changes: Annotated[tuple[MapChange, ...], Item(axes=("change",), name="changes")]
+    maps: Annotated[tuple[PeriodMap, ...], Item(axes=("map",), name="maps")]
+    cells: Annotated[tuple[NextCell, ...], Item(axes=("cell",), name="next")]
+    power: Annotated[tuple[Detectable, ...], Item(axes=("log_count",), name="power")] = ()  # by number of logs
 
     def worst_first(self) -> tuple[Standing, ...]:
         """Return the vehicles, those that stand out first, by how far their maps have moved."""

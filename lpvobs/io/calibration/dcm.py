@@ -6,7 +6,7 @@ shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` 
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ LONGEST_LINE = 1 << 16
 MOST_VALUES = 1 << 20
 PER_LINE = 6
 NAME = re.compile(r"[A-Za-z_][\w.\[\]]{0,254}")
+TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
 _QUOTED = re.compile(r'"([^"]*)"')
 
 
@@ -134,63 +135,51 @@ def _words(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise DataError(f"{path}: is empty; name a DCM file")
 
 
-@dataclass
-class _MapText:
-    """What is gathered of a map while its lines go by."""
-
-    texts: dict[str, str] = field(default_factory=dict)
-    x: list[float] = field(default_factory=list)
-    y: list[float] = field(default_factory=list)
-    rows: list[list[float]] = field(default_factory=list)
-    kept: list[str] = field(default_factory=list)
-
-
 def _parsed(path: Path, start: int, head: list[str], lines: Iterator[tuple[int, list[str]]]) -> DcmMap:
-    body = _MapText()
+    texts: dict[str, str] = {}
+    kept: list[str] = []
+    along: list[float] = []
+    nodes: list[float] = []
+    rows: list[list[float]] = []
     place = start
     try:
         across, down = int(head[2]), int(head[3])
         if not (across > 1 and down > 1 and across * down <= MOST_VALUES):
             raise ValueError(f"a size of {across} by {down} nodes is not possible")
-        for number, words in lines:
+        for number, (keyword, *rest) in lines:
             place = number
-            if words[0] == "END":
+            if keyword == "END":
                 break
-            _take(body, words)
+            if keyword in TEXTS:
+                quoted = _QUOTED.search(" ".join(rest))
+                texts[TEXTS[keyword]] = quoted.group(1) if quoted else ""
+            elif keyword in KEPT:
+                kept.append(" ".join((keyword, *rest)))
+            elif keyword in ("*SSTX", "*SSTY"):
+                texts[f"{keyword[-1].lower()}_name"] = rest[0]
+            elif keyword == "ST/X":
+                along += map(float, rest)
+            elif keyword == "ST/Y":
+                nodes += map(float, rest)
+                rows.append([])
+            elif keyword == "WERT":
+                rows[-1] += map(float, rest)
+            elif keyword.startswith("ST_TX"):
+                raise ValueError("an axis has texts instead of numbers")
         else:
             raise ValueError("the keyword END is missing")
-        x, y = np.array(body.x), np.array(body.y)
-        values = np.array(body.rows)
-        if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
-            raise ValueError(
-                f"{x.size} by {y.size} nodes instead of {across} by {down}, or a row with a wrong number of values"
-            )
-        if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
-            raise ValueError("a value is not finite, or an axis does not increase")
+        x, y, values = np.array(along), np.array(nodes), np.array(rows)
+        _expect_map(x, y, values, (across, down))
     except (ValueError, IndexError) as error:
         raise DataError(f"{path}: map '{head[1]}' (line {place}) is damaged: {error}; export it again") from None
-    return DcmMap(head[1], head[0], x, y, values, kept=tuple(body.kept), **body.texts)
+    return DcmMap(head[1], head[0], x, y, values, kept=tuple(kept), **texts)
 
 
-TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
-
-
-def _take(body: _MapText, words: list[str]) -> None:
-    """Add what one line says."""
-    keyword, rest = words[0], words[1:]
-    if keyword in TEXTS:
-        quoted = _QUOTED.search(" ".join(rest))
-        body.texts[TEXTS[keyword]] = quoted.group(1) if quoted else ""
-    elif keyword in KEPT:
-        body.kept.append(" ".join(words))
-    elif keyword in ("*SSTX", "*SSTY"):
-        body.texts[f"{keyword[-1].lower()}_name"] = rest[0]
-    elif keyword == "ST/X":
-        body.x += map(float, rest)
-    elif keyword == "ST/Y":
-        body.y += map(float, rest)
-        body.rows.append([])
-    elif keyword == "WERT":
-        body.rows[-1] += map(float, rest)
-    elif keyword.startswith("ST_TX"):
-        raise ValueError("an axis has texts instead of numbers")
+def _expect_map(x: Array, y: Array, values: Array, sizes: tuple[int, int]) -> None:
+    across, down = sizes
+    if x.shape != (across,) or y.shape != (down,) or values.shape != (down, across):
+        raise ValueError(
+            f"{x.size} by {y.size} nodes instead of {across} by {down}, or a row with a wrong number of values"
+        )
+    if not (np.isfinite(values).all() and (np.diff(x) > 0).all() and (np.diff(y) > 0).all()):
+        raise ValueError("a value is not finite, or an axis does not increase")

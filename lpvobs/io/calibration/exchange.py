@@ -53,46 +53,43 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
 
 def write_cdfx(path: Path, item: DcmMap, digits: int, comments: Sequence[str]) -> None:
     """Write a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
+    head = [("SHORT-NAME", item.name), ("LONG-NAME", item.long_name), ("CATEGORY", "MAP")]
+    values = [
+        ("VG", [("LABEL", f"{node:.{digits}g}"), *_numbers(row, digits)])
+        for node, row in zip(item.y, item.values, strict=True)
+    ]
+    axes = [
+        (
+            "SW-AXIS-CONT",
+            [("CATEGORY", "STD_AXIS"), ("UNIT-DISPLAY-NAME", unit), ("SW-VALUES-PHYS", _numbers(nodes, digits))],
+        )
+        for unit, nodes in ((item.unit_x, item.x), (item.unit_y, item.y))
+    ]
+    own = [("UNIT-DISPLAY-NAME", item.unit), ("SW-VALUES-PHYS", values)]
+    instance = ("SW-INSTANCE", [*head, ("SW-VALUE-CONT", own), ("SW-AXIS-CONTS", axes)])
+    tree = ("SW-INSTANCE-TREE", [("SHORT-NAME", "calibration"), ("CATEGORY", "NO_VCD"), instance])
+    system = ("SW-SYSTEM", [("SHORT-NAME", "lpvobs"), ("SW-INSTANCE-SPEC", [tree])])
+    said = ("INTRODUCTION", [("P", line) for line in comments])
     root = ElementTree.Element("MSRSW", {"CREATOR": "lpvobs"})
-    _text(root, "SHORT-NAME", item.name)
-    paragraphs = ElementTree.SubElement(root, "INTRODUCTION")
-    for line in comments:
-        _text(paragraphs, "P", line)
-    _text(root, "CATEGORY", "CDF20")
-    system = ElementTree.SubElement(ElementTree.SubElement(root, "SW-SYSTEMS"), "SW-SYSTEM")
-    _text(system, "SHORT-NAME", "lpvobs")
-    tree = ElementTree.SubElement(ElementTree.SubElement(system, "SW-INSTANCE-SPEC"), "SW-INSTANCE-TREE")
-    _text(tree, "SHORT-NAME", "calibration")
-    _text(tree, "CATEGORY", "NO_VCD")
-    instance = ElementTree.SubElement(tree, "SW-INSTANCE")
-    for tag, text in (("SHORT-NAME", item.name), ("LONG-NAME", item.long_name), ("CATEGORY", "MAP")):
-        _text(instance, tag, text)
-    own = ElementTree.SubElement(instance, "SW-VALUE-CONT")
-    _text(own, "UNIT-DISPLAY-NAME", item.unit)
-    groups = ElementTree.SubElement(own, "SW-VALUES-PHYS")
-    for node, row in zip(item.y, item.values, strict=True):
-        group = ElementTree.SubElement(groups, "VG")
-        _text(group, "LABEL", f"{node:.{digits}g}")
-        _numbers(group, row, digits)
-    axes = ElementTree.SubElement(instance, "SW-AXIS-CONTS")
-    for unit, nodes in ((item.unit_x, item.x), (item.unit_y, item.y)):
-        axis = ElementTree.SubElement(axes, "SW-AXIS-CONT")
-        _text(axis, "CATEGORY", "STD_AXIS")
-        _text(axis, "UNIT-DISPLAY-NAME", unit)
-        _numbers(ElementTree.SubElement(axis, "SW-VALUES-PHYS"), nodes, digits)
+    _add(root, [("SHORT-NAME", item.name), said, ("CATEGORY", "CDF20"), ("SW-SYSTEMS", [system])])
     ElementTree.indent(root)
     body = ElementTree.tostring(root, encoding="unicode")
     with replacing(path) as temporary:
         temporary.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{DOCTYPE}\n{body}\n', encoding="utf-8")
 
 
-def _text(parent: Any, tag: str, text: str) -> None:
-    ElementTree.SubElement(parent, tag).text = "".join(letter for letter in text if letter.isprintable())
+def _add(parent: ElementTree.Element, contents: Sequence[Any]) -> None:
+    """Add elements, each a tag with its text, or with a list of the elements in it."""
+    for tag, inside in contents:
+        element = ElementTree.SubElement(parent, tag)
+        if isinstance(inside, str):
+            element.text = "".join(letter for letter in inside if letter.isprintable())
+        else:
+            _add(element, inside)
 
 
-def _numbers(parent: Any, values: Array, digits: int) -> None:
-    for value in values:
-        _text(parent, "V", f"{value:.{digits}g}")
+def _numbers(values: Array, digits: int) -> list[tuple[str, str]]:
+    return [("V", f"{value:.{digits}g}") for value in values]
 
 
 def write_lab(path: Path, parameters: Sequence[str], channels: Sequence[str]) -> None:

@@ -39,19 +39,24 @@ class OldMap:
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
     """Return an old map in the units and directions of the surface; raises DataError if its units are not those of such a map."""
-    for turned, found in enumerate((item, item.turned())):
+    for turned in (False, True):
         try:
-            x = convert(found.x, found.unit_x or "1", surface.x.unit)
-            y = convert(found.y, found.unit_y or "1", surface.y.unit)
-            values = convert(found.values.T, found.unit or "1", canonical(surface.unit))
+            return _in_ours(item, turned, surface)
         except ValueError:
             continue
-        return OldMap(item, x, y, values, bool(turned))
     raise DataError(
         f"{path}: map '{item.name}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected "
         f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or units that convert to these; correct EINHEIT_X, "
         "EINHEIT_Y, EINHEIT_W"
     )
+
+
+def _in_ours(item: DcmMap, turned: bool, surface: Surface) -> OldMap:
+    """Return a map whose engine speed is X, or Y if it is turned, in our units; raises ValueError where these do not convert."""
+    found = item.turned() if turned else item
+    x = convert(found.x, found.unit_x or "1", surface.x.unit)
+    y = convert(found.y, found.unit_y or "1", surface.y.unit)
+    return OldMap(item, x, y, convert(found.values.T, found.unit or "1", canonical(surface.unit)), turned)
 
 
 def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
@@ -76,12 +81,7 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
                 unit_y=item.axes[1].unit,
                 unit=item.unit or "1",
             )
-            same = found.turned() if turned else found
-            x, y = (
-                convert(same.x, same.unit_x or "1", surface.x.unit),
-                convert(same.y, same.unit_y or "1", surface.y.unit),
-            )
-            convert(np.ones(1), found.unit, canonical(surface.unit))
+            old = _in_ours(found, bool(turned), surface)
         except ValueError:
             continue
         for its, own in zip(item.axes, nodes, strict=True):
@@ -90,7 +90,7 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
                     f"{path}: the axis of '{item.name}' in {its.unit} has room for {its.most} points, but the axis of our map has "
                     f"{own.size} points; give the control unit's points with --old OLD.dcm"
                 )
-        return OldMap(found, x, y, np.full((x.size, y.size), np.nan), bool(turned))
+        return old
     units = ", ".join((*(axis.unit for axis in item.axes), item.unit))
     raise DataError(
         f"{path}: map '{item.name}' has the units {units}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "

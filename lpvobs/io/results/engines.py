@@ -18,7 +18,7 @@ from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
 from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_rows, rows, values, write
-from lpvobs.io.results.provenance import Provenance, expect_constants, read_provenance
+from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
 
@@ -189,7 +189,7 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         write_group(file, "points", rows(stored.points, "row"))
         if stored.learned is not None:
             write_learned(file, stored.learned)
-        stored.provenance.write(file)
+        write(file, "provenance", stored.provenance)
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
@@ -233,7 +233,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
             unknowns=read_unknowns(file["unknowns"], air_path),
             prior_error=read(file["unknowns"], _Calibrated).prior_error,
             rows=read_rows(file["rows"], EngineRow, "row"),
-            provenance=read_provenance(file),
+            provenance=read(file["provenance"], Provenance),
             points=read_rows(file["points"], ComponentPoint, "row"),
             learned=read_learned(file) if air_path.learns else None,
         )

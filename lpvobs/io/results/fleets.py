@@ -10,16 +10,14 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pq
 from lpvobs.io.results import hdf, results, surfaces
-from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write
-from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused, write_refused
+from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write, write_inner
+from lpvobs.io.results.provenance import Provenance, read_refused, write_refused
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
 from lpvobs.tracking.changes import Detectable
-from lpvobs.tracking.fleet import MapChange, NextCell, PeriodMap, Standing, Tracked
-from lpvobs.tracking.maps import TypeMap
+from lpvobs.tracking.fleet import Tracked
 from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
-from lpvobs.tracking.timeline import Fleetwide
 
 KIND = "fleet"
 REMEDY = "make a fleet with `lpvobs track`"
@@ -61,40 +59,21 @@ def write_fleet(fleet: StoredFleet) -> None:
         layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
         hdf.write_group(file, "map", layout).attrs["axes"] = " ".join(fleet.axes)
         write(file, "sums", kept)
-        write(file, "sizes", found.sizes)
-        for name, row, records in (
-            ("types", "type", found.types),
-            ("vehicles", "vehicle", found.vehicles),
-            ("changes", "change", found.changes),
-            ("maps", "map", found.maps),
-            ("next", "cell", found.cells),
-            ("power", "log_count", found.power),
-            ("effects", "effect", kept.effects),
-        ):
-            hdf.write_group(file, name, rows(records, row, LABELS))
-        fleet.provenance.write(file)
+        write_inner(file, found, LABELS)
+        hdf.write_group(file, "effects", rows(kept.effects, "effect"))
+        write(file, "provenance", fleet.provenance)
         write_refused(file, fleet.refused)
 
 
 def read_fleet(path: Path) -> StoredFleet:
     """Return a stored fleet; raises DataError if the file is no complete one."""
     with hdf.reading(path, KIND, REMEDY) as file:
-        found = Tracked(
-            sizes=read(file["sizes"], Fleetwide),
-            types=read_rows(file["types"], TypeMap, "type"),
-            vehicles=read_rows(file["vehicles"], Standing, "vehicle"),
-            changes=read_rows(file["changes"], MapChange, "change"),
-            maps=read_rows(file["maps"], PeriodMap, "map"),
-            cells=read_rows(file["next"], NextCell, "cell"),
-            power=read_rows(file.get("power"), Detectable, "log_count"),
-        )
+        found = read(file, Tracked, power=read_rows(file.get("power"), Detectable, "log_count"))
         axes = surfaces.axes_of(file)
-        grid, kept = (
-            read(file["map"], surfaces.grid_layout(axes)),
-            read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect")),
-        )
+        grid = read(file["map"], surfaces.grid_layout(axes))
+        kept = read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect"))
         of = str(file.attrs["air_path"])
-        return StoredFleet(path, of, axes, grid, kept, found, read_provenance(file), read_refused(file))
+        return StoredFleet(path, of, axes, grid, kept, found, read(file["provenance"], Provenance), read_refused(file))
 
 
 def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:

@@ -64,7 +64,7 @@ def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
     with hdf.creating(path) as file:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         write_gain_group(file, stored)
-        provenance.write(file)
+        mapping.write(file, "provenance", provenance)
 
 
 def read_gain(path: Path) -> StoredGain:

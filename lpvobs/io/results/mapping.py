@@ -3,7 +3,8 @@
 A field with an `Item` is a dataset. Its kind is that of the field: float, int, bool (as int8 with `no` and `yes`), text, an
 array or a tuple of them, or a table by name, whose names stand on its first axis. A record with an `Item` is a group of that
 name (`.`: its fields stand among the others), several records are groups `name_1`, `name_2` and so on, or rows where the item
-has an axis. Fields without one are attributes if they are plain; arrays and records without one are left to the caller.
+has an axis, in a group of their own if it has a name, too. Fields without an item are attributes if they are plain; arrays and
+records without one are left to the caller.
 """
 
 from collections.abc import Mapping, Sequence
@@ -111,7 +112,7 @@ def fields(what: type[Record] | Layout[Record], record: object, labels: Labels |
     found: Contents = {}
     for key in layout.inner:
         value, (axis, name) = getattr(record, key), (layout.items[key].axes, layout.items[key].name)
-        if axis:
+        if axis and not name:
             found |= rows(value, axis[0], known)
         elif name == ".":
             found |= fields(type(value), value, known)
@@ -133,16 +134,19 @@ def write(
 ) -> h5py.Group:
     """Write a record, the records in it, and what stands beside them, into a new group."""
     group = write_group(parent, name, fields(type(record), record, labels) | (beside or {}))
-    _write_inner(group, record, labels)
+    write_inner(group, record, labels)
     return group
 
 
-def _write_inner(group: h5py.Group, record: object, labels: Labels | None) -> None:
+def write_inner(group: h5py.Group, record: object, labels: Labels | None = None) -> None:
+    """Write the records in a record that have groups of their own into its group."""
     layout = layout_of(type(record))
     for key in layout.inner:
         value, item = getattr(record, key), layout.items[key]
         if item.name == ".":
-            _write_inner(group, value, labels)
+            write_inner(group, value, labels)
+        elif item.axes and item.name:
+            write_group(group, item.name, rows(value, item.axes[0], labels))
         elif value is not None and not item.axes:
             several = isinstance(value, tuple)
             for number, each in enumerate(value if several else [value], 1):
@@ -188,7 +192,7 @@ def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
     item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     record: Any = record_in(kind)
     if item.axes:
-        return read_rows(group, record, item.axes[0])
+        return read_rows(group[item.name] if item.name else group, record, item.axes[0])
     if get_origin(kind) is tuple:
         return tuple(read(each, record) for each in numbered(group, name))
     return None if get_origin(kind) is UnionType and name not in group else read(group[name], record)

@@ -12,7 +12,6 @@ import h5py
 
 from lpvobs import __version__
 from lpvobs.errors import DataError
-from lpvobs.io.results.mapping import read, write
 
 Constants = Mapping[str, float]
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
@@ -46,15 +45,6 @@ class Provenance:
         default_factory=lambda: shlex.join([sys.argv[0].removesuffix("/__main__.py").rpartition("/")[2], *sys.argv[1:]])
     )
     versions: Mapping[str, str] = field(default_factory=versions)
-
-    def write(self, file: h5py.File) -> None:
-        """Write `/provenance`."""
-        write(file, "provenance", self)
-
-
-def read_provenance(file: h5py.File) -> Provenance:
-    """Return what a stored result says of its own making."""
-    return read(file["provenance"], Provenance)
 
 
 def write_refused(file: h5py.File, refused: Sequence[str]) -> None:

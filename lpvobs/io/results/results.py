@@ -16,7 +16,7 @@ from lpvobs.errors import DataError
 from lpvobs.io.results import engines, gains, surfaces
 from lpvobs.io.results.hdf import Field, changing, creating, reading, write_group
 from lpvobs.io.results.mapping import Layout, fields, read, read_if_there, read_rows, rows, values, write
-from lpvobs.io.results.provenance import Provenance, read_provenance, read_refused
+from lpvobs.io.results.provenance import Provenance, read_refused
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics
@@ -109,7 +109,7 @@ def write_result(
             write_log(*groups, log, air_path.parameter_names)
         if estimate.engine is not None:
             engines.write_engine_found(file, estimate.engine)
-        provenance.write(file)
+        write(file, "provenance", provenance)
         if further is not None:
             further(file)
 
@@ -157,7 +157,7 @@ def read_result(path: Path) -> StoredResult:
             gain=gains.read_gain_group(file),
             extrapolation=extrapolation,
             outer_coverage=outer_coverage,
-            provenance=read_provenance(file),
+            provenance=read(file["provenance"], Provenance),
             headline=str(file.attrs.get("headline", "")),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
             agreement=read_rows(file.get("agreement"), disagreement.Agreement, "log"),

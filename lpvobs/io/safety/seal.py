@@ -43,29 +43,17 @@ def expect_sound(path: Path, remedy: str) -> None:
 @lru_cache(maxsize=64)
 def _damage(path: str, inode: int, size: int, changed: int) -> str:
     """Return what is wrong with a file, or nothing; remembered for as long as the file stays as it is."""
-    written = _seal_of(Path(path), size)
-    if written is None:
-        return _probe(path)
-    return "" if _digest(Path(path), size - LENGTH) == written else "its checksum does not match its content"
-
-
-def _seal_of(path: Path, size: int) -> bytes | None:
-    if size < LENGTH:
-        return None
-    with path.open("rb") as file:
-        file.seek(size - LENGTH)
+    with Path(path).open("rb") as file:
+        file.seek(max(size - LENGTH, 0))
         tail = file.read(LENGTH)
-    return tail[len(HEAD) : -1] if tail.startswith(HEAD) and tail.endswith(b"\n") else None
-
-
-def _digest(path: Path, length: int) -> bytes:
-    """Return the SHA-256 of the first bytes of a file, in hexadecimal."""
-    hashed = hashlib.sha256()
-    with path.open("rb") as file:
-        while length > 0 and (block := file.read(min(BLOCK, length))):
-            hashed.update(block)
-            length -= len(block)
-    return hashed.hexdigest().encode()
+        if not (tail.startswith(HEAD) and tail.endswith(b"\n")):
+            return _probe(path)
+        file.seek(0)
+        hashed = hashlib.sha256()
+        for place in range(0, size - LENGTH, BLOCK):
+            hashed.update(file.read(min(BLOCK, size - LENGTH - place)))
+    sound = hashed.hexdigest().encode() == tail[len(HEAD) : -1]
+    return "" if sound else "its checksum does not match its content"
 
 
 def _probe(path: str) -> str:
