@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,19 +62,14 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
 
 def _look(path: Path, own: Mapping[str, str]) -> Clues:
     kind = foreign.sniff(path)
-    rules, layout = (
-        csv_layout(path)
-        if kind == "csv"
-        else (profiles.SourceRules(format=kind), ["the first bytes of the file show its format"])
-    )
+    rules, layout = profiles.SourceRules(format=kind), ["the first bytes of the file show its format"]
+    if kind == "csv":
+        rules, layout = csv_layout(path)
     recording = foreign.open_recording(path, rules)
     names = _worth_reading(recording, kind, own)
     columns = recording.read(names)
-    clocks = (
-        []
-        if kind == "mdf"
-        else [found for name in names if (found := _clock(name, recording.heads[name], columns[name], rules))]
-    )
+    timed = [] if kind == "mdf" else names
+    clocks = [found for name in timed if (found := _clock(name, recording.heads[name], columns[name], rules))]
     numbers = {name: _numbers(columns[name], rules) for name in names if name not in {clock.column for clock in clocks}}
     if kind == "csv" and len(clocks) == 1:
         turns = [name for name in recording.heads if name != clocks[0].column]
@@ -137,13 +133,9 @@ def _guesses(name: str, head: recordings.Head, seen: Clues) -> list[Guess]:
 def _sure(guesses: Sequence[Guess]) -> dict[str, Guess]:
     """Return by column the guesses without a rival: one column for the channel, one channel for the column."""
     certain = [found for found in guesses if found.sure]
-    channels = [found.channel for found in certain]
-    columns = [found.column for found in certain]
-    return {
-        found.column: found
-        for found in certain
-        if channels.count(found.channel) == 1 and columns.count(found.column) == 1
-    }
+    channels, columns = Counter(found.channel for found in certain), Counter(found.column for found in certain)
+    alone = (found for found in certain if channels[found.channel] == columns[found.column] == 1)
+    return {found.column: found for found in alone}
 
 
 def _told(found: Guess, sure: Mapping[str, Guess]) -> bool:
@@ -153,22 +145,17 @@ def _told(found: Guess, sure: Mapping[str, Guess]) -> bool:
 
 
 def _head(path: Path) -> str:
-    return "\n".join(
-        [
-            f"# Draft made from {_comment(path.name)}. Lines without # seemed sure. Read the comments and uncomment "
-            "the lines that are right.",
-            "# docs/ingest.md explains every key.",
-            "schema = 1",
-            f"description = {_text('recordings like ' + _comment(path.name))}",
-        ]
+    name = _comment(path.name)
+    return (
+        f"# Draft made from {name}. Lines without # seemed sure. Read the comments and uncomment the lines that are right.\n"
+        "# docs/ingest.md explains every key.\n"
+        f"schema = 1\ndescription = {_text('recordings like ' + name)}"
     )
 
 
 def _source(seen: Clues) -> str:
-    rules, lines = (
-        seen.rules,
-        ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(seen.rules.format)}"],
-    )
+    rules = seen.rules
+    lines = ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(rules.format)}"]
     usual = profiles.SourceRules(format=rules.format)
     for key in ("delimiter", "decimal", "header_row", "unit_row"):
         if getattr(rules, key) != getattr(usual, key):
@@ -235,9 +222,8 @@ def _own_clock(found: Guess, seen: Clues, mark: str) -> list[str]:
     fitting = [clock.column for clock in seen.clocks if clock.found.time.size == size]
     if len(fitting) == 1:
         return [f"{mark}time = {_text(fitting[0])}  # the only time column with {size} samples, as this channel has"]
-    return [f"# time = {_text(name)}" for name in fitting] or [
-        "# time: no time column has as many samples as this channel"
-    ]
+    none = "# time: no time column has as many samples as this channel"
+    return [f"# time = {_text(name)}" for name in fitting] or [none]
 
 
 def _rest(seen: Clues, guesses: Sequence[Guess]) -> str:
@@ -246,11 +232,9 @@ def _rest(seen: Clues, guesses: Sequence[Guess]) -> str:
     lines = ["# Columns that are not used:"]
     for name, head in list(seen.recording.heads.items())[:MOST_COLUMNS]:
         if name not in told:
-            fits = kind_of(head.unit)
-            lines.append(
-                f"#   {_comment(head.name)} [{_comment(head.unit) or 'no unit'}]"
-                + (f" (its unit fits {', '.join(fits)})" if fits else "")
-            )
+            fits = ", ".join(kind_of(head.unit))
+            hint = f" (its unit fits {fits})" if fits else ""
+            lines.append(f"#   {_comment(head.name)} [{_comment(head.unit) or 'no unit'}]{hint}")
     return "\n".join(lines if len(lines) > 1 else ["# Every column was looked at above."])
 
 

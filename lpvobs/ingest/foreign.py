@@ -11,10 +11,15 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.ingest import profiles, recordings, resample
 from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, SourceDone, TimeDone
+from lpvobs.ingest.recording_apart import open_mat, open_mdf
+from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
 from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, TimeBase, forward, samples_of, time_base, time_column
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Array
+
+Opener = Callable[[Path, profiles.SourceRules], ForeignRecording]
+OPENERS: Mapping[str, Opener] = {"csv": open_csv, "parquet": open_parquet, "mat": open_mat, "mdf": open_mdf}
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,7 @@ def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profi
 def open_recording(path: Path, rules: profiles.SourceRules) -> recordings.ForeignRecording:
     """Return a foreign file, opened by its format: the profile's, or that of its first bytes; raises DataError if it cannot be."""
     found = sniff(path)
-    recording = _opener(rules.format or found)(path, rules)
+    recording = OPENERS[rules.format or found](path, rules)
     if len(recording.heads) > recordings.MOST_COLUMNS:
         raise DataError(
             f"{path}: has {len(recording.heads)} columns, expected {recordings.MOST_COLUMNS} at most; export fewer"
@@ -167,18 +172,3 @@ def sniff(path: Path) -> str:
     if first[:6] == b"MATLAB" or first[:8] == b"\x89HDF\r\n\x1a\n":
         return "mat"
     return "csv"
-
-
-def _opener(kind: str) -> Callable[[Path, profiles.SourceRules], recordings.ForeignRecording]:
-    """Return what opens a format; the libraries of the others are not loaded."""
-    if kind == "parquet":
-        from lpvobs.ingest.recording_table import open_parquet
-
-        return open_parquet
-    if kind == "csv":
-        from lpvobs.ingest.recording_table import open_csv
-
-        return open_csv
-    from lpvobs.ingest.recording_apart import open_mat, open_mdf
-
-    return open_mat if kind == "mat" else open_mdf

@@ -124,16 +124,12 @@ def _survey(path: Path, encoding: str) -> Survey:
             lines += max(chunk.count(b"\n"), chunk.count(b"\r"))
             size += len(chunk)
             quotes = quotes or b'"' in chunk
-            decodes = decodes and (encoding != "utf-8" or _decodes(decoder, chunk))
+            if decodes and encoding == "utf-8":
+                try:
+                    decoder.decode(chunk)
+                except UnicodeDecodeError:
+                    decodes = False
     return Survey(lines + 1, size, quotes, decodes)
-
-
-def _decodes(decoder: codecs.IncrementalDecoder, chunk: bytes) -> bool:
-    try:
-        decoder.decode(chunk)
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def _refuse_open_quote(path: Path, rows: int, before: int) -> None:

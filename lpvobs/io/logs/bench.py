@@ -186,10 +186,9 @@ def refuse_far(path: Path, name: str, rows: Rows, most: float = MOST_WRONG) -> N
     near = np.isin(np.unique(rows.point), rows.point[own & (ratio >= AGREES[0]) & (ratio <= AGREES[1])])
     if np.mean(~near) > most:
         raise DataError(
-            f"{path}: column {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow of the configured engine "
-            f"(median); {np.sum(~near)} "
-            f"of {near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check the column's unit and "
-            "the constants in [engine]"
+            f"{path}: column {name} is {np.median(ratio[rows.of == 0]):.3g} times the flow of the configured engine (median); "
+            f"{np.sum(~near)} of {near.size} points are outside {AGREES[0]:g} to {AGREES[1]:.2g} times; check the column's unit "
+            "and the constants in [engine]"
         )
 
 

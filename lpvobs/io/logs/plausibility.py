@@ -4,7 +4,6 @@ The rules look at the log alone, not at an engine's constants. A healthy log tri
 quantisation do not do. They cannot see a wrong unit that leaves every reading possible, such as g/s said to be kg/h.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from lpvobs.records import Array, DefectFound, Defects
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 Values = Mapping[str, Array]
+Channels = Mapping[str, Channel]
 
 MOST_BACKWARD = 0.1  # share of the samples that may be dropped for their time; more is not a repair
 MOST_IMPOSSIBLE = 0.1
@@ -40,13 +40,8 @@ SPIKE, SPIKE_NOISE, SPIKE_SPACING = 0.1, 30.0, 0.03
 
 
 def usable_rows(
-    path: Path,
-    time: Array,
-    values: Mapping[str, Array],
-    channels: Mapping[str, Channel],
-    policies: LogPolicies,
-    latest: float = -math.inf,
-) -> tuple[NDArray[np.int64], Defects]:
+    path: Path, time: Array, values: Values, channels: Channels, policies: LogPolicies, latest: float
+) -> tuple[Rows, Defects]:
     """Return the rows that are finite, possible, later than each other and than `latest`, not stuck or spiked; and what was lost.
 
     Raises DataError for time that runs backward, where the policies do not drop it, and for an odd rate.
@@ -63,7 +58,7 @@ def usable_rows(
     return rows[keep[rows]], Defects(time.size, dropped, lost, repeated=repeated, findings=tuple(findings))
 
 
-def _usable(time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> tuple[Mask, dict[str, int]]:
+def _usable(time: Array, values: Values, channels: Channels) -> tuple[Mask, dict[str, int]]:
     """Return which rows are finite and physically possible in every channel, and how often each channel is not."""
     keep = np.isfinite(time)
     dropped = {"time": int(np.count_nonzero(~keep))}
@@ -74,9 +69,7 @@ def _usable(time: Array, values: Mapping[str, Array], channels: Mapping[str, Cha
     return keep, dropped
 
 
-def _increasing(
-    path: Path, time: Array, rows: NDArray[np.int64], policies: LogPolicies, latest: float = float("-inf")
-) -> tuple[NDArray[np.int64], int]:
+def _increasing(path: Path, time: Array, rows: Rows, policies: LogPolicies, latest: float) -> tuple[Rows, int]:
     """Return the rows whose time is later than every earlier one and `latest`, and how many were removed for it."""
     kept = time[rows]
     if kept.size == 0:
@@ -99,7 +92,7 @@ def _increasing(
     return rows[later], wrong
 
 
-def refuse_implausible(path: Path, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+def refuse_implausible(path: Path, values: Values, channels: Channels) -> None:
     """Raise DataError for a log of which a channel's unit or sign must be wrong.
 
     The values, each of shape (N,), are those of the needed channels in the contract's units, NaN where the file has none.
@@ -128,7 +121,7 @@ def refuse_odd_rate(path: Path, time: Array, gap_limit: float) -> None:
         )
 
 
-def spoiled(time: Array, values: Values, channels: Mapping[str, Channel]) -> Iterator[tuple[DefectFound, Rows]]:
+def spoiled(time: Array, values: Values, channels: Channels) -> Iterator[tuple[DefectFound, Rows]]:
     """Yield what is stuck, saturated or spiked in finite values over increasing time [s], with the samples that it spoils."""
     for name, channel in channels.items():
         if not np.isfinite(channel.still) or time.size < 3:
@@ -142,7 +135,7 @@ def spoiled(time: Array, values: Values, channels: Mapping[str, Channel]) -> Ite
                 yield DefectFound(kind, name, samples.size, float(time[samples[0]]), "drop"), samples
 
 
-def _refuse_dead(path: Path, name: str, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+def _refuse_dead(path: Path, name: str, values: Values, channels: Channels) -> None:
     """Refuse a sensor that follows nothing although the engine moves, as one does that is unplugged."""
     follows = channels[name].follows
     chosen = np.logical_and.reduce([_possible(values[each], channels[each]) for each in (name, *follows)])
@@ -186,9 +179,8 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
         )
     if finite.max() < channel.reaches:
         raise DataError(
-            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected at least "
-            f"{channel.reaches:g} at some "
-            f"time in a log; its unit is probably wrong"
+            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected at least {channel.reaches:g} at "
+            f"some time in a log; its unit is probably wrong"
         )
     if channel.unit == "%" and 0.5 < finite.max() <= 1.0 and finite.max() - finite.min() > 0.3:
         raise DataError(
@@ -197,7 +189,7 @@ def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> N
         )
 
 
-def _refuse_below(path: Path, name: str, values: Mapping[str, Array], channels: Mapping[str, Channel]) -> None:
+def _refuse_below(path: Path, name: str, values: Values, channels: Channels) -> None:
     """Refuse a channel that reads less than what bounds it, such as exhaust gas that is colder than the air outside."""
     channel = channels[name]
     if channel.above is None:
@@ -218,7 +210,7 @@ def _possible(column: Array, channel: Channel) -> Mask:
     return (column >= channel.low) & (column <= channel.high)
 
 
-def _stuck(time: Array, values: Mapping[str, Array], channels: Mapping[str, Channel], name: str) -> NDArray[np.int64]:
+def _stuck(time: Array, values: Values, channels: Channels, name: str) -> Rows:
     """Return the samples at which a channel stands exactly still for longer than it can, while the engine moves."""
     start, stop = _runs(values[name])
     long = time[stop - 1] - time[start] > channels[name].still
@@ -226,7 +218,7 @@ def _stuck(time: Array, values: Mapping[str, Array], channels: Mapping[str, Chan
     return _samples((a, b) for a, b in zip(start[long], stop[long], strict=True) if _moves(values, others, a, b))
 
 
-def _moves(values: Mapping[str, Array], others: list[str], start: int, stop: int) -> bool:
+def _moves(values: Values, others: list[str], start: int, stop: int) -> bool:
     moved = 0
     for other in others:
         low, high = np.percentile(values[other], [1.0, 99.0])
@@ -234,7 +226,7 @@ def _moves(values: Mapping[str, Array], others: list[str], start: int, stop: int
     return moved >= MOVERS
 
 
-def _saturated(column: Array, channel: Channel) -> NDArray[np.int64]:
+def _saturated(column: Array, channel: Channel) -> Rows:
     """Return the samples at the very top of a channel that piles up there; at rest the bottom is read for minutes."""
     top = column.max()
     at_top = column == top
@@ -249,7 +241,7 @@ def _saturated(column: Array, channel: Channel) -> NDArray[np.int64]:
     return _samples(zip(start[held], stop[held], strict=True))
 
 
-def _spikes(time: Array, column: Array, channel: Channel) -> NDArray[np.int64]:
+def _spikes(time: Array, column: Array, channel: Channel) -> Rows:
     """Return single samples that leap away from two neighbours that agree."""
     away = column[1:-1] - 0.5 * (column[:-2] + column[2:])
     low, high = channel.typical
@@ -261,12 +253,12 @@ def _spikes(time: Array, column: Array, channel: Channel) -> NDArray[np.int64]:
     return np.flatnonzero(tall & near & (np.abs(away) > SPIKE_NOISE * noise)) + 1
 
 
-def _runs(column: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _runs(column: Array) -> tuple[Rows, Rows]:
     """Return starts and ends of the runs of equal values."""
     cuts = np.flatnonzero(np.diff(column)) + 1
     return np.concatenate(([0], cuts)), np.concatenate((cuts, [column.size]))
 
 
-def _samples(ranges: Iterator[tuple[int, int]]) -> NDArray[np.int64]:
+def _samples(ranges: Iterator[tuple[int, int]]) -> Rows:
     """Return the samples in half-open ranges."""
     return np.concatenate([np.empty(0, dtype=np.int64), *(np.arange(start, stop) for start, stop in ranges)])

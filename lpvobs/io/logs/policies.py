@@ -77,9 +77,8 @@ class SlabCounts:
         old = self.defects
         findings = {(item.kind, item.channel): item for item in old.findings}
         for item in found.findings:
-            known = findings.get((item.kind, item.channel))
-            count = item.samples + (known.samples if known else 0)
-            findings[item.kind, item.channel] = replace(known or item, samples=count)
+            known = findings.get((item.kind, item.channel), replace(item, samples=0))
+            findings[item.kind, item.channel] = replace(known, samples=known.samples + item.samples)
         self.defects = Defects(
             old.samples_read + found.samples_read,
             dict(Counter(old.dropped) + Counter(found.dropped)),

@@ -22,9 +22,8 @@ def expect_constants(path: Path, what: str, found: Constants, configured: Consta
     for name, value in configured.items():
         if found.get(name) != value:
             raise DataError(
-                f"{path}: {what} another engine: the constant {name} is {found.get(name)} in this file and {value:g} "
-                "in the configuration; "
-                f"{remedy} from this configuration"
+                f"{path}: {what} another engine: the constant {name} is {found.get(name)} in this file and {value:g} in the "
+                f"configuration; {remedy} from this configuration"
             )
 
 

@@ -17,7 +17,7 @@ from stat import S_ISREG
 
 from lpvobs.errors import DataError
 
-_claims: dict[Path, int] = {}  # targets that this process has claimed, with the open lock file of each
+_claims: set[Path] = set()  # targets that this process has claimed
 
 
 @contextmanager
@@ -29,12 +29,19 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     with claimed(target) as regular:
         try:
-            with _temporary(regular) as temporary:
+            handle, name = tempfile.mkstemp(prefix=f".{regular.name}.", suffix=".part", dir=regular.parent)
+            os.close(handle)
+            temporary = Path(name)
+            try:
                 yield temporary
                 with temporary.open("rb") as written:
                     os.fsync(written.fileno())
-                temporary.chmod(0o666 & ~_umask())
+                mask = os.umask(0)
+                os.umask(mask)
+                temporary.chmod(0o666 & ~mask)
                 temporary.replace(regular)
+            finally:
+                temporary.unlink(missing_ok=True)
         except OSError as error:
             raise DataError(
                 f"{regular}: writing failed ({error.strerror or error}); the file was not changed; free disk space and "
@@ -49,35 +56,31 @@ def claimed(target: Path) -> Iterator[Path]:
     if target in _claims:  # whoever claimed it first lets it go
         yield target
         return
-    try:
-        _claim(target)
-        yield target
-    finally:
-        _release(target)
-
-
-def _claim(target: Path) -> None:
     lock = target.with_name(f".{target.name}.lock")
     try:
-        _claims[target] = _locked(lock)
+        handle = _locked(lock)
     except BlockingIOError:
         raise DataError(f"{target}: another process is writing this file; wait, or name another file") from None
     except OSError as error:
         raise DataError(f"{target}: cannot be written ({error.strerror}); name a writable folder") from None
+    try:
+        _claims.add(target)
+        _sweep(target)
+        yield target
+    finally:
+        _claims.discard(target)
+        with suppress(OSError):
+            lock.unlink()
+        os.close(handle)
+
+
+def _sweep(target: Path) -> None:
     # `map` sweeps nothing that `map.h5` writes
     ours = re.compile(re.escape(f".{target.name}.") + r"[a-z0-9_]{8}\.part")
     with suppress(OSError):
         for left in target.parent.iterdir():
             if ours.fullmatch(left.name) and S_ISREG(left.lstat().st_mode):
                 left.unlink(missing_ok=True)
-
-
-def _release(target: Path) -> None:
-    handle = _claims.pop(target, None)
-    if handle is not None:
-        with suppress(OSError):
-            target.with_name(f".{target.name}.lock").unlink()
-        os.close(handle)
 
 
 def is_same(target: Path, other: Path) -> bool:
@@ -106,18 +109,6 @@ def _locked(lock: Path) -> int:
         os.close(handle)
 
 
-@contextmanager
-def _temporary(target: Path) -> Iterator[Path]:
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-    finally:
-        with suppress(FileNotFoundError):
-            temporary.unlink()
-
-
 def _regular(target: Path) -> Path:
     """Return the file behind symbolic links; refuse what must not be replaced, and names that other readers cannot open."""
     try:
@@ -132,12 +123,6 @@ def _regular(target: Path) -> Path:
     if taken or not resolved.name:
         raise DataError(f"{target}: is not a regular file, so it is not overwritten; name a file")
     return resolved
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def file_digest(path: Path) -> str:
