@@ -100,12 +100,11 @@ def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
     """Raise for a column that two channels are read from."""
     by_column: dict[str, str] = {}
     for name, full in names.items():
-        if full in by_column:
+        if (other := by_column.setdefault(full, name)) != name:
             raise DataError(
-                f"{path}: column '{full}' is used twice, for channel '{by_column[full]}' and for '{name}', expected once; "
+                f"{path}: column '{full}' is used twice, for channel '{other}' and for '{name}', expected once; "
                 f"take one channel out of the profile, or compute it from the other one in [computed]"
             )
-        by_column[full] = name
 
 
 def _read(

@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pc
+from lpvobs.io.logs.parquet import as_floats, is_numeric
 from lpvobs.records import Array
 
 MOST_BYTES = 2 << 30  # what one source may take in memory; checked before it is read
@@ -141,11 +140,9 @@ def as_numbers(data: "pa.Array | pa.ChunkedArray", decimal: str = ".") -> Number
         data = data.cast(data.type.value_type)
     if pa.types.is_string(data.type) or pa.types.is_large_string(data.type):
         return _numbers_of_text(data, decimal)
-    if pa.types.is_boolean(data.type):
-        data = data.cast(pa.int8())
-    if not (pa.types.is_integer(data.type) or pa.types.is_floating(data.type) or pa.types.is_decimal(data.type)):
+    if not is_numeric(data.type):
         raise ValueError(f"holds {data.type}, expected numbers")
-    return Numbers(_floats(pc.fill_null(data.cast(pa.float64(), safe=False), float("nan"))))
+    return Numbers(as_floats(data))
 
 
 def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Numbers:
@@ -154,9 +151,4 @@ def _numbers_of_text(data: "pa.Array | pa.ChunkedArray", decimal: str) -> Number
     good = pc.match_substring_regex(mended, _NUMBER)
     odd = data.filter(pc.and_(pc.invert(good), pc.not_equal(data, "")))
     numbers = pc.if_else(good, mended, "nan").cast(pa.float64())
-    return Numbers(_floats(numbers), len(odd), odd[0].as_py()[:LONGEST_EXAMPLE] if len(odd) else "")
-
-
-def _floats(data: "pa.Array | pa.ChunkedArray") -> Array:
-    chunks = getattr(data, "chunks", [data])
-    return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in chunks if len(chunk))])
+    return Numbers(as_floats(numbers), len(odd), odd[0].as_py()[:LONGEST_EXAMPLE] if len(odd) else "")

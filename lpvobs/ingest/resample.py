@@ -133,11 +133,8 @@ def on_raster(
             )
         at = raster([item.time for item in samples.values()], rate, profile.raster.gap)
     placed = {name: _placed(item, at, profile.channels[name], profile) for name, item in samples.items()}
-    return (
-        at,
-        {name: values for name, (values, _) in placed.items()},
-        {name: done for name, (_, done) in placed.items()},
-    )
+    done = {name: done for name, (_, done) in placed.items()}
+    return at, {name: values for name, (values, _) in placed.items()}, done
 
 
 def _common(samples: Mapping[str, repairs.RecordedSamples]) -> Array:

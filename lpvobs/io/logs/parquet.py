@@ -109,7 +109,9 @@ def write_log(
 ) -> None:
     """Write channels of equal length to a Parquet log, their units in their fields' metadata, and further metadata of the file."""
     fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in channels]
-    columns = [pa.py_buffer(np.ascontiguousarray(column, dtype=float)) for column in channels.values()]  # see `floats`
+    columns = [
+        pa.py_buffer(np.ascontiguousarray(column, dtype=float)) for column in channels.values()
+    ]  # see `as_floats`
     arrays = [pa.Array.from_buffers(pa.float64(), column.size // 8, [None, column]) for column in columns]
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=metadata))
     with replacing(path) as temporary:
@@ -168,9 +170,9 @@ def column_of(path: Path, table: "pa.Table", name: str, wanted: str) -> Array:
     """Return one channel as floats in the wanted unit, NaN where the file has null."""
     field = table.schema.field(name)
     try:
-        if not _is_numeric(field.type):
+        if not is_numeric(field.type):
             raise pa.ArrowTypeError(str(field.type))
-        values = as_floats(table, name)
+        values = as_floats(table.column(name))
     except pa.ArrowException:
         raise DataError(
             f"{path}: channel '{name}' holds {field.type}, expected numbers in {wanted}; export it as numbers"
@@ -185,23 +187,23 @@ def further_channels(schema: "pa.Schema", needed: Mapping[str, str]) -> list[str
     """Return the numeric channels that the air path does not need; references stay out."""
 
     def wanted(field: "pa.Field") -> bool:
-        return _is_numeric(field.type) and field.name not in needed and not field.name.startswith("ref_")
+        return is_numeric(field.type) and field.name not in needed and not field.name.startswith("ref_")
 
     return [field.name for field in schema if wanted(field) and len(schema.get_all_field_indices(field.name)) == 1]
 
 
-def _is_numeric(kind: "pa.DataType") -> bool:
+def is_numeric(kind: "pa.DataType") -> bool:
     """Return whether a column of this type holds numbers; text that looks like numbers does not."""
     value = kind.value_type if pa.types.is_dictionary(kind) else kind
     tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_boolean)
     return any(test(value) for test in tests)
 
 
-def as_floats(table: "pa.Table", name: str) -> Array:
+def as_floats(column: "pa.Array | pa.ChunkedArray") -> Array:
     """Return a column as floats, NaN for null; by DLPack, for pyarrow's own way imports pandas, which takes longer than reading."""
-    column = table.column(name)
     if column.type != pa.float64():
         column = column.cast(pa.float64(), safe=False)  # large whole numbers are rounded
     if column.null_count:
         column = pc.fill_null(column, float("nan"))
-    return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in column.chunks)])
+    chunks = getattr(column, "chunks", [column])
+    return np.concatenate([np.empty(0), *(np.from_dlpack(chunk) for chunk in chunks if len(chunk))])
