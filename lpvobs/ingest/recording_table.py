@@ -44,8 +44,7 @@ class CsvRecording(ForeignRecording):
         survey = _survey(self.path, self.encoding)
         check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
         encoding = self.encoding if survey.decodes else ANY_BYTE
-        if not survey.decodes:
-            self.notes["encoding"] = f"the file is not {self.encoding}, so it was read as {ANY_BYTE}"
+        self.notes.update(_read_as(self.encoding, encoding))
         order = list(self.heads)
         keys = [str(order.index(name)) for name in names]
         broken: list[int] = []
@@ -165,12 +164,12 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
         while key in heads:
             key += "#"
         heads[key] = Head(bare, unit.strip().strip("[]") or inside)
-    notes = (
-        {}
-        if encoding == rules.encoding
-        else {"encoding": f"the file is not {rules.encoding}, so it was read as {encoding}"}
-    )
-    return CsvRecording(path, heads, rules, encoding, notes=notes)
+    return CsvRecording(path, heads, rules, encoding, notes=_read_as(rules.encoding, encoding))
+
+
+def _read_as(said: str, found: str) -> dict[str, str]:
+    """Return what to note of a file in another encoding than its profile says."""
+    return {} if said == found else {"encoding": f"the file is not {said}, so it was read as {found}"}
 
 
 def _first_lines(path: Path, count: int) -> list[bytes]:

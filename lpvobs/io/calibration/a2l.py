@@ -20,8 +20,6 @@ class A2lAxis:
     """An axis as described."""
 
     unit: str
-    lower: float
-    upper: float
     most: int  # points
     points: Array | None  # (n,) [unit] where they are fixed
 
@@ -117,4 +115,4 @@ def _axis(module: Any, axis: Any) -> A2lAxis:
     elif axis.HasField("FIX_AXIS_PAR_DIST"):
         given = axis.FIX_AXIS_PAR_DIST
         points = given.Offset.Value + given.Distance.Value * np.arange(given.Numberapo.Value, dtype=float)
-    return A2lAxis(unit, axis.LowerLimit.Value, axis.UpperLimit.Value, most, points)
+    return A2lAxis(unit, most, points)

@@ -71,16 +71,9 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
                 convert(axis.nodes, axis.unit, canonical(its.unit or "1")) if its.points is None else its.points
                 for axis, its in zip(axes, item.axes, strict=True)
             ]
-            found = DcmMap(
-                name=item.name,
-                kind="KENNFELD",
-                x=nodes[0],
-                y=nodes[1],
-                values=np.full((nodes[1].size, nodes[0].size), np.nan),
-                unit_x=item.axes[0].unit,
-                unit_y=item.axes[1].unit,
-                unit=item.unit or "1",
-            )
+            (x, y), (unit_x, unit_y) = nodes, (axis.unit for axis in item.axes)
+            unknown = np.full((y.size, x.size), np.nan)
+            found = DcmMap(item.name, "KENNFELD", x, y, unknown, unit_x, unit_y, item.unit or "1")
             old = _in_ours(found, bool(turned), surface)
         except ValueError:
             continue
@@ -112,27 +105,18 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
     surface = replace(surface, values=np.where(surface.origin == LEFT_OUT, nothing, surface.values))
     group = kind == "GRUPPENKENNFELD"
     if old is None:
-        return DcmMap(
-            name=name,
-            kind=kind,
-            x=surface.x.nodes,
-            y=surface.y.nodes,
-            values=surface.values.T,
-            unit_x=surface.x.unit,
-            unit_y=surface.y.unit,
-            unit=surface.unit,
-            long_name=LONG_NAME,
-            x_name=f"{name}_{surface.x.name}" if group else "",
-            y_name=f"{name}_{surface.y.name}" if group else "",
-        )
-    item = old.item
+        x, y, turned = surface.x, surface.y, False
+        x_name, y_name = x.name, y.name
+        item = DcmMap(name, kind, x.nodes, y.nodes, surface.values.T, x.unit, y.unit, surface.unit)
+    else:
+        item, turned, x_name, y_name = old.item, old.turned, "X", "Y"
     return replace(
         item,
         kind=kind,
-        values=convert(surface.values if old.turned else surface.values.T, surface.unit, canonical(item.unit or "1")),
+        values=convert(surface.values if turned else surface.values.T, surface.unit, canonical(item.unit or "1")),
         long_name=item.long_name or LONG_NAME,
-        x_name=item.x_name or f"{name}_X" if group else "",
-        y_name=item.y_name or f"{name}_Y" if group else "",
+        x_name=item.x_name or f"{name}_{x_name}" if group else "",
+        y_name=item.y_name or f"{name}_{y_name}" if group else "",
     )
 
 

@@ -11,9 +11,7 @@ import numpy as np
 from lpvobs.engines import base, registry
 from lpvobs.engines.channels import Sensor
 from lpvobs.errors import UsageError
-from lpvobs.io.configuration.strict import convert
-from lpvobs.io.configuration.strict import parse as _parse
-from lpvobs.io.configuration.strict import read_text as _read
+from lpvobs.io.configuration.strict import convert, parse, read_text
 from lpvobs.io.logs.policies import LogPolicies, Reading
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.ekf import KalmanSettings
@@ -120,13 +118,13 @@ def _default(record: Any) -> Any:
 
 def load_config(path: Path) -> tuple[Config, str]:
     """Return the configuration in a TOML file, and the file's text; raises UsageError for what cannot be read or cannot be."""
-    text = _read(path)
+    text = read_text(path)
     return config_of(text, path), text
 
 
 def config_of(text: str, path: Path) -> Config:
     """Return the configuration in a text, for example the one that a result keeps; `path` names it in errors."""
-    document = _parse(text, path)
+    document = parse(text, path)
     name = document.get("air_path", registry.usual_engine().name)
     if not isinstance(name, str) or name not in registry.ENGINES:
         raise UsageError(f"{path}: air_path = {name!r}, expected one of {', '.join(map(repr, registry.ENGINES))}")
@@ -163,8 +161,8 @@ class Effects(_Surroundings):
 
 def load_effects(path: Path) -> tuple[Effects, str]:
     """Return the effects in a TOML file, and the file's text; raises as `load_config` does."""
-    text = _read(path)
-    document = _parse(text, path)
+    text = read_text(path)
+    document = parse(text, path)
     if not document:
         raise UsageError(
             f"{path}: expected a table [surface], [[effect]] or [auxiliary], but the file has none of them; see the "

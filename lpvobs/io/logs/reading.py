@@ -44,30 +44,21 @@ class LogFile:
     """
 
     def __init__(self, path: Path, channels: Mapping[str, Channel], policies: LogPolicies, threads: bool = True):
-        self.path, self.policies, self.threads = path, policies, threads
+        self.path, self.name, self.policies, self.threads = path, path.stem, policies, threads
         self.channels, self.absent = policies.limited(channels), lacking(path, channels)
         for name in self.absent:
             del self.channels[name]
         self.units = {"time": "s"} | {name: channel.unit for name, channel in self.channels.items()}
         self._state = state_of(path)
         self.schema = parquet.expect_channels(path, self.units)
-        self._kept: list[NDArray[np.uint8]] = []
-        self.defects = Defects(0)  # what was found and done; complete once the pieces have been read
-
-    @property
-    def name(self) -> str:
-        """The stem of the file."""
-        return self.path.stem
+        # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
+        self.kept: tuple[NDArray[np.uint8], ...] = ()
+        self.defects = Defects(0)
 
     @cached_property
     def sha256(self) -> str:
         """Digest of the file's bytes."""
         return log_digest(self.path)
-
-    @property
-    def kept(self) -> tuple[NDArray[np.uint8], ...]:
-        """Which rows of each slab were used, eight in a byte; complete once the pieces have been read."""
-        return tuple(self._kept)
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the usable samples, put right where the policies know the sensors."""
@@ -75,23 +66,21 @@ class LogFile:
 
     def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
         """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
-        self._kept = []
+        self.kept = ()
         seen = SlabCounts()
-        slabs = 0
         for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
-            slabs += 1
             values = {name: parquet.column_of(self.path, table, name, unit) for name, unit in self.units.items()}
             time = values.pop("time")
             rows = self._usable_rows(time, values, seen)
             mask = np.zeros(time.size, dtype=bool)
             mask[rows] = True
-            self._kept.append(np.packbits(mask))
+            self.kept += (np.packbits(mask),)
             self.defects = seen.defects
             if rows.size:
                 piece = self._piece(time[rows], {name: column[rows] for name, column in values.items()}, seen)
                 self.defects = seen.defects
                 yield Slab(table, rows, piece)
-        self._refuse_poor(slabs, seen)
+        self._refuse_poor(seen)
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         refuse_changed(self.path, self._state)
 
@@ -114,10 +103,10 @@ class LogFile:
         channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
         return Piece(time, channels, begins)
 
-    def _refuse_poor(self, slabs: int, seen: SlabCounts) -> None:
+    def _refuse_poor(self, seen: SlabCounts) -> None:
         if not seen.defects.samples_read:
             raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
-        if 2 * len(seen.refusals) > slabs:
+        if 2 * len(seen.refusals) > len(self.kept):
             raise seen.refusals[0]
         if seen.samples < 2:
             raise seen.too_few(self.path)

@@ -126,7 +126,7 @@ def rows(records: Sequence[object], row: str, labels: Labels | None = None) -> C
         return {}
     layout = _rowwise(layout_of(type(records[0])), row)
     columns = {key: [getattr(each, key) for each in records] for key in layout.datasets}
-    return _fields(layout, columns, labels or {}, row)
+    return _fields(layout, columns, labels or {})
 
 
 def write(
@@ -138,7 +138,7 @@ def write(
     return group
 
 
-def write_inner(group: h5py.Group, record: object, labels: Labels | None = None) -> None:
+def write_inner(group: h5py.Group, record: object, labels: Labels | None) -> None:
     """Write the records in a record that have groups of their own into its group."""
     layout = layout_of(type(record))
     for key in layout.inner:
@@ -237,11 +237,11 @@ def _is_array(kind: Any) -> bool:
     return get_origin(kind) is np.ndarray
 
 
-def _meanings(item: Item, element: type = int) -> Mapping[int, str]:
+def _meanings(item: Item, element: type) -> Mapping[int, str]:
     return item.meanings or (NO_YES if element in (bool, np.bool_) else {})
 
 
-def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels, row: str = "") -> Contents:
+def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> Contents:
     found: dict[str, Field] = {}
     known = dict(labels)
     for key, value in columns.items():
