@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET
 
+from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.channels import Curve
 from lpvobs.discovery.components import FactorSurface
 from lpvobs.discovery.forms import in_words
@@ -15,7 +16,6 @@ from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored
 from lpvobs.discovery.outcome import Finding, Followed, Following, LogPart, OverInputs, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.select import Accepted
 from lpvobs.records import Log
 
 

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import scipy
 
+from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
 from lpvobs.discovery.fit import fit, refit
@@ -20,7 +21,7 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Leading, Ranked, Trace
 from lpvobs.discovery.per_log import shown_by
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
-from lpvobs.discovery.select import Accepted, Selection, select
+from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import MOST_CANDIDATES
 from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.engines.residual_model import ResidualModel

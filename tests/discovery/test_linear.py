@@ -128,10 +128,10 @@ def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
 
 def test_two_effects_that_gain_alike_are_not_told_apart(linear):
     """Small differences of one sign all along a log once told apart effects whose sums were equal to a tenth."""
-    from lpvobs.discovery.select import _fits_as_well
+    from lpvobs.discovery.accepted import fits_as_well
 
     best = replace(_like(linear, linear.problem.catalogue[0]), gain=90.0)
     steady = 0.4 / best.loss.size
     for gap, alike in ((0.4, True), (40.0, False)):
         other = replace(best, gain=90.0 - gap, loss=best.loss + steady * gap / 0.4)
-        assert _fits_as_well(best, other, linear.problem.per_coarse) is alike
+        assert fits_as_well(best, other, linear.problem.per_coarse) is alike
