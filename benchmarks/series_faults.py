@@ -32,7 +32,7 @@ from lpvobs.simulation.parameters import ErrorSurface
 from lpvobs.simulation.simulate import drawn, simulate
 from lpvobs.simulation.stationary import bench
 
-RATE, STEP, POINTS, VEHICLES, SEED = 20.0, 2e-3, 100, 9, 563792
+RATE, STEP, POINTS, VEHICLES, SEED = 20.0, 2e-3, 100, 9, 440413
 FAULTS = {
     "maf.gain": (0.04, 0.12),
     "maf.offset": (5e-4, 2e-3),
