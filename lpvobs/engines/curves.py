@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.records import Array
 
 
@@ -71,30 +72,59 @@ Weights = tuple[NDArray[np.int64], Array]
 
 def on_line(nodes: Array, x: Array) -> Weights:
     """Return which two of J nodes each of N points lies between, and their weights; outside, the end holds."""
-    inside = np.clip(x, nodes[0], nodes[-1])
-    low = np.clip(np.searchsorted(nodes, inside, side="right") - 1, 0, nodes.size - 2)
-    share = (inside - nodes[low]) / (nodes[low + 1] - nodes[low])
-    return np.stack([low, low + 1], axis=1), np.stack([1.0 - share, share], axis=1)
+    found: Weights = _on_line(nodes, np.ascontiguousarray(x))
+    return found
 
 
 def on_surface(first: Array, second: Array, x: Array, y: Array) -> Weights:
     """Return the same for the four nodes around points of a plane, numbered row by row along the second axis."""
-    (i, u), (j, v) = on_line(first, x), on_line(second, y)
-    nodes = i[:, :, None] * second.size + j[:, None, :]
-    return nodes.reshape(x.size, 4), (u[:, :, None] * v[:, None, :]).reshape(x.size, 4)
+    found: Weights = _crossed(*on_line(first, x), *on_line(second, y), second.size)
+    return found
 
 
 def in_space(first: Array, second: Array, third: Array, x: Array, y: Array, z: Array) -> Weights:
     """Return the same for the eight nodes around points of space."""
-    (i, u), (j, v) = on_surface(first, second, x, y), on_line(third, z)
-    nodes = i[:, :, None] * third.size + j[:, None, :]
-    return nodes.reshape(x.size, 8), (u[:, :, None] * v[:, None, :]).reshape(x.size, 8)
+    found: Weights = _crossed(*on_surface(first, second, x, y), *on_line(third, z), third.size)
+    return found
+
+
+@njit(cache=True)
+def _on_line(nodes, x):  # type: ignore[no-untyped-def]
+    found, shares = np.empty((x.size, 2), np.int64), np.empty((x.size, 2))
+    for k in range(x.size):
+        inside = np.minimum(np.maximum(x[k], nodes[0]), nodes[-1])  # as numbers that are none stay none
+        low = min(max(np.searchsorted(nodes, inside, side="right") - 1, 0), nodes.size - 2)
+        share = (inside - nodes[low]) / (nodes[low + 1] - nodes[low])
+        found[k, 0], found[k, 1] = low, low + 1
+        shares[k, 0], shares[k, 1] = 1.0 - share, share
+    return found, shares
+
+
+@njit(cache=True)
+def _crossed(i, u, j, v, size):  # type: ignore[no-untyped-def]
+    """Return nodes and weights of a product of axes; the last one has so many nodes."""
+    a, b = i.shape[1], j.shape[1]
+    found, shares = np.empty((len(i), a * b), np.int64), np.empty((len(i), a * b))
+    for k in range(len(i)):
+        for m in range(a):
+            for n in range(b):
+                found[k, m * b + n] = i[k, m] * size + j[k, n]
+                shares[k, m * b + n] = u[k, m] * v[k, n]
+    return found, shares
 
 
 def values_at(weights: Weights, values: Array) -> Array:
     """Return the interpolated values, shape (N,)."""
-    nodes, share = weights
-    return np.asarray(np.einsum("nm,nm->n", values.reshape(-1)[nodes], share))
+    return np.asarray(_values_at(*weights, np.ascontiguousarray(values).reshape(-1)))
+
+
+@njit(cache=True)
+def _values_at(nodes, shares, values):  # type: ignore[no-untyped-def]
+    out = np.zeros(len(nodes))
+    for k in range(len(nodes)):
+        for m in range(nodes.shape[1]):
+            out[k] += shares[k, m] * values[nodes[k, m]]
+    return out
 
 
 def roughness(size: int) -> Array:

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights
+from lpvobs.engines.curves import Nodes, Weights, values_at
 from lpvobs.records import Array
 
 NEGLIGIBLE = 1e-3
@@ -72,6 +72,10 @@ class Correction:
         full = np.zeros((self.scale.size, size))
         self.fill(full, np.arange(size))
         return full
+
+    def moved_by(self, values: Array) -> Array:
+        """Return the change of the flow by values of shape (size,), shape (n,) [kg/s]."""
+        return self.scale * (values[0] if self.weights is None else values_at(self.weights, values))
 
     def fill(self, full: Array, at: NDArray[np.int64]) -> None:
         """Put those that are not zero into an array (n, ...), where `at` (size,) has the column of each value."""

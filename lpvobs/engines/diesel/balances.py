@@ -14,6 +14,7 @@ from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.constants import DieselConstants
 from lpvobs.engines.diesel.corrections import COMPONENTS, corrections
 from lpvobs.engines.effects import Signals
+from lpvobs.engines.unknowns import Correction
 from lpvobs.records import Array
 
 BALANCES = ("compressor", "filling", "exhaust", "turbo")
@@ -135,28 +136,28 @@ def _changes(found: AsFound, s: Signals) -> Array:
     """Return what the values of the corrections change, shape (5, C)."""
     changes = np.zeros((len(NUDGES), s.lacks.shape[1]))
     if found.values.size:
-        for part, place, columns in _columns(found, s):
-            changes[part] += columns @ found.values[place]
+        for part, place, sign, correction in _parts(found, s):
+            changes[part] += sign * correction.moved_by(found.values[place])
     return changes
 
 
-def _columns(found: AsFound, s: Signals) -> Iterator[tuple[int, slice, Array]]:
-    """Yield of every correction what it changes, where its values stand, and the change by each of them, shape (C, size)."""
+def _parts(found: AsFound, s: Signals) -> Iterator[tuple[int, slice, float, Correction]]:
+    """Yield of every correction what it changes, where its values stand, its sign, and how it moves the flow or the lag."""
     still, begin = np.zeros(s.lacks.shape[1]), 0
     rates = {name: s.rate.get(name, still) for name in CHANNELS}
     for component, correction in zip(COMPONENTS, corrections(found.constants, s.value, rates), strict=True):
         part, place = PARTS[component.name], slice(begin, begin + component.size)
-        lag = part >= T_EM_LAG
-        columns = np.ones((s.lacks.shape[1], 1)) if lag else correction.columns(component.size)
-        yield part, place, -columns if part == EXHAUST_RETURN else columns  # that flow lowers the one past the sensor
+        own = Correction(None, still + 1.0) if part >= T_EM_LAG else correction
+        sign = -1.0 if part == EXHAUST_RETURN else 1.0  # that flow lowers the one past the sensor
+        yield part, place, sign, own
         begin = place.stop
 
 
 def by_corrections(modes: Array, found: AsFound, s: Signals, _: Blocks | None) -> Array:
     """Return the derivatives of the balances by modes of the corrections, given as (values, m), shape (m, 4, C)."""
     changes, along = _changes(found, s), np.zeros((len(NUDGES), s.lacks.shape[1], modes.shape[1]))
-    for part, place, columns in _columns(found, s):
-        along[part] += columns @ modes[place]
+    for part, place, sign, correction in _parts(found, s):
+        along[part] += sign * correction.columns(place.stop - place.start) @ modes[place]
     at = _imbalances(found, s, changes)
     derivatives = np.zeros((modes.shape[1], *at.shape))
     for part, nudge in enumerate(NUDGES):
