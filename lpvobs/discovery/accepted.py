@@ -10,10 +10,12 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.course_choice import fit_all
 from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, p_value, score
+from lpvobs.discovery.fit import objective, refit
 from lpvobs.discovery.form_search import Inside, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import most_promising, tried
+from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
 
 
@@ -43,19 +45,19 @@ def finished(
     problem = linear.problem
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
+    like = _as_fitted(linear, bare, own)
     absorbing = problem.prior.free and own.changes == 0
     others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
     others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
     if term.course is not None:
         rivals = sorted(fit_all(bare, others, term.course), key=score, reverse=True)
-        like = fit_candidate(bare, term.effect, size=term.size, like=term)
     else:
         expected = {e: first_order_gain(bare, e, term.begin, term.end) for e in others}
         rivals = sorted(
             (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
         )
-        like = fit_candidate(bare, term.effect, term.begin, term.end, term.size)  # fitted in the same way as the rivals
-    indistinguishable = tuple(c.id for c in rivals if fits_as_well(like, c, problem.per_coarse))
+    beside = [_beside_all(linear, bare, index, c) for c in rivals[: thresholds.SHORTLIST]]
+    indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(curve, FactorSurface):
         standard_error = float(np.hypot(standard_error, curve.error))
@@ -65,16 +67,28 @@ def finished(
     return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error, tuple(further))
 
 
-def fits_as_well(best: Candidate, other: Candidate, per_coarse: int) -> bool:
+def _beside_all(linear: Linear, bare: Linear, index: int, rival: Candidate) -> Candidate:
+    """Return a rival with gain and losses of the model that has it in place of the effect, all unknowns fitted with it."""
+    return _as_fitted(refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]]), bare, rival)
+
+
+def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:
+    """Return an effect with gain and losses of the model that has it."""
+    return replace(candidate, gain=objective(bare) - objective(linear), loss=loss_of(linear))
+
+
+def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
     """Return whether another effect explains the log as well as the best one does.
 
     Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
     a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
-    Where all blocks together differ by less than a tie, neither test is needed.
+    Where all blocks together differ by less than a tie, neither test is needed. Where healthy drives tell, the engine is not the
+    model, and a cause is not quite the catalogue's: gains that differ by what its shape is off by are a tie.
     """
-    if other.gain > best.gain - thresholds.TIE:
+    tie = max(thresholds.TIE, thresholds.SHAPE**2 * best.gain if len(problem.patterns) else 0.0)
+    if other.gain > best.gain - tie:
         return True
-    difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, per_coarse))
+    difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, problem.per_coarse))
     ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
     return max(statistics) <= thresholds.INDISTINGUISHABLE and other.gain > 0.5 * best.gain

@@ -52,7 +52,7 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
     """Return whether a term explains clearly more when it acts in several episodes than in the best one interval."""
     # An effect that ends and cancels this one is put aside: together they are a pause.
     cancelling = [
-        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and _cancels(linear, i, index)
+        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)
     ]
     gain = advantage(linear, index, cancelling)
     acting = switched(gain, SWITCH * float(np.log(gain.size)))
@@ -61,7 +61,7 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
     return float(gain[acting].sum()) > one + least_gain(linear.problem)
 
 
-def _cancels(linear: Linear, one: int, other: int) -> bool:
+def cancels(linear: Linear, one: int, other: int) -> bool:
     """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
     whole = residual_with(linear, linear.terms)
     a, b = (

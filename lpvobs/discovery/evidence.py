@@ -86,9 +86,9 @@ def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
 
 
-def first_order_size(linear: Linear, effect: Effect) -> float:
-    """Return how far an effect that acts all the time seems to be from none."""
-    gradient, information = first_order(linear, effect)
+def first_order_size(linear: Linear, effect: Effect, begin: float = -np.inf) -> float:
+    """Return how far an effect that acts from some instant on seems to be from none."""
+    gradient, information = first_order(linear, effect, begin)
     away = -gradient / information if information > 0.0 else 0.0
     return float(np.clip(away, effect.low - effect.null, effect.high - effect.null))
 
@@ -175,7 +175,9 @@ def _told(linear: Linear, term: Term, information: float) -> float:
     if term.course is not None and term.course.name in GRADED:
         share = problem.share(term.course)
     mean, power = float(share.mean()), float((share**2).mean())
-    known = information * problem.seeming.get(term.effect.id, 0.0) ** 2
+    known = information * problem.seems(term) ** 2
+    if np.isfinite(term.begin) or np.isfinite(term.end):
+        return 1.0 / (1.0 + known)  # the change from one half of a drive to the other is known as it is
     return 1.0 - mean**2 / power * known / (power + known) if known > 0.0 else 1.0
 
 

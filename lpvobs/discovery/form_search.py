@@ -150,6 +150,8 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
             pool += library.best(start.lot, longer)[:1] if name != start.form.target else []
     leading = _leading([*pool, *alone], thresholds.FORM_TRIED)
+    if not leading:
+        return []
     least = thresholds.CLOSE * max(leading[0].score, score(found[0]))
     near = [each for each in leading if each.score > thresholds.CLOSE * least] or leading[:1]
     tried = _leading([_refined(plain, library, each.form) if each.form.factors else each for each in near], len(near))
@@ -170,7 +172,7 @@ def _refined(linear: Linear, library: _Products, form: Form) -> _Tried:
     for steps in (COARSE_STEPS, FINE_STEPS) if form.factors[-1].of == "lag" else ():
         last = best.form.factors[-1]
         taus = [replace(last, tau=float(f"{last.tau * step:.3g}"), reference=0.0) for step in steps]
-        best = _leading([best, *each.with_factors(taus).best(lot, start)], 1)[0]
+        best = (_leading([best, *each.with_factors(taus).best(lot, start)], 1) or [best])[0]
     return best
 
 

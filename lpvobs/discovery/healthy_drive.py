@@ -67,6 +67,9 @@ class HealthyDrive:
     seeming: Annotated[
         Array, Item("1", "rms size of the effect as fitted to healthy drives, in its unit", ("effect",))
     ] = field(default_factory=lambda: np.zeros(0))
+    stepping: Annotated[Array, Item("1", "the same as fitted from the middle of a healthy drive on", ("effect",))] = (
+        field(default_factory=lambda: np.zeros(0))
+    )
 
     @cached_property
     def _root(self) -> Array:
@@ -108,6 +111,7 @@ class HealthyDrive:
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
+            stepping=dict(zip(self.effects, self.stepping.tolist(), strict=True)),
             covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
         )
 
@@ -153,10 +157,12 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
         names = [other.name for other in others]
         seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
         linear = fit(seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log])), passes=2)
-        sizes.append({e.id: first_order_size(linear, e) for e in linear.problem.catalogue})
+        middle = 0.5 * float(linear.problem.clock[0] + linear.problem.clock[-1])
+        catalogue = linear.problem.catalogue
+        sizes.append({e.id: [first_order_size(linear, e, begin) for begin in (-np.inf, middle)] for e in catalogue})
     effects = tuple(effect for effect in sizes[0] if all(effect in each for each in sizes))
-    rms = [float(np.sqrt(np.mean([each[effect] ** 2 for each in sizes]))) for effect in effects]
-    return replace(found, effects=effects, seeming=np.array(rms))
+    rms = np.sqrt(np.mean(np.square([[each[effect] for effect in effects] for each in sizes]), axis=0))
+    return replace(found, effects=effects, seeming=rms[:, 0], stepping=rms[:, 1])
 
 
 def where_the_map_stands(problem: Problem) -> Problem:

@@ -7,6 +7,9 @@ Noise in curved balances and blur within the window both bias a size. One bias f
 The same model is therefore fitted through windows of another width, and half the squared difference of the two sizes is the
 variance between windows, as for two draws of one random effect.
 
+Where healthy drives tell, the engine is not the model, and a cause is not quite the catalogue's. What its shape is off by then
+moves the size by the square of that share.
+
 The variance between windows has a single degree of freedom, the others have those of the stretches. The quantile is Student's with
 the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the same interval.
 """
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.fit import cholesky, converged, linearised, pins, prior_precision
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.thresholds import SHAPE
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array
 
@@ -31,7 +35,9 @@ def standard_errors(linear: Linear) -> Array:
     units = np.eye(linear.newton_step.size)[:, first:]
     rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
     within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
-    within += [linear.problem.seeming.get(term.effect.id, 0.0) ** 2 for term in linear.terms]
+    within += [linear.problem.seems(term) ** 2 for term in linear.terms]
+    if len(linear.problem.patterns):
+        within += [(SHAPE**2 * (term.size - term.effect.null)) ** 2 for term in linear.terms]
     return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))
 
 

@@ -76,6 +76,7 @@ class Problem:
     patterns: Patterns  # what the errors of a healthy engine may look like
     # the rms size of an effect that a healthy engine seems to have
     seeming: Mapping[str, float] = field(default_factory=dict)
+    stepping: Mapping[str, float] = field(default_factory=dict)  # the same from the middle of a drive on
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property
@@ -127,6 +128,11 @@ class Problem:
     def with_all(self) -> "Problem":
         """Return the same with nothing kept back."""
         return replace(self, used=np.ones(self.K, dtype=bool))
+
+    def seems(self, term: "Term") -> float:
+        """Return the rms size that a healthy engine seems to have of an effect, always or since some instant."""
+        changes = np.isfinite(term.begin) or np.isfinite(term.end)
+        return (self.stepping if changes else self.seeming).get(term.effect.id, 0.0)
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""

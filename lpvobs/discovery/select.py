@@ -12,7 +12,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.accepted import Accepted, finished
 from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.course_choice import timed_again
-from lpvobs.discovery.episodes import comes_and_goes, sharpened
+from lpvobs.discovery.episodes import cancels, comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
     dated_again,
@@ -156,7 +156,7 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
             found = beside_forms(linear, found, once(best_forms, linear, found))
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
-        if any(_same_place_again(c, accepted) for c in (found[0], best) if is_relevant(c, linear)):
+        if any(_same_place_again(c, accepted) for c in (found[0], best) if _counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear):
             break
@@ -241,13 +241,22 @@ def _structure_remains(linear: Linear) -> bool:
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:
-    """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to."""
+    """Return whether the new effect explains enough of what is above noise in blocks that it was not fitted to.
+
+    Where healthy drives tell, noise is not taken off, and the new effect must bring more than what the others leave because the
+    catalogue has not quite their shape.
+    """
     losses = cross_validated(refit(after, before.terms), after)
     gained = float((losses.before - losses.after).sum())
-    learned = len(after.problem.patterns) > 0
-    above = float(losses.before.sum()) - (0.0 if learned else noise_power(after, losses.counted))
-    share = thresholds.MATTERS_FIRST if learned and not before.terms else thresholds.MATTERS
-    return gained > share * max(above, 0.0)
+    if not len(after.problem.patterns):
+        above = float(losses.before.sum()) - noise_power(after, losses.counted)
+        return gained > thresholds.MATTERS * max(above, 0.0)
+    if gained <= thresholds.MATTERS_LEARNED * float(losses.before.sum()):
+        return False
+    nothing = cross_validated(refit(after, ()), after) if before.terms else losses
+    explained = float((nothing.before - nothing.after).sum()) - gained
+    opposed = any(cancels(after, i, len(after.terms) - 1) for i in range(len(before.terms)))
+    return gained > 0.5 * thresholds.SHAPE**2 * explained and not opposed  # one effect takes about half of it
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
@@ -302,6 +311,11 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
         )
         for c, _ in accepted
     )
+
+
+def _counts(candidate: Candidate, linear: Linear) -> bool:
+    """Return whether a candidate is more than what may be left: proven, where healthy drives tell how errors look."""
+    return (is_proven if len(linear.problem.patterns) else is_relevant)(candidate, linear)
 
 
 def _separate_in_time(one: Term, other: Term) -> bool:

@@ -8,10 +8,11 @@ import pytest
 
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, _scales, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import _learned, _scales, learned, learned_from, unmoved
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, lay_out
+from lpvobs.discovery.thresholds import SHAPE
 from lpvobs.io.results.mapping import read, write
 
 
@@ -63,6 +64,8 @@ def test_a_change_is_found_and_no_change_is_not(healthy, plant, config, prior, o
     (finding,) = found.trace.findings
     assert finding.id == "maf.gain"
     assert finding.parameters["factor"].value == pytest.approx(1.06, abs=0.01)
+    low, high = finding.parameters["factor"].ci90
+    assert high - low > 2.0 * 1.64 * SHAPE**2 * 0.055  # no cause is quite the catalogue's
     assert finding.onset == pytest.approx(150.0, abs=2.0)
     assert set(found.beta) == set(plant.names)  # the engine is as it was, and still has all its constants
 
@@ -129,7 +132,8 @@ def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, con
 def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config, prior, other, clean):
     step = other(2, np.where(clean.time > 150.0, 1.06, 1.0))
     sizes = dict.fromkeys([effect.id for effect in plant.catalogue], 0.0) | {"maf.gain": 0.05}
-    seeming = replace(healthy, effects=tuple(sizes), seeming=np.array(list(sizes.values())))
+    seems = {"seeming": np.array(list(sizes.values())), "stepping": np.zeros(len(sizes))}
+    seeming = replace(healthy, effects=tuple(sizes), **seems)
     problems = [
         each.taken_off(lay_out(each.unchanged(plant), config.grid(), unmoved(prior), [step]))
         for each in (healthy, seeming)
@@ -150,6 +154,27 @@ def test_a_reading_that_follows_what_no_effect_lists_is_found_as_a_formula(healt
     assert finding.id.startswith("form:W_maf")
     assert "T_im" in finding.id
     assert found.p_value < 1e-3
+
+
+def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clean):
+    """Cylinders that warmed up seemed to take 1 % more from some instant on: only effects of whole drives were learned."""
+
+    def drive(name, late, early=0.0):
+        share = 1.0 + np.where(clean.time > clean.time.mean(), late, early)
+        return replace(clean, name=name, channels={**clean.channels, "W_maf": clean["W_maf"] * share})
+
+    grid = config.grid()
+    changing, whole = [drive("a", 0.02), drive("b", -0.02)], [drive("a", 0.01, 0.01), drive("b", -0.01, -0.01)]
+    found = [learned(plant, grid, prior, logs) for logs in (changing, whole)]
+    gain = found[0].effects.index("maf.gain")
+    assert found[0].stepping[gain] > 0.02
+    effect, steps = plant.effect("maf.gain"), []
+    for each in found:
+        problem = each.taken_off(lay_out(each.unchanged(plant), grid, unmoved(prior), [drive("c", 0.04)]))
+        steps.append(fit_candidate(fit(problem), effect, float(clean.time.mean())))
+        assert problem.seems(steps[-1].term) == each.stepping[gain]
+        assert problem.seems(replace(steps[-1].term, begin=-np.inf)) == each.seeming[gain]
+    assert steps[0].told < steps[1].told
 
 
 def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):

@@ -10,6 +10,7 @@ from lpvobs.discovery.fit import fit, normal_of, objective, pins, refit
 from lpvobs.discovery.held_out import compare, held_out_losses, undated
 from lpvobs.discovery.imbalances import views
 from lpvobs.discovery.linear import dot
+from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import FOLDS
 
@@ -134,4 +135,17 @@ def test_two_effects_that_gain_alike_are_not_told_apart(linear):
     steady = 0.4 / best.loss.size
     for gap, alike in ((0.4, True), (40.0, False)):
         other = replace(best, gain=90.0 - gap, loss=best.loss + steady * gap / 0.4)
-        assert fits_as_well(best, other, linear.problem.per_coarse) is alike
+        assert fits_as_well(best, other, linear.problem) is alike
+
+
+def test_where_healthy_drives_tell_a_difference_in_shape_is_a_tie(linear):
+    """An air flow sensor that read 9 % too little was named an inlet leak, and nothing else, by a ninth of the gain."""
+    from lpvobs.discovery.accepted import fits_as_well
+
+    shapes = Patterns(tuple(np.ones((1, linear.problem.K)) for _ in linear.problem.model.balances))
+    learned = replace(linear.problem, patterns=shapes)
+    best = replace(_like(linear, linear.problem.catalogue[0]), gain=900.0)
+    for share, alike in ((0.11, True), (0.2, False)):
+        other = replace(best, gain=(1.0 - share) * 900.0, loss=best.loss + share * 900.0 / best.loss.size)
+        assert fits_as_well(best, other, learned) is alike
+        assert not fits_as_well(best, other, linear.problem)
