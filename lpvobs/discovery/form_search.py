@@ -120,7 +120,7 @@ def beside_forms(linear: Linear, found: list[Candidate], forms: list[Candidate])
     """Return all candidates, best first, forms among them."""
     # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
     # noise.
-    if score(forms[0]) > score(found[0]):
+    if forms and score(forms[0]) > score(found[0]):
         beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
         return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
     return sorted([*found, *forms], key=score, reverse=True)

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lpvobs.discovery import form_search
+from lpvobs.discovery.fit import fit
 from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed
 from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.ranking import rank
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, free_map
 from lpvobs.errors import DataError
@@ -75,6 +78,16 @@ def test_a_log_and_a_problem_of_it_see_the_same(laid_out, clean):
         form = Form("W_maf", (factor,))
         seen, along = along_problem(form, problem), along_log(form, clean, clean.time[0] + problem.time)
         assert np.std(seen - along) < 0.05 * np.std(along)
+
+
+def test_a_formula_that_holds_at_no_place_ends_no_search(laid_out, clean, monkeypatch):
+    """Means may show a factor that varies too little at the places themselves; `trace` then ended with an IndexError."""
+    linear = fit(laid_out(clean))
+    found = rank(linear, linear.problem.catalogue, intervals=False)
+    monkeypatch.setattr(form_search, "_refined", lambda _, __, form: form_search._Tried(-np.inf, form, None))
+    monkeypatch.setattr(form_search._Products, "alone", lambda _, lot, form: form_search._Tried(-np.inf, form, lot))
+    assert form_search.best_forms(linear, found) == []
+    assert [c.id for c in form_search.beside_forms(linear, found, [])] == [c.id for c in found]
 
 
 def test_a_log_without_the_channel_is_refused(clean):
