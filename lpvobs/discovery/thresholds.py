@@ -174,7 +174,7 @@ SIGNIFICANT = 1e-3
 below which a residual without a name is `unexplained`, where healthy drives tell how errors look. Set by choice."""
 LEARNED_ERROR = 3.5e-4
 """[1] The same as MODEL_ERROR where a function was learned on healthy drives. Set by 77 clean drives of
-seed 673211, of which none is accused. With 2e-4, and steps weighed by what healthy drives have all along, five were."""
+seed 673211, of which none is accused. With 2e-4, and steps weighed by what healthy drives have all along, four were."""
 MODEL_ERROR = 5e-5
 """[1] What the error of a sound model adds to the variance of every gain, per residual, in units of the noise. Set by 24 clean
 drives of three cycles with drawn constants, seeds 1100 to 1123: with noise alone the probability of nothing fell to 1e-5."""
