@@ -169,16 +169,16 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
 
 
 def _told(linear: Linear, term: Term, information: float) -> float:
-    """Return the share of the information about a size that is left beside what a healthy engine always seems to have of it."""
+    """Return the share of the information about a size that is left beside what a healthy engine seems to have of it."""
     problem = linear.problem
     share = term.acts(problem.clock).astype(float)
     if term.course is not None and term.course.name in GRADED:
         share = problem.share(term.course)
-    mean, power = float(share.mean()), float((share**2).mean())
-    known = information * problem.seems(term) ** 2
-    if np.isfinite(term.begin) or np.isfinite(term.end):
-        return 1.0 / (1.0 + known)  # the change from one half of a drive to the other is known as it is
-    return 1.0 - mean**2 / power * known / (power + known) if known > 0.0 else 1.0
+    healthy = np.ones(share.size) if term.whole else share  # how it seems to act: all along, or as the term does
+    power, own = float((share**2).mean()), float((healthy**2).mean())
+    known = information * own / power * problem.seems(term) ** 2
+    alike = float((share * healthy).mean()) ** 2 / (power * own)
+    return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
 
 
 def unevenness_of(sums: Array, information: float) -> tuple[float, float]:

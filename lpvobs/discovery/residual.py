@@ -131,8 +131,7 @@ class Problem:
 
     def seems(self, term: "Term") -> float:
         """Return the rms size that a healthy engine seems to have of an effect, always or since some instant."""
-        changes = np.isfinite(term.begin) or np.isfinite(term.end)
-        return (self.stepping if changes else self.seeming).get(term.effect.id, 0.0)
+        return (self.seeming if term.whole else self.stepping).get(term.effect.id, 0.0)
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""
@@ -176,6 +175,11 @@ class Term:
     end: float = np.inf
     only: NDArray[np.bool_] | None = field(default=None, compare=False)
     course: TracedCourse | None = None  # what `only` or the effect already contain
+
+    @property
+    def whole(self) -> bool:
+        """Whether it neither begins nor ends inside the logs, whatever its course."""
+        return not (np.isfinite(self.begin) or np.isfinite(self.end))
 
     def acts(self, clock: Array) -> NDArray[np.bool_]:
         """Return at which places it acts, shape (K,)."""

@@ -199,7 +199,7 @@ def _with_all(linear: Linear) -> Linear:
     for i, term in enumerate(final.terms):
         if term.course is not None and term.course.intervals:
             final = _with_term(final, i, timed_again(final, i))
-        if np.isfinite(term.begin) or np.isfinite(term.end):
+        if not term.whole:
             final = _with_term(final, i, dated_again(without(final, i), term))
             final = _with_term(final, i, sharpened(final, i))
     return final
