@@ -14,7 +14,7 @@ import numpy as np
 
 from lpvobs.compiled import njit
 from lpvobs.engines.constants import Within
-from lpvobs.engines.curves import Nodes, Weights, nodes, on_line, on_surface
+from lpvobs.engines.curves import Nodes, Weights, nodes, on_surface
 from lpvobs.engines.unknowns import Component
 from lpvobs.records import Array
 
@@ -24,6 +24,7 @@ CREST = Nodes(
     np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed divided by sqrt(T_im / 320 K), which scales pressure waves"
 )
 PRESSURE = nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
+DENSITY = nodes("Pa", "intake manifold pressure", 0.9e5, 3.2e5)  # waves are stronger in denser charge
 SHAPE = (
     Component(
         "eta_vol", "1", "relative change of the volumetric efficiency", 0.03, "eta_vol",
@@ -31,7 +32,7 @@ SHAPE = (
     ),
     Component(
         "eta_vol_waves", "1", "relative change of the volumetric efficiency within some hundred rpm", 0.02, "eta_vol_waves",
-        {"n_e": CREST}, (150.0,),
+        {"n_e": CREST, "p_im": DENSITY}, (150.0, 2e5),
     ),
 )  # fmt: skip
 """Corrections of the filling over speed and pressure: 3 % is what bench points left of models fitted to them."""
@@ -135,8 +136,9 @@ def egr_area(c: Constants, u_egr: Array) -> Array:
 
 def shape_weights(x: Mapping[str, Array]) -> tuple[Weights, Weights]:
     """Return the nodes of `SHAPE` that n places lie between, and their shares."""
-    waves = x["n_e"] * np.sqrt(USUAL_CHARGE / x["T_im"])
-    return on_surface(SPEED.values, PRESSURE.values, x["n_e"], x["p_im"]), on_line(CREST.values, waves)
+    n_e, p_im = x["n_e"], x["p_im"]
+    waves = on_surface(CREST.values, DENSITY.values, n_e * np.sqrt(USUAL_CHARGE / x["T_im"]), p_im)
+    return on_surface(SPEED.values, PRESSURE.values, n_e, p_im), waves
 
 
 def per_charge(W_ei: Array, x: Mapping[str, Array]) -> Array:

@@ -37,20 +37,22 @@ class Lacks(NamedTuple):
 
 
 IN_ORDER = Lacks()
-T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("T_em", "T_amb", "W_maf"))
-COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, W_MAF_LAG = range(5)
+OMEGA_T, T_EM, T_AMB, W_MAF = (CHANNELS.index(name) for name in ("omega_t", "T_em", "T_amb", "W_maf"))
+COMPRESSOR, CYLINDERS, EXHAUST_RETURN, T_EM_LAG, OMEGA_T_LAG, W_MAF_LAG = range(6)
 PARTS = {
     "compressor": COMPRESSOR,
     "eta_vol": CYLINDERS,
     "eta_vol_waves": CYLINDERS,
     "eta_vol_exhaust": CYLINDERS,
     "eta_vol_charge": CYLINDERS,
+    "eta_vol_heat": CYLINDERS,
     "egr": EXHAUST_RETURN,
     "T_em_lag": T_EM_LAG,
+    "omega_t_lag": OMEGA_T_LAG,
     "W_maf_lag": W_MAF_LAG,
 }
-"""What the corrections change: flows of compressor, cylinders and EGR [kg/s], and two signals by their lag [s]."""
-NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4)
+"""What the corrections change: flows of compressor, cylinders and EGR [kg/s], and three signals by their lag [s]."""
+NUDGES = (1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4)
 """Steps of difference quotients by these: a flow in ten thousand, and a lag that is short against any transient."""
 
 
@@ -124,16 +126,17 @@ def imbalances(found: AsFound, s: Signals, _: Blocks | None = None) -> Array:
 
 
 def _imbalances(found: AsFound, s: Signals, changes: Array) -> Array:
-    """Return the balances with changes of `PARTS`, shape (5, C)."""
+    """Return the balances with changes of `PARTS`, shape (6, C)."""
     x, dx = _stacked(s.value), _stacked(s.rate)
     # a gas that a slow sensor lags behind is no colder than the air: noise in the rate would take it below zero
     x[T_EM] = np.maximum(x[T_EM] + changes[T_EM_LAG] * dx[T_EM], np.minimum(x[T_EM], x[T_AMB]))
+    x[OMEGA_T] += changes[OMEGA_T_LAG] * dx[OMEGA_T]
     x[W_MAF] += changes[W_MAF_LAG] * dx[W_MAF]
     return np.asarray(imbalances_of(found.constants, x, dx, s.lacks, changes[:T_EM_LAG]))
 
 
 def _changes(found: AsFound, s: Signals) -> Array:
-    """Return what the values of the corrections change, shape (5, C)."""
+    """Return what the values of the corrections change, shape (6, C)."""
     changes = np.zeros((len(NUDGES), s.lacks.shape[1]))
     if found.values.size:
         for part, place, sign, correction in _parts(found, s):

@@ -33,17 +33,20 @@ COMPONENTS = (
     *intake.SHAPE,
     Component("eta_vol_exhaust", "1", "relative change of the volumetric efficiency per unit of p_em / p_im", 0.03, "eta_vol"),
     intake.CHARGE,
+    Component("eta_vol_heat", "1", "relative change of the volumetric efficiency per 100 K of T_em", 0.005, "eta_vol"),
     Component(
         "egr", "1", "added EGR flow, as a share of the choked flow", 0.3, "egr",
         {"u_egr": OPENING, "p_im/p_em": RATIO, "u_delta": LOAD}, (25.0, 0.12, 25.0),
     ),
     Component("T_em_lag", "s", "lag of the sensor of T_em", 1.0),
+    Component("omega_t_lag", "s", "lag of the sensor of omega_t behind that of p_im", 0.01),
     Component("W_maf_lag", "s", "lag of the mass air flow sensor", 0.02),
 )  # fmt: skip
 """Deviations of 3 and 4 % of filling and compressor, 30 % of the EGR: what bench points left of models fitted to them."""
 MEASURED_PARTS = (MeasuredPart("egr", "W_egr_reference", FILLING, {"u_egr": 0.0}, 0.02, 2e-5),)
 """EGR flow from CO2 before and behind the engine: 2 % and 0.02 g/s."""
 USUAL_RATIO = 1.2  # p_em / p_im at which the slope of the filling adds nothing
+USUAL_HEAT = 600.0  # [K], T_em at which that of the warm cylinders adds nothing
 INSTANT = 1e-3  # [s] over which the flow's rate of change is taken
 RELIABLE = 0.02  # share of the flow without pressure rise; a compressor's flow that is surer than this has full weight
 
@@ -59,9 +62,11 @@ def corrections(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, 
         *(Correction(FILLING, W_ei, weights) for weights in intake.shape_weights(x)),
         Correction(FILLING, W_ei * (p_em / p_im - USUAL_RATIO)),
         Correction(FILLING, intake.per_charge(W_ei, x)),
+        Correction(FILLING, W_ei * (T_em - USUAL_HEAT) / 100.0),
         Correction(FILLING, -nozzle, in_space(OPENING.values, RATIO.values, LOAD.values, x["u_egr"], p_im / p_em, x["u_delta"])),
         Correction(FILLING, 0.5 * W_egr / T_em * rates["T_em"]),
-        Correction(None, -_flow_rate(c, x, rates)),
+        Correction(COMPRESSOR, _flow_rate(c, x, rates, "omega_t")),
+        Correction(None, -_flow_rate(c, x, rates, "p_im", "omega_t")),
     )  # fmt: skip
 
 
@@ -109,10 +114,10 @@ def _flow_at(c, p_im, omega_t, p_amb, T_amb):  # type: ignore[no-untyped-def]
     return flow
 
 
-def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
-    """Return how fast the compressor's flow changes [kg/s^2], from the rates of pressure and speed."""
+def _flow_rate(c: DieselConstants, x: Mapping[str, Array], rates: Mapping[str, Array], *names: str) -> Array:
+    """Return how fast the compressor's flow changes [kg/s^2] with the signals named."""
     near = [
-        compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in ("p_im", "omega_t")}})
+        compressor_flow(c, {**x, **{name: x[name] + way * INSTANT * rates[name] for name in names}})
         for way in (1.0, -1.0)
     ]
     return (near[0] - near[1]) / (2.0 * INSTANT)

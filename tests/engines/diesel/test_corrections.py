@@ -36,7 +36,7 @@ def columns(air_path, boosted, rates):
 
 def test_there_is_one_for_each_component_in_its_balance(air_path, boosted, rates):
     found = air_path.corrections(boosted, rates)
-    assert [item.balance for item in found] == [COMPRESSOR] + [FILLING] * 6 + [None]
+    assert [item.balance for item in found] == [COMPRESSOR] + [FILLING] * 7 + [COMPRESSOR, None]
 
 
 def test_a_filling_that_is_larger_everywhere_is_a_larger_displacement(air_path, boosted, rates, columns):
@@ -45,6 +45,7 @@ def test_a_filling_that_is_larger_everywhere_is_a_larger_displacement(air_path, 
     for name, weight in (
         ("eta_vol_exhaust", boosted["p_em"] / boosted["p_im"] - 1.2),
         ("eta_vol_charge", (boosted["T_im"] - 320.0) / 100.0),
+        ("eta_vol_heat", (boosted["T_em"] - 600.0) / 100.0),
     ):
         np.testing.assert_allclose(columns[name][:, 0], slope * weight, rtol=1e-6, atol=1e-12)
 
@@ -72,14 +73,18 @@ def test_a_thermocouple_that_lags_reads_the_temperature_of_before(air_path, boos
     np.testing.assert_allclose(columns["T_em_lag"][:, 0], (flows[1] - flows[0]) / step, rtol=1e-3, atol=1e-8)
 
 
-def test_a_sensor_that_lags_reads_the_flow_of_before(air_path, boosted, rates, columns):
+@pytest.mark.parametrize(
+    ("lag", "names", "way"), [("W_maf_lag", ("p_im", "omega_t"), -1.0), ("omega_t_lag", ("omega_t",), 1.0)]
+)
+def test_a_sensor_that_lags_reads_the_value_of_before(air_path, boosted, rates, columns, lag, names, way):
+    """The flow reads what it was; the speed makes the flow what it was, so the flow past the sensor is later."""
     step = 1e-4
-    later = {name: boosted[name] + step * rates[name] for name in ("p_im", "omega_t")}
+    later = {name: boosted[name] + step * rates[name] for name in names}
     flows = [
         air_path.balances(log, rates, ()).flow[COMPRESSOR]
         for log in (boosted, replace(boosted, channels={**boosted.channels, **later}))
     ]
-    moved = (flows[0] - flows[1]) / step
+    moved = way * (flows[1] - flows[0]) / step
     calm = (
         np.minimum(*flows)
         > 0.2
@@ -88,7 +93,7 @@ def test_a_sensor_that_lags_reads_the_flow_of_before(air_path, boosted, rates, c
         ]
     )  # near stall the flow is no straight line even over such a step
     assert calm.sum() > 100
-    np.testing.assert_allclose(columns["W_maf_lag"][calm, 0], moved[calm], rtol=0.05, atol=1e-6)
+    np.testing.assert_allclose(columns[lag][calm, 0], moved[calm], rtol=0.05, atol=1e-6)
 
 
 def test_values_at_nodes_are_shares_that_add_up_to_one(air_path, boosted, rates):
