@@ -10,7 +10,7 @@ from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, within, writing
 from lpvobs.api.known_engine import learned_engine
 from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
-from lpvobs.calibration.fit import Calibration, calibrated, taught
+from lpvobs.calibration.fit import USUALLY_LEFT, Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import AMBIENT
 from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of
@@ -132,7 +132,8 @@ def _calibrated(
         made = gain_for(config, [*known, *metered], gain, "observer", air_path)
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
         state = StateGain(made.outputs, made.gain.L, made.gain.region)
-        found = taught(point, config.grid(), state, logs, within(progress, FROM_BENCH, 1.0))
+        share = max((stored.left[name] for name in air_path.balance_names if name in stored.left), default=USUALLY_LEFT)
+        found = taught(point, config.grid(), state, logs, within(progress, FROM_BENCH, 1.0), share)
         digests = {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}
         stored = replace(
             stored,

@@ -160,7 +160,7 @@ def close(
     prior_map = engine.config.estimate.prior_map
     if frozen:
         _expect_made_with(stored, calibrated)
-        start = nominal_start(model, known_from(stored, model, prior_map), refined, logs)
+        start = nominal_start(model, known_from(stored, model, prior_map, engine.calibrated), refined, logs)
     else:
         free = free_map(engine.config.grid(), len(model.names), prior_map)
         start = free_start(model, free, refined, logs, engine.calibrated)

@@ -28,7 +28,7 @@ def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit
     with reading(stored.path, KIND, REMEDY) as file:
         refined = read_if_there(file.get("refinement"), StoredRefinement)
     try:
-        known = known_from(stored, model, engine.config.estimate.prior_map)
+        known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
         start = nominal_start(model, known, refined, [log])
         problem = lay_out(start.model, stored.grid, start.prior, [log])
     except DataError:  # another method, or too short: the other tables say so

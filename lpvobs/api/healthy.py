@@ -31,7 +31,7 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
         return
     with suppress(DataError):
         model = engine.residual_model()
-        known = known_from(stored, model, engine.config.estimate.prior_map)
+        known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
         logs: list[Log] = []
         digest = {log.name: log.sha256 for log in stored.logs}
         for path in sorted(names, key=lambda path: digest.get(names[path], "")):  # the same bytes in any order

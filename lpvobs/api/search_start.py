@@ -7,7 +7,7 @@ import numpy as np
 
 from lpvobs.discovery.residual import MapPrior, nominal_map
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.engines.unknowns import Unknowns
+from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.engines import EngineOfMap
 from lpvobs.io.results.refinements import StoredRefinement
@@ -29,7 +29,9 @@ class Known:
     covariance: Array  # (q, q) of all unknowns of the model, relative to where they are found
 
 
-def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> Known:
+def known_from(
+    stored: StoredResult, model: ResidualModel, prior_map: float, calibrated: Unknowns | None = None
+) -> Known:
     """Return a stored map that stands, and the engine that it was estimated with.
 
     With S = cov(map, constants) cov(constants)^-1 the map is theta + S (beta - found) + error. Constants that are no unknowns
@@ -44,6 +46,8 @@ def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> 
             f"'{stored.method}' stores none; run `lpvobs estimate` with the default method"
         )
     prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, found.covariance, prior_map)
+    if calibrated is not None and calibrated.at_nodes is not None:
+        prior = _with_left(prior, found, calibrated, calibrated.at_nodes)
     deviation, own, conditional = _of_model(found, model.names)
     moved = deviation - found.deviation
     covariance, S = model.covariance.copy(), np.zeros((prior.mean.size, len(model.names)))
@@ -54,6 +58,15 @@ def known_from(stored: StoredResult, model: ResidualModel, prior_map: float) -> 
     S[:, place] = prior.sensitivity[:, own]
     constants = {found.constants[i]: float(deviation[i]) for i in own}
     return Known(replace(prior, mean=prior.mean + prior.sensitivity @ moved, sensitivity=S), constants, covariance)
+
+
+def _with_left(prior: MapPrior, found: EngineOfMap, calibrated: Unknowns, left: LeftAtNodes) -> MapPrior:
+    """Return a map of changes as what the balances leave in all: with what they left when the air flow was known."""
+    moved, n = found.deviation.copy(), len(calibrated.constants)
+    moved[:n] = (1.0 + moved[:n]) / (1.0 + calibrated.mean[:n]) - 1.0
+    response = left.response @ calibrated.reduction
+    mean = prior.mean + left.mean + response @ moved
+    return replace(prior, mean=mean, sensitivity=prior.sensitivity + response)
 
 
 def _of_model(found: EngineOfMap, names: Sequence[str]) -> tuple[Array, list[int], Array]:

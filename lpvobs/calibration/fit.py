@@ -12,12 +12,12 @@ import scipy
 
 from lpvobs.calibration.bench import Rows, Table, rows_of
 from lpvobs.engines.base import AirPath
-from lpvobs.engines.unknowns import Unknowns
+from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import NO_LEVEL, Prior, solve
+from lpvobs.observer.information import NO_LEVEL, Prior, Solution, solve
 from lpvobs.observer.parts import StateGain, added_up, inform
-from lpvobs.observer.windows import Columns
+from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Recording
 
 Floats = Sequence[float]
@@ -132,7 +132,10 @@ def left_out(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) -
     return away, error
 
 
-NO_ERROR = 1e-9  # [kg/s], standard deviation of a node of the map where the sensor is right
+USUALLY_LEFT = 0.02
+"""Share of the mean air flow that formulas and corrections leave at a node of the map, where no bench tells: the deviation of what
+logs of known air flow are asked for there. On four engines of another structure the map was off by 0.81 % of the air flow without
+it, by 0.76 % with a share of 0.005, 0.47 % with 0.02, 0.43 % with 0.05, and 0.46 % without any bound."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +147,13 @@ class Taught:
     amplitudes: dict[str, float]  # of the groups whose amplitude was not known before
 
 
-def taught(start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], told: Told) -> Taught:
-    """Return the engine as logs show it whose sensor makes no error, from what is known of it before."""
+def taught(
+    start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording], told: Told, left: float = USUALLY_LEFT
+) -> Taught:
+    """Return the engine as logs show it whose sensor makes no error, from what is known of it before.
+
+    `left` is the share of the air flow that formulas and corrections do not follow.
+    """
     # Sums are kept over the cells of the grid; each log is gone through once a pass.
     point = start
     for turn in range(PASSES):
@@ -156,7 +164,8 @@ def taught(start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording],
             parts.append(inform(point.air_path, grid, gain, log, point.settings, unknowns))
             told((turn + count / len(logs)) / PASSES)
         total = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
-        solution = solve(layout, total, Prior(NO_ERROR, unknowns, (NO_LEVEL,) * layout.balances))
+        away = left * mean_flow(layout, total)
+        solution = solve(layout, total, Prior(away, unknowns, (NO_LEVEL,) * layout.balances))
         own = solution.engine
         found = EngineFound(unknowns, point.deviation, solution.mean[own], solution.covariance[own, own])
         moved = point.moved(found)
@@ -167,7 +176,26 @@ def taught(start: Point, grid: Grid, gain: StateGain, logs: Sequence[Recording],
     mean[: len(unknowns.constants)] = list(found.deviation().values())
     before = start.unknowns
     return Taught(
-        unknowns=replace(before, mean=mean, covariance=found.covariance, learned=True),
+        unknowns=replace(
+            before, mean=mean, covariance=found.covariance, learned=True, at_nodes=left_at_nodes(grid, solution)
+        ),
         prior_error=np.sqrt(np.diag(before.scaled(solution.amplitudes))),
         amplitudes=dict(zip(before.groups(), solution.amplitudes, strict=True)),
     )
+
+
+def mean_flow(layout: Columns, moments: Moments) -> float:
+    """Return the mean reading over the windows in which a balance speaks [kg/s]."""
+    levels = np.arange(layout.solved - layout.balances, layout.solved)
+    of = np.arange(layout.balances)
+    stay = moments.products[of, of, levels, levels]
+    return float(moments.products[of, of, levels, layout.terms.stop].sum() / stay.sum())
+
+
+def left_at_nodes(grid: Grid, solution: Solution) -> LeftAtNodes:
+    """Return the map of a solution as what the engine's formulas leave, apart from what goes with its unknowns."""
+    p, own = solution.layout.nodes, solution.engine
+    C = solution.covariance
+    response: Array = np.asarray(np.linalg.lstsq(C[own, own], C[own, :p], rcond=None)[0].T)
+    covariance = C[:p, :p] - response @ C[own, :p]
+    return LeftAtNodes(grid.fuel, grid.speed, solution.theta, response, 0.5 * (covariance + covariance.T))

@@ -7,7 +7,7 @@ whose values at the nodes are correlated over a length of each axis (Matern 3/2)
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import scipy
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.constants import Within
 from lpvobs.engines.curves import Nodes, Weights, values_at
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
 """Standard deviation below which a mode of the corrections is left out: it moves no flow by more than a thousandth."""
@@ -127,6 +127,24 @@ class Caution:
     bias: Array  # (B, n) [kg/s], mean error that the noise of the signals makes in the flow, by its curvature
 
 
+@dataclass(frozen=True, eq=False)
+class LeftAtNodes:
+    """What the formulas of an engine leave at the nodes of the map where the air flow was known: a map of their own errors.
+
+    A later map is compared with it, and both have it from the same formulas, so what those lack is in neither.
+    """
+
+    fuel: Annotated[Array, Item("1", "nodes of the map over fuel, in the unit of its axis", ("fuel_node",))]
+    speed: Annotated[Array, Item("1", "nodes of the map over speed, in the unit of its axis", ("speed_node",))]
+    mean: Annotated[Array, Item("kg/s", "flow left at the nodes of the map, the engine as its mean has it", ("node",))]
+    response: Annotated[
+        Array, Item("kg/s", "change of it with each unknown, the others being known", ("node", "unknown"))
+    ]
+    covariance: Annotated[
+        Array, Item("kg^2/s^2", "covariance of it where all unknowns are known", ("node", "other_node"))
+    ]
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """The unknowns of an engine with their prior."""
@@ -137,6 +155,7 @@ class Unknowns:
     mean: Array  # (q,)
     covariance: Array  # (q, q) at amplitude one of every group
     learned: bool = False  # whether a calibration has found them: amplitudes are part of the covariance then
+    at_nodes: LeftAtNodes | None = None  # where logs of known air flow have taught them
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -158,7 +177,7 @@ class Unknowns:
     def reduction(self) -> Array:
         """What every coordinate moves, shape (q, m): a constant, or a mode of the corrections that a calibration left uncertain."""
         n = len(self.constants)
-        if not self.learned:
+        if not (self.learned and self.components):
             return np.eye(self.size)[:, :n]
         variance, modes = np.linalg.eigh(self.covariance[n:, n:])
         modes = modes[:, variance > NEGLIGIBLE**2][:, ::-1]

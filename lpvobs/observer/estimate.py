@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
+from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, excitation
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
@@ -161,11 +162,13 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     solution = solve(layout, total, Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances))
     if settings.consider:
         solution = considered(solution, total, settings.prior_map, unknowns)
-    coupled = solution.covariance[: layout.nodes, solution.engine] @ unknowns.reduction
+    theta, covariance, noise = _since_known(grid, solution, unknowns)
+    nodes = slice(layout.nodes)
+    coupled = covariance[nodes, solution.engine] @ unknowns.reduction
     own = unknowns.reduced(solution.covariance[solution.engine, solution.engine])
     estimate = replace(
-        finished("observer", grid, solution.theta, solution.map_covariance, runs, excitation_of(grid, total), settings),
-        noise=solution.noise,
+        finished("observer", grid, theta, covariance[nodes, nodes], runs, excitation_of(grid, total), settings),
+        noise=noise,
         design=solution.design,
         constants=unknowns.coordinates,
         sensitivity=np.asarray(np.linalg.solve(own, coupled.T)).reshape(-1, *grid.shape),
@@ -178,6 +181,24 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
         ),
     )
     return estimate, solution
+
+
+def _since_known(grid: Grid, solution: Solution, unknowns: Unknowns) -> tuple[Array, Array, Array]:
+    """Return theta (p,), the covariance of all columns and the map's noise, as the change since the air flow was known."""
+    left, own, p = unknowns.at_nodes, solution.engine, solution.layout.nodes
+    if left is None:
+        return solution.theta, solution.covariance, solution.noise
+    if not (np.array_equal(left.fuel, grid.fuel) and np.array_equal(left.speed, grid.speed)):
+        raise DataError(
+            "the engine was calibrated on logs with other map nodes than this configuration has; run `lpvobs calibrate` again "
+            "with this configuration"
+        )
+    onto = np.eye(solution.layout.solved)
+    onto[:p, own] = -left.response
+    covariance = onto @ solution.covariance @ onto.T
+    covariance[:p, :p] += left.covariance
+    theta = solution.theta - left.mean - left.response @ (solution.mean[own] - unknowns.mean)
+    return theta, covariance, solution.noise + left.covariance
 
 
 def calmed(air_path: AirPath, log: Log, half_width: float) -> tuple[Log, dict[str, Array]]:

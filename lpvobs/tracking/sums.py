@@ -63,6 +63,10 @@ class Basis:
         Item("1", "ratio of the variance of all errors to the variance of errors that are independent between windows"),
     ]
 
+    # what the engine's formulas left at the nodes where the air flow was known is no part of the map
+    left: Annotated[Array, Item("kg/s", "flow left at the nodes when the air flow was known", ("node",))]
+    response: Annotated[Array, Item("kg/s", "change of it with each coordinate", ("node", "coordinate"))]
+
     @property
     def size(self) -> int:
         """Number of nodes and coordinates of the engine."""
@@ -86,7 +90,7 @@ class Basis:
         layout, p = self.layout, self.flow.size
         found = np.zeros((layout.size, self.size + 2))
         unknowns = slice(p, p + layout.unknowns)
-        found[:p, :p] = np.eye(p)
+        found[:p, :p], found[:p, p:-2], found[:p, -1] = np.eye(p), self.response, -self.left
         found[unknowns, p:-2], found[unknowns, -1] = self.engine, -self.mean
         found[layout.terms.stop, -2] = found[layout.z, -1] = 1.0
         return found
@@ -185,7 +189,10 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     ]
     flow, error = (terms @ each for each in smooth)
     flow = flow_at_nodes(seen[:, :p], seen[:, -1], flow)
-    return Basis(weights, root @ axes[:, told > TOLD][:, ::-1], unknowns.mean, flow, error, terms, max(lasting, 1.0))
+    engine, left = root @ axes[:, told > TOLD][:, ::-1], unknowns.at_nodes
+    known = (np.zeros(p), np.zeros((p, unknowns.size))) if left is None else (left.mean, left.response)
+    lasting = max(lasting, 1.0)
+    return Basis(weights, engine, unknowns.mean, flow, error, terms, lasting, known[0], known[1] @ engine)
 
 
 def flow_at_nodes(products: Array, with_flow: Array, usual: Array) -> Array:

@@ -11,6 +11,7 @@ from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior, free_map
 from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
+from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.engines import EngineOfMap
@@ -113,6 +114,22 @@ def test_a_stored_map_and_its_engine_are_conditional_on_what_the_model_takes_as_
     np.testing.assert_allclose(S_kept @ covariance[2:, 2:], covariance[:2, 2:], rtol=1e-6, atol=1e-12)
     left = covariance[:2, :2] - S_kept @ covariance[2:, 2:] @ S_kept.T + LIKENESS**2 * np.eye(2)
     np.testing.assert_allclose(np.linalg.inv(known.prior.precision), left, rtol=1e-6, atol=1e-12)
+
+
+def test_what_the_formulas_left_is_added_to_a_map_of_changes(model):
+    """The loop compares readings with flows, so its map is all that the balances leave: of then, and what has changed since."""
+    at_nodes = LeftAtNodes(np.zeros(2), np.zeros(1), np.array([3e-3, -1e-3]), np.array([[0.2], [0.5]]), np.eye(2))
+    calibrated = Unknowns(("V_d",), (), np.array([0.002]), np.eye(1), True, at_nodes)
+    found = EngineOfMap(("V_d",), np.array([0.005]), np.array([[1e-6]]), (), ())
+    theta, S = np.array([0.01, 0.02]), np.array([[1.5], [-1.0]])
+    covariance = np.diag([1e-6, 4e-6]) + S @ found.covariance @ S.T
+    result = Result(theta[None], covariance, S.T.reshape(1, 1, 2), ("V_d",), found)
+    plain, known = (known_from(result, model, 0.1, given) for given in (None, calibrated))
+    since = 1.005 / 1.002 - 1.0
+    assert known.prior.mean == pytest.approx(plain.prior.mean + np.array([3e-3 + 0.2 * since, 0.5 * since - 1e-3]))
+    own = model.names.index("V_d")
+    assert known.prior.sensitivity[:, own] == pytest.approx([1.7, -0.5])
+    np.testing.assert_allclose(known.prior.precision, plain.prior.precision)
 
 
 def test_a_map_that_does_not_tell_of_its_engine_cannot_stand(model):

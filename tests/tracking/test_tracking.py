@@ -20,7 +20,8 @@ GRID = Grid(np.linspace(0.0, 30.0, 4), np.linspace(1000.0, 2500.0, 4))
 FUEL, SPEED = (axis.ravel() for axis in np.meshgrid(GRID.fuel, GRID.speed))
 FLOW = 1e-5 * SPEED + 2e-4 * FUEL
 TERMS = scaled_terms(GRID, FUEL, SPEED)
-BASIS = Basis(np.eye(1), np.eye(2), np.zeros(2), FLOW, np.zeros(FLOW.size), TERMS, 1.0)
+NOTHING = np.zeros(FLOW.size)
+BASIS = Basis(np.eye(1), np.eye(2), np.zeros(2), FLOW, NOTHING, TERMS, 1.0, NOTHING, np.zeros((FLOW.size, 2)))
 NOISE = 2e-4
 PRIOR = 0.1
 MONTH = 365.25 / 12
@@ -241,3 +242,18 @@ def test_the_map_of_a_type_has_the_restricted_likelihood_of_a_dense_twin():
     fit = right @ np.linalg.solve(expected, right)
     dense = 0.5 * (fit - y @ np.linalg.solve(V, y) - np.linalg.slogdet(V)[1] - np.linalg.slogdet(expected)[1])
     assert likelihood == pytest.approx(dense, rel=1e-9)
+
+
+def test_what_formulas_left_when_the_flow_was_known_is_taken_off_every_row():
+    """Psi theta + (J + Psi R) E c = z - J mean - Psi left, row by row."""
+    rng, p = np.random.default_rng(8), FLOW.size
+    left, R, E, mean = rng.standard_normal(p), rng.standard_normal((p, 2)), rng.standard_normal((2, 2)), np.ones(2)
+    basis = replace(BASIS, engine=E, mean=mean, left=left, response=R @ E)
+    layout = basis.layout
+    row = np.zeros(layout.size)
+    Psi, J, z = row[:p], row[p : p + 2], 3.0
+    Psi[:4], J[:], row[layout.z] = [0.1, 0.2, 0.3, 0.4], [5.0, -2.0], z
+    found = row @ basis.columns()
+    np.testing.assert_allclose(found[:p], Psi)
+    np.testing.assert_allclose(found[p : p + 2], (J + Psi @ R) @ E)
+    assert found[-1] == pytest.approx(z - J @ mean - Psi @ left)

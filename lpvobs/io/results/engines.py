@@ -14,10 +14,10 @@ import numpy as np
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.curves import Knowledge, LearnedCurve, LearnedNumber, Nodes
 from lpvobs.engines.healthy import HealthyErrors
-from lpvobs.engines.unknowns import Unknowns
+from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_rows, rows, values, write
+from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_if_there, read_rows, rows, values, write
 from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -88,7 +88,7 @@ def _curve(group: h5py.Group) -> LearnedCurve:
     return read(group, _layout(name, unit, meaning, tuple(axes)), axes=axes, name=name, unit=unit, meaning=meaning)
 
 
-KIND = "engine"
+KIND, LEFT = "engine", "left_at_nodes"
 REMEDY = "make an engine with `lpvobs calibrate`"
 
 
@@ -183,7 +183,7 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         file.attrs["schema"] = f"lpvobs/{KIND}/1"
         write_fields(file, fields(StoredEngine, stored))
         found = _Calibrated(unknowns.names, unknowns.mean, unknowns.covariance, stored.prior_error)
-        write(file, "unknowns", found)
+        _write_left(write(file, "unknowns", found), unknowns)
         write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
         write_group(file, "rows", rows(stored.rows, "row"))
         write_group(file, "points", rows(stored.points, "row"))
@@ -192,11 +192,17 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
         write(file, "provenance", stored.provenance)
 
 
+def _write_left(group: h5py.Group, unknowns: Unknowns) -> None:
+    if unknowns.at_nodes is not None:
+        write(group, LEFT, unknowns.at_nodes)
+
+
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
     stored, components = read(group, _UnknownsAsStored), air_path.components
     own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
-    found = Unknowns(own, components, stored.mean, stored.covariance, learned=True)
+    at_nodes = read_if_there(group.get(LEFT), LeftAtNodes)
+    found = Unknowns(own, components, stored.mean, stored.covariance, learned=True, at_nodes=at_nodes)
     if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):
         raise DataError(
             f"{group.file.filename}: holds estimated quantities that this version of lpvobs does not have; {REMEDY} again"
@@ -272,7 +278,8 @@ def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
         before = found.before()
-        write(file, BEFORE, _UnknownsAsStored(before.names, before.mean, before.covariance))
+        stored = _UnknownsAsStored(before.names, before.mean, before.covariance)
+        _write_left(write(file, BEFORE, stored), before)
     group = write(file, ENGINE_FOUND, stored_engine(found))
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
     write_corrections(group, found.unknowns, found.mean, errors)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.diesel.lpv import Diesel
+from lpvobs.engines.unknowns import LeftAtNodes
 from lpvobs.errors import DataError
 from lpvobs.io.results.engines import read_engine, write_engine
 
@@ -27,6 +28,18 @@ def test_what_is_written_comes_back(stored, air_path, tmp_path):
     assert again.rows == stored.rows
     assert (again.amplitudes, again.left, again.constants) == (stored.amplitudes, stored.left, stored.constants)
     assert again.provenance == stored.provenance
+
+
+def test_what_is_left_at_the_nodes_comes_back(stored, air_path, grid, tmp_path):
+    rng, p, q = np.random.default_rng(2), grid.size, stored.unknowns.size
+    at_nodes = LeftAtNodes(
+        grid.fuel, grid.speed, rng.standard_normal(p), rng.standard_normal((p, q)), rng.standard_normal((p, p))
+    )
+    assert stored.unknowns.at_nodes is None  # a bench teaches none
+    write_engine(tmp_path / "days.h5", replace(stored, unknowns=replace(stored.unknowns, at_nodes=at_nodes)))
+    again = read_engine(tmp_path / "days.h5", air_path).unknowns.at_nodes
+    for name, value in vars(at_nodes).items():
+        np.testing.assert_array_equal(getattr(again, name), value, err_msg=name)
 
 
 def test_the_covariance_is_one_and_smaller_than_before(stored):
