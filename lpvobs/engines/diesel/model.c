@@ -13,6 +13,7 @@
 #define COUNT(a) ((uint32_t)(sizeof(a) / sizeof((a)[0])))
 #define USUAL_CHARGE R(320.0) /* K; lpvobs.engines.components.intake */
 #define USUAL_RATIO R(1.2)    /* p_em / p_im; lpvobs.engines.diesel.corrections */
+#define USUAL_HEAT R(600.0)   /* K; lpvobs.engines.diesel.corrections */
 
 typedef struct {
     uint32_t low; /* the node below */
@@ -117,10 +118,13 @@ static real_t filling_correction(const real_t u[LPVOBS_CHANNELS])
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t T_im = u[LPVOBS_IN_T_im];
     const uint32_t across = COUNT(c->eta_vol_p_im);
+    const uint32_t densities = COUNT(c->eta_vol_waves_p_im);
     const place j = at(c->eta_vol_n_e, COUNT(c->eta_vol_n_e), u[LPVOBS_IN_n_e]);
     const place k = at(c->eta_vol_p_im, across, u[LPVOBS_IN_p_im]);
     const place wave = at(c->eta_vol_waves_n_e, COUNT(c->eta_vol_waves_n_e), u[LPVOBS_IN_n_e] * root(USUAL_CHARGE / T_im));
-    return on_surface(c->eta_vol, 0U, j, across, k) + on_line(c->eta_vol_waves, 0U, wave) +
+    const place dense = at(c->eta_vol_waves_p_im, densities, u[LPVOBS_IN_p_im]);
+    return on_surface(c->eta_vol, 0U, j, across, k) + on_surface(c->eta_vol_waves, 0U, wave, densities, dense) +
+           (c->eta_vol_heat * ((u[LPVOBS_IN_T_em] - USUAL_HEAT) / R(100.0))) +
            (c->eta_vol_exhaust * ((u[LPVOBS_IN_p_em] / u[LPVOBS_IN_p_im]) - USUAL_RATIO)) +
            (c->eta_vol_charge * ((T_im - USUAL_CHARGE) / R(100.0)));
 }
