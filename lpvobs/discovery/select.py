@@ -256,7 +256,9 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     nothing = cross_validated(refit(after, ()), after) if before.terms else losses
     explained = float((nothing.before - nothing.after).sum()) - gained
     opposed = any(cancels(after, i, len(after.terms) - 1) for i in range(len(before.terms)))
-    return gained > 0.5 * thresholds.SHAPE**2 * explained and not opposed  # one effect takes about half of it
+    # One effect takes about half of what a shape leaves; a channel or a formula has the shape that came first, no cause's own.
+    unlisted = any(term.effect.id.startswith(("channel:", PREFIX)) for term in before.terms)
+    return gained > (1.0 if unlisted else 0.5) * thresholds.SHAPE**2 * explained and not opposed
 
 
 def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:

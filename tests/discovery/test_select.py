@@ -16,7 +16,7 @@ def better(monkeypatch):
     def model(terms, patterns):
         return SimpleNamespace(terms=tuple(terms), problem=SimpleNamespace(patterns=patterns))
 
-    def accepted(*left, patterns=(1,), opposed=False):
+    def accepted(*left, patterns=(1,), opposed=False, named=""):
         def compared(before, after):
             here, one = [np.array([left[len(linear.terms)]]) for linear in (before, after)], np.zeros(1, dtype=np.int64)
             return Losses(here[0], here[1], np.ones(1, dtype=bool), one, 1.0)
@@ -25,7 +25,7 @@ def better(monkeypatch):
         monkeypatch.setattr(select, "refit", lambda linear, terms: model(terms, linear.problem.patterns))
         monkeypatch.setattr(select, "noise_power", lambda *_: 0.0)
         monkeypatch.setattr(select, "cancels", lambda *_: opposed)
-        names = [str(i) for i in range(len(left) - 1)]
+        names = [SimpleNamespace(effect=SimpleNamespace(id=f"{named}{i}")) for i in range(len(left) - 1)]
         return select._predicts_better(model(names[:-1], patterns), model(names, patterns))
 
     return accepted
@@ -43,6 +43,13 @@ def test_what_a_cause_leaves_that_is_not_quite_the_catalogue_s_is_no_second_caus
     assert better(3000.0, 1000.0, 850.0)
     assert not better(3000.0, 1000.0, 900.0)
     assert better(1100.0, 1000.0, 900.0)
+
+
+@pytest.mark.parametrize("named", ["channel:", "form:"])
+def test_beside_what_no_cause_has_listed_a_second_one_needs_more(better, named):
+    """A right `channel:humidity` had a drift of the sensor beside it, a right `channel:T_coolant` a gain."""
+    assert not better(3000.0, 1000.0, 850.0, named=named)
+    assert better(3000.0, 1000.0, 700.0, named=named)
 
 
 def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
