@@ -118,6 +118,7 @@ def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
     same(estimated(setting, logs, tmp_path / "r.h5", Workplace(jobs=2)), alone)
 
 
+@pytest.mark.slow
 def test_processes_give_the_fleet_of_one_process(followed, logs, fleet, tmp_path):
     assert followed(logs[::-1], tmp_path / "f.h5", jobs=2) == fleet
 
@@ -128,6 +129,7 @@ def test_who_finishes_last_changes_no_bit_of_a_fleet(followed, logs, fleet, tmp_
     assert followed(logs, tmp_path / "f.h5", jobs=1) == fleet
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_said_in_one_line():
     pytest.importorskip("distributed", reason="Dask is not installed; pip install lpvobs[cluster]")
     with pytest.raises(UsageError, match="cannot be reached") as failure:
@@ -243,6 +245,7 @@ def restarted(tmp_path):
         ended()
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, logs, alone, restarted, tmp_path):
     address, again = restarted
     seen = []

@@ -71,6 +71,7 @@ def test_folders_may_be_called_anything(tmp_path, folder, named):
     assert (tmp_path / folder / "a b").is_dir()
 
 
+@pytest.mark.slow
 @needs_make
 def test_a_gate_that_a_log_fails_and_a_log_that_is_none_fail_the_run(project):
     (project / "logs" / "damaged.parquet").write_bytes(b"PAR1")

@@ -63,7 +63,7 @@ def test_a_folder_is_its_logs_and_says_which_agree(together, fleet):
     assert list(out.parent.iterdir()) == [out]  # the parts are gone
 
 
-@pytest.mark.parametrize("jobs", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("jobs", [pytest.param(jobs, marks=pytest.mark.slow) for jobs in (2, 3)])
 def test_neither_the_jobs_nor_the_order_of_the_logs_change_a_byte(estimate, fleet, together, tmp_path, jobs):
     out = tmp_path / "r.h5"
     names = sorted(fleet.iterdir(), reverse=jobs == 3)

@@ -103,6 +103,7 @@ def test_a_month_more_is_added_without_the_old_logs(whole, fleet, track, tmp_pat
         np.testing.assert_allclose(added[name], at_once[name], rtol=1e-4, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_what_a_stopped_run_had_read_is_said(fleet, track, config, chain, tmp_path, monkeypatch):
     out, logs = tmp_path / "fleet.h5", [fleet / "?" / "2025-01.parquet"]
     monkeypatch.setattr(PartsFolder, "remove", lambda _: None)

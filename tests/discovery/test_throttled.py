@@ -84,7 +84,7 @@ def test_the_log_that_taught_the_engine_is_judged_by_parts_it_was_not_learned_fr
     ("name", "channel", "change", "true", "width"),
     [
         ("maf.gain", "W_maf", lambda x: 1.10 * x, 1.10, 0.02),
-        ("p_im.gain", "p_im", lambda x: 0.80 * x, 0.80, 0.02),
+        pytest.param("p_im.gain", "p_im", lambda x: 0.80 * x, 0.80, 0.02, marks=pytest.mark.slow),
         pytest.param("p_ic.gain", "p_ic", lambda x: 0.92 * x, 0.92, 0.02, marks=pytest.mark.slow),
         pytest.param("p_im.offset", "p_im", lambda x: x + 6000.0, 6000.0, 900.0, marks=pytest.mark.slow),
         pytest.param("alpha_th.offset", "alpha_th", lambda x: x + 1.0, 1.0, 0.15, marks=pytest.mark.slow),
@@ -168,7 +168,13 @@ def test_what_no_effect_explains_is_not_named(judge, another_day):
     assert found.findings == ()
 
 
-@pytest.mark.parametrize(("missing", "lost"), [("alpha_th", "throttle"), ("m_f", "fuel"), ("p_amb", "ambient")])
+@pytest.mark.parametrize(
+    ("missing", "lost"),
+    [
+        ("p_amb", "ambient"),
+        *(pytest.param(*gone, marks=pytest.mark.slow) for gone in (("alpha_th", "throttle"), ("m_f", "fuel"))),
+    ],
+)
 def test_missing_channels_leave_the_other_balances_and_are_told(judge, another_day, missing, lost):
     wrong = since(another_day, "W_maf", lambda x: 1.15 * x)
     part = judge({name: x for name, x in wrong.items() if name != missing}).trace.logs[0]
@@ -223,6 +229,7 @@ def test_undoing_nothing_changes_nothing(model, config, another_day):
         np.testing.assert_array_equal(same.lacks, signals.lacks)
 
 
+@pytest.mark.slow
 def test_a_leak_that_is_named_is_taken_out_of_the_flows(model, config, judge):
     """The flow that passes the sensor is what the cylinders take less what the leak lets in: the observer is given that."""
     leaking = truth.noisy(truth.drive(400.0, seed=3, leak=8e-6, onset=ONSET), 4)

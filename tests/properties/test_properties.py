@@ -113,6 +113,7 @@ def test_the_order_of_logs_changes_no_byte(config, air_path, grid, drives, order
     assert result([drives[place] for place in order]) == result(drives)
 
 
+@pytest.mark.slow
 @given(order=st.permutations(range(4)), many=st.integers(1, 4))
 @settings(max_examples=6)
 def test_parts_merged_are_the_whole(config, air_path, grid, drives, order, many):
