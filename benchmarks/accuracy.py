@@ -92,7 +92,7 @@ def _without_noise(config: Config, grid: Grid, gain: StateGain) -> str:
     """Return the section of the paper's situation: exact constants, and sensors without noise."""
     sensors = config.simulation.sensors  # type: ignore[union-attr]
     silent = replace(
-        sensors, **{item.name: 0.0 for item in fields(sensors) if item.type is float or item.type == "float"}
+        sensors, **{item.name: 0.0 for item in fields(sensors) if isinstance(getattr(sensors, item.name), float)}
     )
     quiet = replace(config, simulation=replace(config.simulation, sensors=silent))
     rows = []

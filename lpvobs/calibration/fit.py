@@ -164,7 +164,9 @@ def taught(
             parts.append(inform(point.air_path, grid, gain, log, point.settings, unknowns))
             told((turn + count / len(logs)) / PASSES)
         total = added_up(grid, layout, sorted(parts, key=lambda part: part.run.sha256))
-        away = left * mean_flow(layout, total)
+        away = max(left, LEFT[1]) * mean_flow(
+            layout, total
+        )  # no formula is better, even where a bench shows nothing left
         solution = solve(layout, total, Prior(away, unknowns, (NO_LEVEL,) * layout.balances))
         own = solution.engine
         found = EngineFound(unknowns, point.deviation, solution.mean[own], solution.covariance[own, own])
