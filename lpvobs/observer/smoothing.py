@@ -37,8 +37,8 @@ def smooth(
     """
     columns = np.ascontiguousarray(columns)
     values, rates = np.empty_like(columns), np.empty_like(columns)
-    for segment in segments:
-        _smooth(time, columns, half_width, least, segment, segment, values, rates)
+    for start, stop in segments:
+        _local_quadratic(time, columns, half_width, least, start, stop, start, stop, values, rates)
     return values, rates
 
 
@@ -71,9 +71,21 @@ def stretches(
     """Yield a recording in stretches with the named channels smoothed: what `smooth` makes of the whole, to the bit."""
     # Those in `calm` go through the wider window as well. Only samples whose windows have not been read to their end wait
     # for the next piece.
-    windows = _Widths(tuple(names), tuple(calm), half_width)
-    for held, ready in held_back(pieces, windows.widest):
-        yield from held.smoothed(ready, windows)
+    widest = CALM * half_width if calm else half_width
+    for held, ready in held_back(pieces, widest):
+        for start in range(held.done, ready, BLOCK):
+            stop = min(start + BLOCK, ready)
+            values, rates = held.through(half_width, names, start, stop)
+            calmer = held.through(widest, calm, start, stop, CALM_LEAST)[0] if calm else ()
+            yield SmoothStretch(
+                before=float(held.time[start - 1]) if start else float("nan"),
+                time=held.time[start:stop],
+                channels={name: column[start:stop] for name, column in held.channels.items()},
+                values=dict(zip(names, values, strict=True)),
+                rates=dict(zip(names, rates, strict=True)),
+                calm=dict(zip(calm, calmer, strict=True)),
+                rough={name: _rough(held.channels[name], start, stop) for name in names},
+            )
 
 
 def held_back(pieces: Iterable[Piece], half_width: float, ahead: float = 0.0) -> Iterator[tuple["Held", int]]:
@@ -95,20 +107,6 @@ def held_back(pieces: Iterable[Piece], half_width: float, ahead: float = 0.0) ->
             held = held.rest(ready, half_width)
     if held is not None:
         yield held, held.time.size
-
-
-@dataclass(frozen=True)
-class _Widths:
-    """Which channels go through which window."""
-
-    names: tuple[str, ...]
-    calm: tuple[str, ...]
-    half_width: float
-
-    @property
-    def widest(self) -> float:
-        """Half width of the wider window [s]."""
-        return CALM * self.half_width if self.calm else self.half_width
 
 
 @dataclass(frozen=True)
@@ -139,25 +137,6 @@ class Held:
         first = max(min(_first_within(self.time, ready, half_width), ready - CALM_LEAST), 0)
         return Held(self.time[first:], {n: column[first:] for n, column in self.channels.items()}, ready - first)
 
-    def smoothed(self, ready: int, windows: _Widths) -> Iterator[SmoothStretch]:
-        """Yield the samples that are ready in stretches."""
-        for start in range(self.done, ready, BLOCK):
-            stop = min(start + BLOCK, ready)
-            values, rates = self.through(windows.half_width, windows.names, start, stop)
-            calm = values[:0]
-            if windows.calm:
-                calm = self.through(windows.widest, windows.calm, start, stop, CALM_LEAST)[0]
-            part = slice(start, stop)
-            yield SmoothStretch(
-                before=float(self.time[start - 1]) if start else float("nan"),
-                time=self.time[part],
-                channels={name: column[part] for name, column in self.channels.items()},
-                values=dict(zip(windows.names, values, strict=True)),
-                rates=dict(zip(windows.names, rates, strict=True)),
-                calm=dict(zip(windows.calm, calm, strict=True)),
-                rough={name: _rough(self.channels[name], start, stop) for name in windows.names},
-            )
-
     def through(
         self, half_width: float, names: Sequence[str], start: int, stop: int, least: int = LEAST
     ) -> tuple[Array, Array]:
@@ -167,9 +146,9 @@ class Held:
         time = self.time[low:high]
         columns = np.stack([self.channels[name][low:high] for name in names])
         values, rates = np.empty((2, len(names), time.size))
-        _smooth(time, columns, half_width, least, (0, time.size), (start - low, stop - low), values, rates)
-        wanted = slice(start - low, stop - low)
-        return values[:, wanted], rates[:, wanted]
+        begin, end = start - low, stop - low
+        _local_quadratic(time, columns, half_width, least, 0, time.size, begin, end, values, rates)
+        return values[:, begin:end], rates[:, begin:end]
 
 
 def _first_within(time: Array, k: int, half_width: float) -> int:
@@ -177,27 +156,14 @@ def _first_within(time: Array, k: int, half_width: float) -> int:
     return int(np.searchsorted(time[: k + 1], time[k] - 2.0 * half_width))
 
 
-def _smooth(
-    time: Array,
-    columns: Array,
-    half_width: float,
-    least: int,
-    known: tuple[int, int],
-    wanted: tuple[int, int],
-    values: Array,
-    rates: Array,
-) -> None:
-    """Fill values and rates for the samples wanted, from those of their segment that are known."""
-    # All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
-    (low, high), (begin, end) = known, wanted
-    if high - low < LEAST + 1:  # too short for a quadratic
-        values[:, begin:end], rates[:, begin:end] = columns[:, begin:end], 0.0
-        return
-    _local_quadratic(time, columns, half_width, least, low, high, begin, end, values, rates)
-
-
 @njit(cache=True)
 def _local_quadratic(time, columns, half_width, least, low, high, begin, end, values, rates):  # type: ignore[no-untyped-def]
+    """Fill values and rates for the samples from begin to end, of a segment that is known from low to high."""
+    # All arrays are contiguous: loops along a row of another layout would not be done several samples at a time.
+    if high - low < LEAST + 1:  # too short for a quadratic
+        values[:, begin:end] = columns[:, begin:end]
+        rates[:, begin:end] = 0.0
+        return
     first, last = low, low
     for start in range(begin, end, ROW):
         stop = min(start + ROW, end)
