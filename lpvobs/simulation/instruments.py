@@ -14,12 +14,6 @@ from lpvobs.simulation.courses import lagged
 from lpvobs.simulation.parameters import Sensors, Structure
 
 
-def measure(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:
-    """Return the readings of noise-free channels, each of shape (N,)."""
-    # Every channel draws from a stream of its own, so that one channel more changes no other.
-    return {name: _reading(name, values, sensors, seed) for name, values in truth.items()}
-
-
 class Quality(NamedTuple):
     """What is random and coarse about a sensor, in its channel's unit."""
 
@@ -27,11 +21,16 @@ class Quality(NamedTuple):
     step: float  # to which it rounds
 
 
-def _reading(name: str, values: Array, sensors: Sensors, seed: int) -> Array:
-    spread: float | Array = getattr(sensors, name, 0.0)
-    if name == "W_maf":
-        spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
-    return read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
+def measure(truth: Mapping[str, Array], sensors: Sensors, seed: int) -> dict[str, Array]:
+    """Return the readings of noise-free channels, each of shape (N,)."""
+    # Every channel draws from a stream of its own, so that one channel more changes no other.
+    readings = {}
+    for name, values in truth.items():
+        spread: float | Array = getattr(sensors, name, 0.0)
+        if name == "W_maf":
+            spread = np.hypot(sensors.W_maf_absolute, sensors.W_maf_relative * np.abs(values))
+        readings[name] = read_with(name, values, Quality(spread, getattr(sensors.quantisation, name, 0.0)), seed)
+    return readings
 
 
 def read_with(name: str, values: Array, quality: Quality, seed: int) -> Array:

@@ -48,21 +48,6 @@ def look_up(rows: Array, columns: Array, values: Array, row: float, column: floa
 
 
 @njit(cache=True)
-def egr_is_active(targets: Targets, n_e: float, u_demand: float) -> bool:
-    """Return whether this operating point runs with EGR."""
-    low, high = targets.egr_off_below_u_delta, targets.egr_off_above_u_delta
-    return low <= u_demand <= high and n_e <= targets.egr_off_above_n_e
-
-
-@njit(cache=True)
-def fresh_air_error(targets: Targets, n_e: float, u_demand: float, W_c: float) -> float:
-    """Return by how much the fresh air exceeds its set-point, relative to that."""
-    per_stroke = look_up(targets.air_n_e, targets.air_u_delta, targets.air, n_e, u_demand)
-    wanted = 1e-6 * per_stroke * n_e * targets.n_cyl / 120.0
-    return W_c / wanted - 1.0
-
-
-@njit(cache=True)
 def control(
     targets: Targets, last: Commands, n_e: float, u_demand: float, p_im: float, p_em: float, W_c: float, p_amb: float
 ) -> Commands:
@@ -70,8 +55,11 @@ def control(
     # With EGR active the valve opens while there is more fresh air than wanted, and the vanes hold p_em - p_im; otherwise
     # the valve is shut and the vanes hold the boost. The integrators stop at the limits of what they drive; the valve's
     # rests while shut.
-    if egr_is_active(targets, n_e, u_demand):
-        excess = fresh_air_error(targets, n_e, u_demand, W_c)
+    low, high = targets.egr_off_below_u_delta, targets.egr_off_above_u_delta
+    if low <= u_demand <= high and n_e <= targets.egr_off_above_n_e:
+        per_stroke = look_up(targets.air_n_e, targets.air_u_delta, targets.air, n_e, u_demand)
+        wanted = 1e-6 * per_stroke * n_e * targets.n_cyl / 120.0
+        excess = W_c / wanted - 1.0
         moved = last.egr_integral + targets.period * targets.egr_integral * excess
         egr_integral = min(max(moved, 0.0), targets.egr_max)
         u_egr = min(max(egr_integral + targets.egr_proportional * excess, 0.0), targets.egr_max)

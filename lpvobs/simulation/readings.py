@@ -87,30 +87,6 @@ _CHARACTERISTICS: dict[str, _Characteristic] = {
 }
 
 
-def maf_reading(
-    point: Mapping[str, Array],
-    time: Array,
-    surface: ErrorSurface,
-    R_a: float,
-    effects: Sequence[CatalogueEffect],
-    disturbances: Sequence[ChannelEffect | UnloggedEffect],
-    pulsing: float = 0.0,
-) -> Array:
-    """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
-
-    `point` has the true `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K] and the channels behind
-    disturbances. These are settled and act on what the effects leave. `pulsing` is the amplitude of the pulses that a hot film
-    of another structure misreads.
-    """
-    W = flow_through_sensor(point["W_c"], time, R_a, point, effects)
-    misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
-    W = W + surface_error(surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
-    W = maf_characteristic(W, time, point, effects)
-    for disturbance in disturbances:
-        W = disturbance.on(W, time, point)
-    return W
-
-
 def with_memory(W: Array, step: float, effects: Sequence[CatalogueEffect]) -> Array:
     """Return a reading, shape (M,) every `step` seconds from zero, behind its lags and then behind its delays."""
     # A sensor that becomes slow starts from what it showed; one that is mended is right at once.
@@ -179,9 +155,18 @@ class Instruments:
         return replace(self, disturbances=tuple(item.settled(truth, duration) for item in self.disturbances))
 
     def maf(self, point: Mapping[str, Array], time: Array) -> Array:
-        """Return what the air flow sensor shows at a point [kg/s], before its lag, delay and noise, shape (N,)."""
-        element = self.structure.maf_element
-        return maf_reading(point, time, self.surface, self.R_a, self.effects, self.disturbances, element)
+        """Return what the air flow sensor shows [kg/s], shape (N,), before its lag, delay and noise.
+
+        `point` has the true `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K] and the channels behind
+        disturbances. These are settled and act on what the effects leave.
+        """
+        W, pulsing = flow_through_sensor(point["W_c"], time, self.R_a, point, self.effects), self.structure.maf_element
+        misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
+        W = W + surface_error(self.surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
+        W = maf_characteristic(W, time, point, self.effects)
+        for disturbance in self.disturbances:
+            W = disturbance.on(W, time, point)
+        return W
 
 
 def sense(
