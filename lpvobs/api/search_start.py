@@ -45,9 +45,12 @@ def known_from(
             f"{stored.path}: a map can only be kept if its covariance with the engine's constants is stored, but the method "
             f"'{stored.method}' stores none; run `lpvobs estimate` with the default method"
         )
-    prior = nominal_map(stored.theta, stored.covariance, stored.sensitivity, found.covariance, prior_map)
-    if calibrated is not None and calibrated.at_nodes is not None:
-        prior = _with_left(prior, found, calibrated, calibrated.at_nodes)
+    left = None if calibrated is None else calibrated.at_nodes
+    # What is not known of what was left at the nodes is an error of the change alone: the balances show both together.
+    covariance = stored.covariance if left is None else stored.covariance - left.covariance
+    prior = nominal_map(stored.theta, covariance, stored.sensitivity, found.covariance, prior_map)
+    if calibrated is not None and left is not None:
+        prior = _with_left(prior, found, calibrated, left)
     deviation, own, conditional = _of_model(found, model.names)
     moved = deviation - found.deviation
     covariance, S = model.covariance.copy(), np.zeros((prior.mean.size, len(model.names)))

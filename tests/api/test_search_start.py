@@ -1,6 +1,6 @@
 """Constants of refined models: nothing counts twice, several refinements add up, and a map that stands follows its constants."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -123,8 +123,9 @@ def test_what_the_formulas_left_is_added_to_a_map_of_changes(model):
     found = EngineOfMap(("V_d",), np.array([0.005]), np.array([[1e-6]]), (), ())
     theta, S = np.array([0.01, 0.02]), np.array([[1.5], [-1.0]])
     covariance = np.diag([1e-6, 4e-6]) + S @ found.covariance @ S.T
-    result = Result(theta[None], covariance, S.T.reshape(1, 1, 2), ("V_d",), found)
-    plain, known = (known_from(result, model, 0.1, given) for given in (None, calibrated))
+    total = Result(theta[None], covariance, S.T.reshape(1, 1, 2), ("V_d",), found)
+    change = replace(total, covariance=covariance + at_nodes.covariance)
+    plain, known = known_from(total, model, 0.1), known_from(change, model, 0.1, calibrated)
     since = 1.005 / 1.002 - 1.0
     assert known.prior.mean == pytest.approx(plain.prior.mean + np.array([3e-3 + 0.2 * since, 0.5 * since - 1e-3]))
     own = model.names.index("V_d")
