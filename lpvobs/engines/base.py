@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from lpvobs.engines.channels import NONE_SUSPECTED, Channel, Pulsation, Recorded, Suspects
+from lpvobs.engines.constants import scaled
 from lpvobs.engines.curves import Knowledge
+from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart, Unknowns
@@ -50,32 +52,33 @@ class Balances:
 
 
 class AirPath(Protocol):
-    """An engine's air path: what holds for all engines of its kind, and the numbers of one of them."""
+    """An engine's air path: what holds for all engines of its kind, and the numbers of one of them.
+
+    What has a value here is that of an engine whose balances need no correction, and whose constants are all configured.
+    """
 
     name: ClassVar[str]  # which engine this is, as in the configuration
     channels: ClassVar[Mapping[str, Channel]]  # needed channels, the sensor under test among them
     smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
     # of these, those that go through a wider window, too: a steep relation reads them, or their noise counts
-    calmed: ClassVar[tuple[str, ...]]
+    calmed: ClassVar[tuple[str, ...]] = ()
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
-    components: ClassVar[tuple[Component, ...]]  # corrections that parts of the engine may need
-    measured_parts: ClassVar[tuple[MeasuredPart, ...]]  # flows inside the engine that a bench may measure
-    volumes: ClassVar[tuple[str, ...]]  # constants that the balances owe what they store to
-    component_maps: ClassVar[Mapping[str, ComponentMap]]  # tables of components that others have, by kind
+    components: ClassVar[tuple[Component, ...]] = ()  # corrections that parts of the engine may need
+    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()  # flows inside the engine that a bench may measure
+    volumes: ClassVar[tuple[str, ...]] = ()  # constants that the balances owe what they store to
+    component_maps: ClassVar[Mapping[str, ComponentMap]] = {}  # tables of components that others have, by kind
     # inputs of the map: the fuel axis (p_1 nodes), then the speed axis (p_2 nodes)
     axes: ClassVar[tuple[MapAxis, MapAxis]]
-    sensor: ClassVar[str]  # the channel of the sensor under test
+    sensor: ClassVar[str] = SENSOR  # the channel of the sensor under test
     state_names: ClassVar[tuple[str, ...]]  # the states x
     parameter_names: ClassVar[tuple[str, ...]]  # the scheduling parameters
     temperature_names: ClassVar[tuple[str, ...]]  # the temperatures that `rate_bounds` takes
     rate_names: ClassVar[tuple[str, ...]]  # the parameters that it gives
-    learns: ClassVar[bool]  # whether parts of the engine are known only after a healthy log has shown them
+    learns: ClassVar[bool] = False  # whether parts of the engine are known only after a healthy log has shown them
     # channels that the loop can do without: it loses balances with them, and says so
-    dispensable: ClassVar[tuple[str, ...]]
+    dispensable: ClassVar[tuple[str, ...]] = ()
 
-    @property
-    def engine(self) -> Any:
-        """The configuration's `[engine]`."""
+    engine: Any  # the configuration's `[engine]`
 
     def __init__(self, engine: Any) -> None:
         """Take the configuration's `[engine]`."""
@@ -83,6 +86,7 @@ class AirPath(Protocol):
     @property
     def cylinders(self) -> float:
         """Number of cylinders, each of which fills once in two revolutions; 0 for an engine without."""
+        return 0.0
 
     def engine_constants(self) -> Mapping[str, float]:
         """Return every constant of the engine by name."""
@@ -106,15 +110,19 @@ class AirPath(Protocol):
 
     def knowledge(self) -> Knowledge | None:
         """Return what was learned; None for an engine that learns nothing, or has not yet."""
+        return None
 
     def knowing(self, known: Knowledge) -> "AirPath":
         """Return the air path with what was learned before."""
+        return self
 
     def deviating(self, deviation: Mapping[str, float]) -> "AirPath":
-        """Return the air path with other unknowns of its residual model, by their relative deviations."""
+        """Return the air path with other unknowns of its residual model, by their relative deviations: constants by default."""
+        return type(self)(scaled(self.engine, deviation))
 
     def learned_from(self, logs: Sequence[Log]) -> "AirPath":
         """Return the air path with what it learns of the engine from healthy logs; itself where all is configured."""
+        return self
 
     def states(self, log: Log) -> Array:
         """Return the states along a log as measured, shape (N, n), computed where no sensor shows them."""
@@ -126,53 +134,18 @@ class AirPath(Protocol):
 
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances along a log."""
+        return ()
 
     def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
         """Return for channels that a log may lack what they are supposed to read, in words and along the log, shape (N,)."""
+        return {}
 
     def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
-        """Return how far the balances can be relied on.
+        """Return how far the balances can be relied on, by default wholly.
 
         `noise` is the standard deviation that is left of each calmed channel's noise, `spread` that of the relative constants;
         `learned` says whether a calibration knows the engine.
         """
-
-
-class AsKnown:
-    """What an engine offers of these whose balances need no correction, and whose constants are all configured."""
-
-    learns: ClassVar[bool] = False
-    dispensable: ClassVar[tuple[str, ...]] = ()
-    calmed: ClassVar[tuple[str, ...]] = ()
-    components: ClassVar[tuple[Component, ...]] = ()
-    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()
-    component_maps: ClassVar[Mapping[str, ComponentMap]] = {}
-    volumes: ClassVar[tuple[str, ...]] = ()
-    balance_names: ClassVar[tuple[str, ...]]
-    cylinders: float = 0.0
-
-    def knowledge(self) -> Knowledge | None:
-        """Return nothing."""
-        return None
-
-    def knowing(self, known: Knowledge) -> Self:
-        """Return this very air path."""
-        return self
-
-    def learned_from(self, logs: Sequence[Log]) -> Self:
-        """Return this very air path."""
-        return self
-
-    def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
-        """Return none."""
-        return ()
-
-    def stand_ins(self, log: Log) -> Mapping[str, tuple[str, Array]]:
-        """Return none."""
-        return {}
-
-    def caution(self, log: Log, noise: Mapping[str, Array], spread: float, learned: bool = False) -> Caution:
-        """Return full trust in every balance."""
         shape = (len(self.balance_names), len(log))
         return Caution(np.ones(shape), np.zeros(shape))
 

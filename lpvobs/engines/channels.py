@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from functools import cache, partial
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +40,26 @@ class Channel:
         return self.one_of is not None and (not self.one_of or any(other in there for other in self.one_of))
 
 
-AMBIENT: dict[str, Channel] = {
-    "p_amb": Channel("Pa", 5e4, 1.2e5, (5.5e4, 1.1e5), "ambient pressure"),
-    "T_amb": Channel("K", 200.0, 350.0, (220.0, 330.0), "ambient temperature"),
-}
+AMBIENT = ("p_amb", "T_amb")
 """The surroundings, which every engine draws its air from."""
+
+
+@cache
+def channels(*folders: str) -> Mapping[str, Channel]:
+    """Return the channels that the last of some folders of `lpvobs.engines` lists; what it leaves out, those before it say."""
+    *usual, own = _tables("channels.toml", "", *folders)
+    found = {name: {key: x for each in (*usual, own) for key, x in each.get(name, {}).items()} for name in own}
+    return {name: Channel(**_with_tuples(how)) for name, how in found.items()}
+
+
+def _tables(file: str, *folders: str) -> list[dict[str, Any]]:
+    """Return the TOML files of a name in folders of `lpvobs.engines`; `` is that itself."""
+    own = files("lpvobs.engines")
+    return [tomllib.loads(own.joinpath(folder, file).read_text(encoding="utf-8")) for folder in folders]
+
+
+def _with_tuples(how: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in how.items()}
 
 
 @dataclass(frozen=True)
@@ -64,11 +80,8 @@ class Recorded:
 @cache
 def recorded(*folders: str) -> Mapping[str, Recorded]:
     """Return how recordings hold the channels that `recorded.toml` lists in folders of `lpvobs.engines`; `` is that itself."""
-    own = files("lpvobs.engines")
-    tables = [own.joinpath(folder, "recorded.toml").read_text(encoding="utf-8") for folder in folders]
-    found = {name: how for table in tables for name, how in tomllib.loads(table).items()}
-    lists = ("typical", "units")
-    return {name: Recorded(**how | {key: tuple(how[key]) for key in lists}) for name, how in found.items()}
+    found = {name: how for table in _tables("recorded.toml", *folders) for name, how in table.items()}
+    return {name: Recorded(**_with_tuples(how)) for name, how in found.items()}
 
 
 SLOWEST = 60.0  # [s] A sensor that takes longer shows nothing of a drive cycle

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import AsKnown, Balances, EngineKind, MapAxis, Trajectory
+from lpvobs.engines.base import AirPath, Balances, EngineKind, MapAxis, Trajectory
 from lpvobs.engines.channels import Channel, Recorded
 from lpvobs.engines.effects import BOOST, SENSOR, Effect, lacking, on_the_reading
 from lpvobs.engines.residual_model import ResidualModel
@@ -59,7 +59,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Blower(AsKnown):
+class Blower(AirPath):
     """The air path."""
 
     engine: Box

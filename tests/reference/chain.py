@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
 from lpvobs.records import Defects, Log
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
@@ -24,7 +24,7 @@ def chain(n):
     names = tuple(f"x_{i + 1}" for i in range(n))
 
     @dataclass(frozen=True)
-    class Chain(AsKnown):
+    class Chain(AirPath):
         name = "chain"
         learns = False
         sensor = "W"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvobs.engines.base import MapAxis
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -23,6 +24,7 @@ from lpvobs.engines.effects import (
 from lpvobs.engines.unknowns import LoopUnknowns
 from lpvobs.records import Array
 
+FUEL_AXIS = MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle")
 EGR = "the same operating points, once with the EGR valve open and once with it shut"
 
 

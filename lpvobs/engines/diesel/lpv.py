@@ -7,21 +7,21 @@ because the manifold temperatures move.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
+from lpvobs.engines.channels import channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.constants import scaled
+from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.diesel import constants as constant
 from lpvobs.engines.diesel import corrections as correction
 from lpvobs.engines.diesel import relations as relation
 from lpvobs.engines.diesel.component_maps import COMPONENT_MAPS
 from lpvobs.engines.diesel.constants import DieselConstants, DieselEngine
-from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart
+from lpvobs.engines.unknowns import Caution, Correction
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "p_em", "omega_t")
@@ -48,45 +48,25 @@ INPUTS = ("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im",
 
 
 @dataclass(frozen=True)
-class Diesel(AsKnown):
+class Diesel(AirPath):
     """The air path of a diesel with EGR and VGT; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: DieselEngine
 
-    name: ClassVar[str] = "diesel"
-    sensor: ClassVar[str] = "W_maf"
-    state_names: ClassVar[tuple[str, ...]] = STATES
-    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
-    temperature_names: ClassVar[tuple[str, ...]] = ("T_im", "T_em")
-    rate_names: ClassVar[tuple[str, ...]] = ("a_1", "a_2")
-    smoothed: ClassVar[tuple[str, ...]] = ("p_im", "p_em", "omega_t", "T_im", "T_em")
-    calmed: ClassVar[tuple[str, ...]] = ("p_im", "omega_t", "p_em")
-    balance_names: ClassVar[tuple[str, ...]] = BALANCES
-    components: ClassVar[tuple[Component, ...]] = correction.COMPONENTS
-    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = correction.MEASURED_PARTS
-    component_maps: ClassVar[Mapping[str, ComponentMap]] = COMPONENT_MAPS
-    volumes: ClassVar[tuple[str, ...]] = ("V_im",)
-    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
-        MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
-        SPEED_AXIS,
-    )
-    channels: ClassVar[Mapping[str, Channel]] = {
-        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed", 60.0),
-        "u_delta": Channel(
-            "mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle", 300.0, reaches=1.0
-        ),
-        "u_egr": Channel("%", -20.0, 120.0, (-5.0, 105.0), "EGR valve opening"),
-        "u_vgt": Channel("%", -20.0, 120.0, (-5.0, 105.0), "VGT vane opening"),
-        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure", 120.0, ("p_amb", 6e4)),
-        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure", 60.0, ("p_amb", 2e4)),
-        "omega_t": Channel("rad/s", 20.0, 4e4, (300.0, 3e4), "turbine speed", 30.0),
-        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
-        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", 300.0, ("T_amb", 40.0)),
-        **AMBIENT,
-        "W_maf": Channel(
-            "kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0, follows=("n_e", "p_im", "omega_t")
-        ),
-    }
+    name = "diesel"
+    state_names = STATES
+    parameter_names = PARAMETERS
+    temperature_names = ("T_im", "T_em")
+    rate_names = ("a_1", "a_2")
+    smoothed = ("p_im", "p_em", "omega_t", "T_im", "T_em")
+    calmed = ("p_im", "omega_t", "p_em")
+    balance_names = BALANCES
+    components = correction.COMPONENTS
+    measured_parts = correction.MEASURED_PARTS
+    component_maps = COMPONENT_MAPS
+    volumes = ("V_im",)
+    axes = (FUEL_AXIS, SPEED_AXIS)
+    channels = channels("components", "diesel")
 
     @cached_property
     def constants(self) -> DieselConstants:
@@ -94,7 +74,7 @@ class Diesel(AsKnown):
         return constant.constants_of(self.engine)
 
     @property
-    def cylinders(self) -> float:  # type: ignore[override]
+    def cylinders(self) -> float:
         """Number of cylinders."""
         return float(self.engine.geometry.n_cyl)
 
@@ -145,10 +125,6 @@ class Diesel(AsKnown):
         A = [[-a_1 * r3, a_1 * r2, a_1 * r1], [a_2 * r3, -a_2 * r2 - a_2 * r4, zero], [zero, zero, -r5]]  # Eq. (5)
         C = [[zero + int(state == output) for state in STATES] for output in outputs]
         return A, [*C, [zero, zero, r1]]  # Eq. (25)
-
-    def deviating(self, deviation: Mapping[str, float]) -> "Diesel":
-        """Return the air path of an engine whose constants deviate."""
-        return Diesel(scaled(self.engine, deviation))
 
     def states(self, log: Log) -> Array:
         """Return the measured states, shape (N, 3)."""

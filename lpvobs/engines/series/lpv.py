@@ -9,17 +9,17 @@ observer's injection, so the sensor's map enters the output alone, as Theorem 1 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, Trajectory
+from lpvobs.engines.channels import channels
 from lpvobs.engines.components import intake
-from lpvobs.engines.constants import scaled
+from lpvobs.engines.components.effects import FUEL_AXIS
 from lpvobs.engines.series import flows
 from lpvobs.engines.series.constants import SeriesEngine, constants_of
-from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
+from lpvobs.engines.unknowns import Caution, Correction
 from lpvobs.records import Array, Log
 
 STATES = ("p_im", "W_c")
@@ -35,43 +35,16 @@ MISSED = 0.25
 
 
 @dataclass(frozen=True)
-class Series(AsKnown):
-    """The air path; see `lpvobs.engines.base.AirPath` for what each member means."""
+class SeriesPath(AirPath):
+    """The air path of whatever is compared with the filling; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: SeriesEngine
 
-    name: ClassVar[str] = "series"
-    dispensable: ClassVar[tuple[str, ...]] = ()  # a channel that a log lacks reads NaN
-    sensor: ClassVar[str] = "W_maf"
-    state_names: ClassVar[tuple[str, ...]] = STATES
-    parameter_names: ClassVar[tuple[str, ...]] = ("rho_cyl", "a_im")
-    temperature_names: ClassVar[tuple[str, ...]] = ("T_im",)
-    rate_names: ClassVar[tuple[str, ...]] = ("a_im",)
-    calmed: ClassVar[tuple[str, ...]] = ("p_im", "u_delta", "lambda_e")
-    smoothed: ClassVar[tuple[str, ...]] = ("n_e", "u_delta", "p_im", "T_im", "lambda_e")
-    balance_names: ClassVar[tuple[str, ...]] = flows.BALANCES
-    components: ClassVar[tuple[Component, ...]] = flows.COMPONENTS
-    measured_parts: ClassVar[tuple[MeasuredPart, ...]] = flows.MEASURED_PARTS
-    volumes: ClassVar[tuple[str, ...]] = ("V_im",)
-    usual_tolerance: ClassVar[Mapping[str, float]] = TOLERANCE
-    axes: ClassVar[tuple[MapAxis, MapAxis]] = (
-        MapAxis("u_delta", "mg/cycle", "injected fuel per cylinder and cycle"),
-        SPEED_AXIS,
-    )
-    channels: ClassVar[Mapping[str, Channel]] = {
-        "n_e": Channel("rpm", -50.0, 8000.0, (300.0, 6000.0), "engine speed", 60.0),
-        "u_delta": Channel(
-            "mg/cycle", -5.0, 300.0, (-0.5, 150.0), "injected fuel per cylinder and cycle", 300.0, reaches=1.0
-        ),
-        "u_egr": Channel("%", -20.0, 120.0, (-5.0, 105.0), "EGR valve opening", one_of=("lambda_e",)),
-        "p_im": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "intake manifold pressure", 120.0, ("p_amb", 6e4)),
-        "p_em": Channel("Pa", 2e4, 1e6, (6e4, 6e5), "exhaust manifold pressure", one_of=()),
-        "T_im": Channel("K", 200.0, 500.0, (230.0, 420.0), "intake manifold temperature", 300.0, ("T_amb", 40.0)),
-        "T_em": Channel("K", 200.0, 1500.0, (250.0, 1300.0), "exhaust manifold temperature", one_of=()),
-        **AMBIENT,
-        "lambda_e": Channel("1", 0.5, 100.0, (0.7, 40.0), "lambda in the exhaust", one_of=("u_egr",)),
-        "W_maf": Channel("kg/s", -1.0, 2.0, (5e-4, 0.5), "mass air flow sensor", 30.0, follows=("n_e", "p_im")),
-    }
+    state_names = STATES
+    parameter_names = ("rho_cyl", "a_im")
+    temperature_names = ("T_im",)
+    rate_names = ("a_im",)
+    volumes = ("V_im",)
 
     @cached_property
     def constants(self) -> Any:
@@ -79,7 +52,7 @@ class Series(AsKnown):
         return constants_of(self.engine)
 
     @property
-    def cylinders(self) -> float:  # type: ignore[override]
+    def cylinders(self) -> float:
         """Number of cylinders."""
         return float(self.engine.geometry.n_cyl)
 
@@ -119,13 +92,47 @@ class Series(AsKnown):
         W_ei = intake.cylinder_flow(self.constants, x["p_im"], x["n_e"], x["T_im"])
         return np.stack([x["p_im"], W_ei - self.returned(x, W_ei)], axis=1)
 
+    def balances(
+        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
+    ) -> Balances:
+        """Return the flows, and what they owe to each constant; NaN where nothing tells it."""
+        c, slope = self.constants, np.zeros((len(self.balance_names), len(uncertain), len(log)))
+        flow = self.flows(c, log.channels, rates)
+        for i, name in enumerate(uncertain):
+            moved = c._replace(**{name: getattr(c, name) * (1.0 + RELATIVE_STEP)})
+            slope[:, i] = (self.flows(moved, log.channels, rates) - flow) / RELATIVE_STEP
+        return Balances(self.balance_names, flow, slope)
+
+    def flows(self, c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+        """Return the flow past the sensor by all balances for some constants, shape (B, n) [kg/s]."""
+        raise NotImplementedError
+
+    def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
+        """Return the EGR flow, shape (n,) [kg/s]: none where nothing tells it."""
+        return np.zeros(W_ei.size)
+
+
+@dataclass(frozen=True)
+class Series(SeriesPath):
+    """The air path with EGR and lambda; a channel that a log lacks reads NaN."""
+
+    name = "series"
+    calmed = ("p_im", "u_delta", "lambda_e")
+    smoothed = ("n_e", "u_delta", "p_im", "T_im", "lambda_e")
+    balance_names = flows.BALANCES
+    components = flows.COMPONENTS
+    measured_parts = flows.MEASURED_PARTS
+    usual_tolerance = TOLERANCE
+    axes = (FUEL_AXIS, SPEED_AXIS)
+    channels = channels("components", "series")
+
+    def flows(self, c: Any, x: Mapping[str, Array], rates: Mapping[str, Array]) -> Array:
+        """Return the flows of `flows.BALANCES`."""
+        return flows.flows(c, x, rates)
+
     def returned(self, x: Mapping[str, Array], W_ei: Array) -> Array:
         """Return the EGR flow, shape (n,) [kg/s]; zero where nothing tells it."""
         return np.nan_to_num(flows.egr(self.constants, x, W_ei)[0])
-
-    def deviating(self, deviation: Mapping[str, float]) -> "Series":
-        """Return the air path of an engine whose constants deviate."""
-        return type(self)(scaled(self.engine, deviation))
 
     def corrections(self, log: Log, rates: Mapping[str, Array]) -> tuple[Correction, ...]:
         """Return how each of the components moves the balances."""
@@ -158,13 +165,3 @@ class Series(AsKnown):
         told = [learned or name != flows.BALANCES[flows.RECIRCULATED] for name in self.balance_names]
         trust = np.outer(told, np.ones(len(log)))
         return Caution(trust, np.zeros_like(trust))
-
-    def balances(
-        self, log: Log, rates: Mapping[str, Array], uncertain: Sequence[str], calm: Mapping[str, Array] | None = None
-    ) -> Balances:
-        """Return the flows of `flows.BALANCES`, and what they owe to each constant; NaN where nothing tells it."""
-        c = self.constants
-        flow = flows.flows(c, log.channels, rates)
-        moved = (c._replace(**{name: getattr(c, name) * (1.0 + RELATIVE_STEP)}) for name in uncertain)
-        slope = [(flows.flows(other, log.channels, rates) - flow) / RELATIVE_STEP for other in moved]
-        return Balances(flows.BALANCES, flow, np.stack(slope, axis=1) if slope else np.zeros((len(flow), 0, len(log))))

@@ -9,12 +9,12 @@ Departure from the paper: another engine; the curves are not configured but lear
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.base import SPEED_AXIS, AsKnown, Balances, MapAxis, Trajectory
-from lpvobs.engines.channels import AMBIENT, Channel
+from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajectory
+from lpvobs.engines.channels import channels
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.constants import Learned, ThrottledEngine, knowledge_of, learned_of
@@ -33,33 +33,23 @@ LEVEL_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
-class Throttled(AsKnown):
+class Throttled(AirPath):
     """The air path of a throttled engine; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: ThrottledEngine
     learned: Learned | None = None
 
-    name: ClassVar[str] = "throttled"
-    learns: ClassVar[bool] = True
-    dispensable: ClassVar[tuple[str, ...]] = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb")
-    sensor: ClassVar[str] = "W_maf"
-    state_names: ClassVar[tuple[str, ...]] = STATES
-    parameter_names: ClassVar[tuple[str, ...]] = ("rho_th", "rho_cyl", "a_ic", "a_im")
-    temperature_names: ClassVar[tuple[str, ...]] = ("T_ic",)
-    rate_names: ClassVar[tuple[str, ...]] = ("a_ic", "a_im")
-    balance_names: ClassVar[tuple[str, ...]] = BALANCES
-    smoothed: ClassVar[tuple[str, ...]] = ("p_ic", "p_im")
-    axes: ClassVar[tuple[MapAxis, MapAxis]] = (MapAxis("m_f", "1", "fuel per stroke as logged"), SPEED_AXIS)
-    channels: ClassVar[Mapping[str, Channel]] = {
-        "n_e": Channel("rpm", -50.0, 12000.0, (300.0, 9000.0), "engine speed"),
-        "m_f": Channel("1", -1e3, 1e4, (-1.0, 1e4), "fuel per stroke as logged: an amount or an injection time"),
-        "alpha_th": Channel("%", -20.0, 120.0, (-5.0, 105.0), "throttle opening"),
-        "p_ic": Channel("Pa", 2e4, 6e5, (6e4, 4e5), "pressure before the throttle"),
-        "T_ic": Channel("K", 200.0, 500.0, (230.0, 420.0), "temperature before the throttle"),
-        "p_im": Channel("Pa", 3e3, 6e5, (8e3, 4e5), "intake manifold pressure"),
-        **AMBIENT,
-        "W_maf": Channel("kg/s", -1.0, 2.0, (0.0, 0.5), "mass air flow sensor", follows=("n_e", "p_im", "alpha_th")),
-    }
+    name = "throttled"
+    learns = True
+    dispensable = ("n_e", "m_f", "alpha_th", "p_ic", "T_ic", "p_im", "p_amb", "T_amb")
+    state_names = STATES
+    parameter_names = ("rho_th", "rho_cyl", "a_ic", "a_im")
+    temperature_names = ("T_ic",)
+    rate_names = ("a_ic", "a_im")
+    balance_names = BALANCES
+    smoothed = ("p_ic", "p_im")
+    axes = (MapAxis("m_f", "1", "fuel per stroke as logged"), SPEED_AXIS)
+    channels = channels("throttled")
 
     def knowledge(self) -> Knowledge | None:
         """Return the learned curves and volumes; None before there are any."""
@@ -79,7 +69,7 @@ class Throttled(AsKnown):
         return replace(self, learned=learn(self.engine, logs))
 
     @property
-    def cylinders(self) -> float:  # type: ignore[override]
+    def cylinders(self) -> float:
         """Number of cylinders."""
         return float(self.engine.geometry.n_cyl)
 
