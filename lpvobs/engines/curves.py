@@ -5,7 +5,7 @@ What is learned has a form that files can hold without knowing the engine.
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,27 @@ class Knowledge:
     # (m, m) of the relative deviations of all nodes of the curves, row by row, then of some of the numbers
     covariance: Array
     sources: tuple[str, ...]  # names of the logs
+
+    def __getitem__(self, number: str) -> float:
+        """Return one of the numbers."""
+        return self.numbers[number].value
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all nodes of the curves, in the order of the covariance."""
+        return tuple(f"{name} {i}" for name, curve in self.curves.items() for i in range(curve.values.size))
+
+    def places(self) -> Mapping[str, slice]:
+        """Return where each curve stands in the covariance."""
+        sizes = {name: curve.values.size for name, curve in self.curves.items()}
+        ends = np.cumsum(list(sizes.values())).tolist()
+        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    def moved(self, deviation: Array) -> "Knowledge":
+        """Return other curves, by the relative deviation of each of their nodes, shape (m - l,); the l numbers stay."""
+        kept = {name: np.maximum(1.0 + deviation[at], 0.05) for name, at in self.places().items()}
+        curves = {n: replace(c, values=c.values * kept[n].reshape(c.values.shape)) for n, c in self.curves.items()}
+        return replace(self, curves=curves)
 
     def digest(self) -> str:
         """Return the SHA-256 of all values and their covariance."""

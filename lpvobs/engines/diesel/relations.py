@@ -64,7 +64,9 @@ def loss_over_rotor_speed(c: DieselConstants, omega_t: float) -> float:
     return c.c_m1 * beyond
 
 
-TURBINE_PASSES = 3  # Passes of the fixed point between flow and back pressure of the turbine
+TURBINE_PASSES = (
+    3  # Passes of the fixed point between flow and back pressure p_es = p_amb + k_exhaust W_t^2 of the turbine
+)
 
 
 @njit(cache=True)
@@ -84,12 +86,6 @@ def compressor_efficiency(c: DieselConstants, W_c: float, p_im: float, p_amb: fl
 
 
 @njit(cache=True)
-def rho_1(c: DieselConstants, p_im: float, omega_t: float, p_amb: float, T_amb: float) -> float:
-    """Return rho_1 [kg/rad] of Eq. (3), so that W_c = rho_1 omega_t."""
-    return rho_1_of(c, head(c, p_im, p_amb), omega_t, p_amb, T_amb)
-
-
-@njit(cache=True)
 def rho_1_of(c: DieselConstants, head_: float, omega_t: float, p_amb: float, T_amb: float) -> float:
     """Return rho_1: Phi_c of Eq. (2) is an ellipse of the head coefficient Psi_c in the engine's form, zero in stall."""
     U = c.R_c * omega_t
@@ -102,17 +98,6 @@ def vgt_area_ratio(c: DieselConstants, u_vgt: float) -> float:
     """Return f_vgt [-]: part of an ellipse over the vane opening [%], never below the leakage area."""
     inside = 1.0 - ((u_vgt - c.c_vgt2) / c.c_vgt1) ** 2
     return max(c.f_vgt_min, c.c_f2 + c.c_f1 * sqrt(max(inside, 0.0)))
-
-
-@njit(cache=True)
-def turbine(c: DieselConstants, p_em: float, u_vgt: float, T_em: float, p_amb: float) -> tuple[float, float]:
-    """Return rho_4 [kg/(s Pa)] of Eq. (3), so that W_t = rho_4 p_em, and the expansion ratio Pi_t = p_es / p_em."""
-    # The back pressure p_es = p_amb + k_exhaust W_t^2 depends on the flow it throttles: a few fixed-point passes.
-    scale = turbine_scale(c, u_vgt, T_em)
-    p_es, flow, Pi_t = p_amb, 0.0, 0.9999
-    for _ in range(TURBINE_PASSES):
-        flow, Pi_t, p_es = turbine_pass(c, scale, p_es, p_em, p_amb)
-    return flow, Pi_t
 
 
 @njit(cache=True)

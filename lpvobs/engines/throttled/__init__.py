@@ -5,10 +5,10 @@ from functools import partial
 from lpvobs.engines.base import EngineKind
 from lpvobs.engines.channels import Suspects, below, exchanged, recorded
 from lpvobs.engines.residual_model import DayToDay
-from lpvobs.engines.throttled.constants import ThrottledEngine, in_c
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.engines.throttled.effects import residual_model
 from lpvobs.engines.throttled.learning import errors_of
-from lpvobs.engines.throttled.lpv import Throttled
+from lpvobs.engines.throttled.lpv import Throttled, in_c
 
 # The intercooler of the LiU-ICE bench holds T_ic within 2 K of T_amb, mostly below it: two thermometers, not two temperatures.
 SUSPECTS = Suspects(

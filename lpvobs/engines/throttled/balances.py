@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks
+from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.records import Array
 
 BALANCES = ("throttle", "filling", "fuel", "ambient")
@@ -32,7 +33,7 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 }
 """The parts of the balances with the channels of each: the sensor's flow, the stores around the throttle, the flows."""
 NEEDS = {name: (*PARTS[name], SENSOR) for name in BALANCES}  # channels without which a balance cannot be drawn up
-FLOWS = {"throttle": relation.throttle_flow, "filling": relation.cylinder_flow, "fuel": relation.fuelled_flow}
+FLOWS = {part.name: part.flow for part in relation.PARTS}
 LEAST_FLOW = 2e-4  # [kg/s] Smaller flows count as this, because zero has no logarithm
 UNEQUAL = 0.01
 """Scatter of the pressure ratio within a block. Near a ratio of one the throttle's flow depends on it strongly."""
@@ -49,7 +50,7 @@ class Imbalances:
     engine: ThrottledEngine
     kept: dict[str, list[tuple[tuple[object, ...], Array]]] = field(default_factory=dict)
 
-    def __call__(self, learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+    def __call__(self, learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
         """Return what is left of each balance, shape (4, K); zero where channels are missing."""
         blocks = _needed(blocks)
         out = np.zeros((len(BALANCES), blocks.count))
@@ -73,7 +74,7 @@ class Imbalances:
             out[3] = part["ambient"]
         return out
 
-    def _part(self, name: str, learned: Learned, s: Signals, blocks: Blocks) -> Array:
+    def _part(self, name: str, learned: Knowledge, s: Signals, blocks: Blocks) -> Array:
         inputs = (learned, blocks, *(s.value[channel] for channel in PARTS[name]))
         kept = self.kept.setdefault(name, [])
         for known, value in kept:
@@ -83,47 +84,49 @@ class Imbalances:
         kept[:] = [(inputs, value), *kept[: REMEMBERED - 1]]
         return value
 
-    def _anew(self, name: str, learned: Learned, s: Signals, blocks: Blocks) -> Array:
+    def _anew(self, name: str, learned: Knowledge, s: Signals, blocks: Blocks) -> Array:
         if name in FLOWS:
             return blocks.mean(FLOWS[name](self.engine, learned, s.value))
         if name == "flow":
             return blocks.mean(s[SENSOR])
         if name == "ambient":
             return np.asarray(np.log(np.maximum(blocks.mean(s["p_ic"]), 1.0) / blocks.mean(s["p_amb"])))
-        volume, channel = (learned.V_ic, "p_ic") if name == "before" else (learned.V_im, "p_im")
-        return volume * blocks.rate(s[channel]) / (self.engine.air.R_a * blocks.mean(s["T_ic"]))
+        volume, channel = ("V_ic", "p_ic") if name == "before" else ("V_im", "p_im")
+        return learned[volume] * blocks.rate(s[channel]) / (self.engine.air.R_a * blocks.mean(s["T_ic"]))
 
 
-def by_reading(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+def by_reading(balances: Callable[..., Array], learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
     """Return the derivative of the balances by the reading [s/kg], shape (4, K): a difference quotient."""
     step = LEAST_FLOW
     more = balances(learned, s.corrected(SENSOR, s[SENSOR] + step), blocks)
     return np.asarray((more - balances(learned, s, blocks)) / step)
 
 
-def shown(learned: Learned, s: Signals, blocks: Blocks | None) -> NDArray[np.bool_]:
+def shown(learned: Knowledge, s: Signals, blocks: Blocks | None) -> NDArray[np.bool_]:
     """Return which balances the channels allow, and where they hold, shape (4, K)."""
     blocks = _needed(blocks)
     there = np.array([all(channel in s.value for channel in NEEDS[name]) for name in BALANCES])
     counted = np.tile(there[:, None], (1, blocks.count))
     if there[3]:
-        counted[3] &= blocks.mean(s[SENSOR]) < learned.calm_flow
+        counted[3] &= blocks.mean(s[SENSOR]) < learned["calm_flow"]
     return counted
 
 
-def by_curves(engine: ThrottledEngine, learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+def by_curves(engine: ThrottledEngine, learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
     """Return how the balances move with the relative deviation of every node of the curves, shape (m - 2, 4, K)."""
-    blocks, where = _needed(blocks), learned.deviations()
-    out = np.zeros((where["volumes"].start, len(BALANCES), blocks.count))
-    curves = zip(BALANCES, relation.CURVES, (learned.area, learned.eta_vol, learned.fuel), strict=False)
-    for b, (name, (nodes, per), values) in enumerate(curves):
-        if all(channel in s.value for channel in NEEDS[name]):
-            shares = blocks.sums(nodes(engine, s.value), values.size, per(engine, s.value)) * values.reshape(-1)
-            out[where[name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T
+    blocks, where = _needed(blocks), learned.places()
+    out = np.zeros((len(learned.names), len(BALANCES), blocks.count))
+    for b, part in enumerate(relation.PARTS):
+        if all(channel in s.value for channel in NEEDS[part.name]):
+            values = learned.curves[part.name].values
+            shares = blocks.sums(
+                part.weights(engine, s.value), values.size, part.per(engine, s.value)
+            ) * values.reshape(-1)
+            out[where[part.name], b] = (-shares / np.maximum(shares.sum(1), LEAST_FLOW)[:, None]).T
     return out
 
 
-def blur(balances: Callable[..., Array], learned: Learned, s: Signals, blocks: Blocks | None) -> Array:
+def blur(balances: Callable[..., Array], learned: Knowledge, s: Signals, blocks: Blocks | None) -> Array:
     """Return the standard deviation that the scatter of the pressure ratio within a block gives each balance, shape (4, K)."""
     out = np.zeros((len(BALANCES), _needed(blocks).count))
     if all(channel in s.value for channel in NEEDS["throttle"]):
@@ -142,13 +145,13 @@ def drawn_per_area(engine: ThrottledEngine, s: Signals) -> Array:
     return np.asarray(np.where(p_im < p_amb, drawn, lost) * near)
 
 
-def further(engine: ThrottledEngine, learned: Learned, s: Signals) -> tuple[Array, Array]:
+def further(engine: ThrottledEngine, learned: Knowledge, s: Signals) -> tuple[Array, Array]:
     """Return what the engine lacks adds to the flows of throttle, filling and fuel, (3, N) [kg/s], and to dx/dt, (3, N)."""
     leak, filling, throttle = s.lacks
     extra = leak * drawn_per_area(engine, s)
-    less = (filling - 1.0) * relation.cylinder_flow(engine, learned, s.value)
-    more = (throttle - 1.0) * relation.throttle_flow(engine, learned, s.value)
-    a_ic, a_im = (engine.air.R_a * s["T_ic"] / volume for volume in (learned.V_ic, learned.V_im))
+    less = (filling - 1.0) * relation.FILLING.flow(engine, learned, s.value)
+    more = (throttle - 1.0) * relation.THROTTLE.flow(engine, learned, s.value)
+    a_ic, a_im = (engine.air.R_a * s["T_ic"] / volume for volume in (learned["V_ic"], learned["V_im"]))
     inputs = -a_ic * more, a_im * (more + extra - less), np.zeros_like(extra)
     return np.stack([more, less - extra, -extra]), np.stack(inputs)
 

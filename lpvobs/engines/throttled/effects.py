@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.engines.curves import Nodes
+from lpvobs.engines.curves import Knowledge, Nodes
 from lpvobs.engines.effects import (
     ALTITUDE,
     BOOST,
@@ -27,7 +27,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
 from lpvobs.engines.throttled import balances
 from lpvobs.engines.throttled.balances import BALANCES, LACKS, NEEDS
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.engines.throttled.learning import MOVING, beyond
 from lpvobs.records import Array
 
@@ -99,7 +99,7 @@ def curves(effects: Sequence[Effect]) -> tuple[ComponentCurve, ...]:
 
 def throttled_model(
     engine: ThrottledEngine,
-    learned: Learned,
+    learned: Knowledge,
     healthy: HealthyErrors | None,
     day: DayToDay,
     taught: Collection[str] = (),

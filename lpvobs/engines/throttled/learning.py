@@ -13,18 +13,19 @@ engine says of parts of the logs that it was not learned from gives its errors.
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from lpvobs.engines.blocks import Blocks, blocks_of, transience_of
-from lpvobs.engines.curves import roughness, slopes, surface_roughness
+from lpvobs.engines.curves import Knowledge, LearnedNumber, slopes, surface_roughness
 from lpvobs.engines.effects import Signals
 from lpvobs.engines.healthy import CHUNK, FOLDS, QUANTILES, TAIL, HealthyErrors, parts_of, pooled
 from lpvobs.engines.throttled import relations as relation
 from lpvobs.engines.throttled.balances import BALANCES, LACKS, Imbalances, shown
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
@@ -33,6 +34,12 @@ LEAST_BLOCKS = 60
 CALM = 0.15
 """Share of the largest flow of the healthy logs below which the air before the throttle is at ambient pressure."""
 MOVING = ("p_im", "n_e", "W_maf")  # channels whose fast changes blur every balance
+NUMBERS = {
+    "V_ic": ("m^3", "volume before the throttle"),
+    "V_im": ("m^3", "volume behind the throttle"),
+    "calm_flow": ("kg/s", "air flow below which p_ic is compared with p_amb"),
+}
+"""What is learned beside the curves, the last one the flow below which the air before the throttle is at ambient pressure."""
 PASSES = 8
 LOOSE = 0.5  # standard deviation of the relative first difference between neighbouring nodes, and of the level
 FIRST_ERROR = 0.05  # relative error of a balance that the first fit assumes
@@ -49,7 +56,7 @@ class _Balance:
     prior: Array
 
 
-def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Learned:
+def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | None = None) -> Knowledge:
     """Return what blocks of healthy logs tell, all or those to `use` (flags per log); raises DataError for too few."""
     parts, transience = [], []
     for i, log in enumerate(logs):
@@ -79,13 +86,13 @@ def learn(engine: ThrottledEngine, logs: Sequence[Log], use: Sequence[Array] | N
 
 def _columns(engine: ThrottledEngine, log: Log, blocks: Blocks) -> list[tuple[Array, Array]]:
     """Return for each balance its curve columns and its two volume columns over the flow, for every block."""
-    x, nodes = log.channels, engine.curves
+    x = log.channels
     flow = np.maximum(blocks.mean(x["W_maf"]), LEAST_FLOW)
     RT = engine.air.R_a * blocks.mean(x["T_ic"])
     ic, im = blocks.rate(x["p_ic"]) / RT, blocks.rate(x["p_im"]) / RT
-    sizes = (len(nodes.alpha_th), len(nodes.n_e) * len(nodes.p_im), len(nodes.m_f) * len(nodes.fuel_n_e))
-    parts = zip(relation.CURVES, sizes, strict=True)
-    curves = [blocks.sums(at(engine, x), size, per(engine, x)) for (at, per), size in parts]
+    curves = [
+        blocks.sums(part.weights(engine, x), prod(part.shape(engine)), part.per(engine, x)) for part in relation.PARTS
+    ]
     both = np.stack([ic, im], axis=1) / flow[:, None]
     volumes = (both * np.array([1.0, 0.0]), both, both)
     return [(c / flow[:, None], v) for c, v in zip(curves, volumes, strict=True)]
@@ -98,14 +105,10 @@ def _guesses(engine: ThrottledEngine, joined: Sequence[Array]) -> list[tuple[Arr
     eta_vol = np.full(joined[1].shape[1], 1.0 / np.median(joined[1].sum(1)))  # one level, which fits best in the median
     fuel = _injector(np.repeat(nodes.m_f, len(nodes.fuel_n_e)), joined[2])
     curvatures = (nodes.curvature, nodes.curvature, nodes.fuel_curvature)
-    shapes = (
-        (roughness(area.size), slopes(1, area.size)),
-        (surface_roughness(len(nodes.n_e), len(nodes.p_im)), slopes(len(nodes.n_e), len(nodes.p_im))),
-        (surface_roughness(len(nodes.m_f), len(nodes.fuel_n_e)), slopes(len(nodes.m_f), len(nodes.fuel_n_e))),
-    )
+    shapes = [(1, *part.shape(engine))[-2:] for part in relation.PARTS]  # a line has one row
     return [
-        (guess, np.vstack([rough / curvature, slope / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
-        for guess, curvature, (rough, slope) in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
+        (guess, np.vstack([surface_roughness(*size) / bent, slopes(*size) / LOOSE, np.eye(guess.size) / (4.0 * LOOSE)]))
+        for guess, bent, size in zip((area, eta_vol, fuel), curvatures, shapes, strict=True)
     ]
 
 
@@ -168,25 +171,25 @@ def _learned(
     covariance: Array,
     sources: tuple[str, ...],
     calm_flow: float,
-) -> Learned:
-    nodes, g = engine.curves, engine.geometry
+) -> Knowledge:
+    g = engine.geometry
     guesses = np.concatenate([*(b.guess for b in balances), [g.V_ic, g.V_im]])
     found = guesses * np.maximum(1.0 + deviation, 0.05)
-    area, eta_vol, fuel, volumes = np.split(found, np.cumsum([b.guess.size for b in balances]))
-    now = found / guesses
-    return Learned(
-        area=area,
-        eta_vol=eta_vol.reshape(len(nodes.n_e), len(nodes.p_im)),
-        fuel=fuel.reshape(len(nodes.m_f), len(nodes.fuel_n_e)),
-        V_ic=float(volumes[0]),
-        V_im=float(volumes[1]),
-        covariance=covariance / np.outer(now, now),
-        sources=sources,
-        calm_flow=calm_flow,
+    now, ends = found / guesses, np.cumsum([b.guess.size for b in balances])
+    covariance = covariance / np.outer(now, now)
+    *values, volumes = np.split(found, ends)
+    spread = np.split(np.sqrt(np.diag(covariance)), ends)[:-1]
+    parts = zip(relation.PARTS, values, spread, strict=True)
+    numbers = zip(NUMBERS.items(), (*volumes.tolist(), calm_flow), strict=True)
+    return Knowledge(
+        {part.name: part.curve(engine, *each) for part, *each in parts},
+        {name: LearnedNumber(value, *said) for (name, said), value in numbers},
+        covariance,
+        sources,
     )
 
 
-def without_each_part(engine: ThrottledEngine, logs: Sequence[Log], i: int) -> Iterator[tuple[Learned, int]]:
+def without_each_part(engine: ThrottledEngine, logs: Sequence[Log], i: int) -> Iterator[tuple[Knowledge, int]]:
     """Yield, for each part of log i in turn, the engine learned from everything else, and the number of the part."""
     parts = [parts_of(blocks_of(log).time) for log in logs]
     for part in range(FOLDS):
@@ -211,7 +214,7 @@ def errors_of(engine: ThrottledEngine, logs: Sequence[Log]) -> HealthyErrors:
 
 def beyond(
     engine: ThrottledEngine,
-    learned: Learned,
+    learned: Knowledge,
     taught: Collection[str],
     logs: Sequence[Log],
     s: Signals,
@@ -235,7 +238,7 @@ def beyond(
     return out
 
 
-def recorded(log: Log, learned: Learned) -> Signals:
+def recorded(log: Log, learned: Knowledge) -> Signals:
     """Return a log as its channels are, every sample once."""
     since = log.time - log.time[0]
     still = np.zeros(len(log))

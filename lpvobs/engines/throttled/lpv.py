@@ -17,8 +17,8 @@ from lpvobs.engines.base import SPEED_AXIS, AirPath, Balances, MapAxis, Trajecto
 from lpvobs.engines.channels import channels
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.throttled import relations as relation
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine, knowledge_of, learned_of
-from lpvobs.engines.throttled.learning import learn
+from lpvobs.engines.throttled.constants import ThrottledEngine
+from lpvobs.engines.throttled.learning import NUMBERS, learn
 from lpvobs.engines.unknowns import Caution
 from lpvobs.errors import UsageError
 from lpvobs.records import Array, Log
@@ -37,7 +37,7 @@ class Throttled(AirPath):
     """The air path of a throttled engine; see `lpvobs.engines.base.AirPath` for what each member means."""
 
     engine: ThrottledEngine
-    learned: Learned | None = None
+    learned: Knowledge | None = None
 
     name = "throttled"
     learns = True
@@ -53,11 +53,12 @@ class Throttled(AirPath):
 
     def knowledge(self) -> Knowledge | None:
         """Return the learned curves and volumes; None before there are any."""
-        return None if self.learned is None else knowledge_of(self.engine, self.learned)
+        return self.learned
 
     def knowing(self, known: Knowledge) -> "Throttled":
-        """Return the air path with curves and volumes that were learned before."""
-        return replace(self, learned=learned_of(known))
+        """Return the air path with curves and volumes that were learned before; raises KeyError for another engine's."""
+        curves = {part.name: known.curves[part.name] for part in relation.PARTS}  # files have an order of their own
+        return replace(self, learned=replace(known, curves=curves, numbers={n: known.numbers[n] for n in NUMBERS}))
 
     def deviating(self, deviation: Mapping[str, float]) -> "Throttled":
         """Return the air path with curves that deviate at their nodes."""
@@ -87,7 +88,7 @@ class Throttled(AirPath):
             slack = 1.0 + g.volume_tolerance
             volumes = [(V / slack, V * slack) for V in (g.V_ic, g.V_im)]
         else:
-            volumes = [(V, V) for V in (self.learned.V_ic, self.learned.V_im)]
+            volumes = [(self.learned[name],) * 2 for name in ("V_ic", "V_im")]
         return {n: (R * low / b, R * high / a) for n, (a, b) in zip(self.rate_names, volumes, strict=True)}
 
     def trajectory(self, log: Log, outputs: Sequence[str], constant: Mapping[str, float] | None = None) -> Trajectory:
@@ -97,10 +98,10 @@ class Throttled(AirPath):
         T = x["T_ic"] if constant is None else np.full(len(log), constant["T_ic"])
         parameters = np.stack(
             [
-                relation.throttle_flow(self.engine, learned, x) / x["p_ic"],
-                relation.cylinder_flow(self.engine, learned, x) / x["p_im"],
-                R * T / learned.V_ic,
-                R * T / learned.V_im,
+                relation.THROTTLE.flow(self.engine, learned, x) / x["p_ic"],
+                relation.FILLING.flow(self.engine, learned, x) / x["p_im"],
+                R * T / learned["V_ic"],
+                R * T / learned["V_im"],
             ],
             axis=1,
         )
@@ -120,7 +121,7 @@ class Throttled(AirPath):
 
     def states(self, log: Log) -> Array:
         """Return p_ic and p_im as measured and W_c as the throttle shows it, shape (N, 3)."""
-        flow = relation.throttle_flow(self.engine, self._known(), log.channels)
+        flow = relation.THROTTLE.flow(self.engine, self._known(), log.channels)
         return np.stack([log["p_ic"], log["p_im"], flow], axis=1)
 
     @property
@@ -142,13 +143,9 @@ class Throttled(AirPath):
         # are linear in the constants.
         learned, x = self._known(), log.channels
         RT = self.engine.air.R_a * x["T_ic"]
-        in_ic, in_im = learned.V_ic * rates["p_ic"] / RT, learned.V_im * rates["p_im"] / RT
+        in_ic, in_im = learned["V_ic"] * rates["p_ic"] / RT, learned["V_im"] * rates["p_im"] / RT
         zero = np.zeros(len(log))
-        own = (
-            relation.throttle_flow(self.engine, learned, x),
-            relation.cylinder_flow(self.engine, learned, x),
-            relation.fuelled_flow(self.engine, learned, x),
-        )
+        own = [part.flow(self.engine, learned, x) for part in relation.PARTS]
         stored = (in_ic, in_ic + in_im, in_ic + in_im)
         flow = np.stack([through + kept for through, kept in zip(own, stored, strict=True)])
         slope = np.zeros((len(BALANCES), len(uncertain), len(log)))
@@ -159,7 +156,7 @@ class Throttled(AirPath):
                 slope[b, i] = by_name[name]
         return Balances(BALANCES, flow, slope)
 
-    def _known(self) -> Learned:
+    def _known(self) -> Knowledge:
         if self.learned is None:
             raise UsageError(
                 "engine: the curves of a throttled engine are not configured but learned; give a healthy log"
@@ -170,3 +167,11 @@ class Throttled(AirPath):
 def _stacked(rows: list[list[Any]]) -> Array:
     """Return a matrix of channels as (N, rows, columns)."""
     return np.ascontiguousarray(np.moveaxis(np.array(rows, dtype=float), -1, 0))
+
+
+def in_c(engine: ThrottledEngine, learned: Knowledge) -> dict[str, float | Array]:
+    """Return the numbers that `model.c` reads: what is configured, nodes of the curves, and the curves."""
+    configured = {**vars(engine.air), **vars(engine.geometry)}
+    nodes = {name: np.array(getattr(engine.curves, name)) for name in ("alpha_th", "n_e", "p_im")}
+    area, eta_vol = (learned.curves[part.name].values.reshape(-1) for part in (relation.THROTTLE, relation.FILLING))
+    return configured | nodes | {"area": area, "eta_vol": eta_vol, "V_ic": learned["V_ic"], "V_im": learned["V_im"]}

@@ -4,12 +4,13 @@ Throttle and filling are the textbook's (Heywood, Internal Combustion Engine Fun
 healthy log.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from lpvobs.engines.curves import Weights, on_line, on_surface, values_at
-from lpvobs.engines.throttled.constants import Learned, ThrottledEngine
+from lpvobs.engines.curves import Knowledge, LearnedCurve, Nodes, Weights, on_line, on_surface, values_at
+from lpvobs.engines.throttled.constants import ThrottledEngine
 from lpvobs.records import Array
 
 NEARLY_EQUAL = 0.999  # pressure ratio at which the flow function is held: its slope is infinite at one
@@ -41,35 +42,57 @@ def fuel_strokes(engine: ThrottledEngine, x: Channels) -> Array:
     return np.asarray(x["m_f"] * x["n_e"] * engine.geometry.n_cyl / 120.0)
 
 
-def throttle_nodes(engine: ThrottledEngine, x: Channels) -> Weights:
-    """Return the nodes behind the throttle's area."""
-    return on_line(np.array(engine.curves.alpha_th), x["alpha_th"])
+AXES = {
+    "alpha_th": ("%", "throttle opening"),
+    "n_e": ("rpm", "engine speed"),
+    "p_im": ("Pa", "intake manifold pressure"),
+    "m_f": ("1", "fuel reading per stroke"),
+}
+"""Unit and meaning of the curves' inputs."""
 
 
-def filling_nodes(engine: ThrottledEngine, x: Channels) -> Weights:
-    """Return the nodes behind the volumetric efficiency."""
-    return on_surface(np.array(engine.curves.n_e), np.array(engine.curves.p_im), x["n_e"], x["p_im"])
+@dataclass(frozen=True)
+class LearnedPart:
+    """A part of the engine whose flow is a learned curve times a flow per unit of the curve."""
+
+    name: str
+    said: tuple[str, str, str]  # name, unit and meaning of the curve's values
+    axes: Mapping[
+        str, str
+    ]  # channels that are the curve's inputs, each with the key of `[engine.curves]` that has its nodes
+    per: Callable[[ThrottledEngine, Channels], Array]  # the flow per unit of the curve, shape (n,)
+
+    def nodes(self, engine: ThrottledEngine) -> list[Array]:
+        """Return the nodes along each axis."""
+        return [np.array(getattr(engine.curves, key)) for key in self.axes.values()]
+
+    def shape(self, engine: ThrottledEngine) -> tuple[int, ...]:
+        """Return how many nodes there are along each axis."""
+        return tuple(each.size for each in self.nodes(engine))
+
+    def weights(self, engine: ThrottledEngine, x: Channels) -> Weights:
+        """Return the nodes behind the curve's values."""
+        nodes, inputs = self.nodes(engine), [x[name] for name in self.axes]
+        return on_line(*nodes, *inputs) if len(nodes) == 1 else on_surface(*nodes, *inputs)
+
+    def flow(self, engine: ThrottledEngine, learned: Knowledge, x: Channels) -> Array:
+        """Return the flow [kg/s], shape (n,)."""
+        return values_at(self.weights(engine, x), learned.curves[self.name].values) * self.per(engine, x)
+
+    def curve(self, engine: ThrottledEngine, values: Array, spread: Array) -> LearnedCurve:
+        """Return the curve with these values at its nodes and their relative standard errors, each of shape (nodes,)."""
+        shape, nodes = self.shape(engine), self.nodes(engine)
+        axes = {name: Nodes(each, *AXES[name]) for name, each in zip(self.axes, nodes, strict=True)}
+        return LearnedCurve(axes, *self.said, values.reshape(shape), spread.reshape(shape))
 
 
-def fuel_nodes(engine: ThrottledEngine, x: Channels) -> Weights:
-    """Return the nodes behind the air per unit of fuel."""
-    return on_surface(np.array(engine.curves.m_f), np.array(engine.curves.fuel_n_e), x["m_f"], x["n_e"])
-
-
-# Of throttle, filling and fuel: the nodes of the curve, and the flow per unit of it.
-CURVES = ((throttle_nodes, throttle_per_area), (filling_nodes, swept), (fuel_nodes, fuel_strokes))
-
-
-def throttle_flow(engine: ThrottledEngine, learned: Learned, x: Channels) -> Array:
-    """Return the flow through the throttle [kg/s]."""
-    return values_at(throttle_nodes(engine, x), learned.area) * throttle_per_area(engine, x)
-
-
-def cylinder_flow(engine: ThrottledEngine, learned: Learned, x: Channels) -> Array:
-    """Return the flow into the cylinders from pressure and speed [kg/s]."""
-    return values_at(filling_nodes(engine, x), learned.eta_vol) * swept(engine, x)
-
-
-def fuelled_flow(engine: ThrottledEngine, learned: Learned, x: Channels) -> Array:
-    """Return the flow into the cylinders from the fuel that burns with it [kg/s]."""
-    return values_at(fuel_nodes(engine, x), learned.fuel) * fuel_strokes(engine, x)
+THROTTLE = LearnedPart("throttle", ("area", "m^2", "effective area"), {"alpha_th": "alpha_th"}, throttle_per_area)
+FILLING = LearnedPart("filling", ("eta_vol", "1", "volumetric efficiency"), {"n_e": "n_e", "p_im": "p_im"}, swept)
+FUEL = LearnedPart(
+    "fuel",
+    ("air", "kg", "air in a cylinder per unit of the fuel reading"),
+    {"m_f": "m_f", "n_e": "fuel_n_e"},
+    fuel_strokes,
+)
+PARTS = (THROTTLE, FILLING, FUEL)
+"""What is learned, in order: flow through the throttle, into the cylinders from pressure and speed, and from the fuel burnt there."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from reference import diesel_scalars as scalars
 from reference import diesel_textbook as textbook
 from reference.drives import RANGES, scattered
 
@@ -28,7 +29,7 @@ def c(engine):
 @given(anywhere("p_im"), anywhere("omega_t"), anywhere("p_amb"), anywhere("T_amb"))
 def test_compressor(engine, c, p_im, omega_t, p_amb, T_amb):
     W_c, P_c = textbook.compressor(engine, p_im, omega_t, p_amb, T_amb)
-    rho_1 = relation.rho_1(c, p_im, omega_t, p_amb, T_amb)
+    rho_1 = scalars.rho_1(c, p_im, omega_t, p_amb, T_amb)
     rho_5 = relation.rho_5(c, rho_1, relation.head(c, p_im, p_amb), p_im, omega_t, p_amb, T_amb)
     assert rho_1 * omega_t == pytest.approx(W_c, rel=SAME, abs=1e-9)
     assert rho_5 * c.J_t * omega_t**2 == pytest.approx(P_c, rel=SAME, abs=1e-5)  # abs: 1e-9 kg/s lifts 10 kJ/kg
@@ -54,7 +55,7 @@ def test_cylinder(engine, c, p_im, n_e, u_delta, T_im):
 @given(*map(anywhere, ("p_em", "omega_t", "u_vgt", "T_em", "p_amb")))
 def test_turbine(engine, c, p_em, omega_t, u_vgt, T_em, p_amb):
     W_t, power = textbook.turbine(engine, p_em, omega_t, u_vgt, T_em, p_amb)
-    rho_4, Pi_t = relation.turbine(c, p_em, u_vgt, T_em, p_amb)
+    rho_4, Pi_t = scalars.turbine(c, p_em, u_vgt, T_em, p_amb)
     assert rho_4 * p_em == pytest.approx(W_t, rel=SAME)
     assert relation.turbine_power(c, rho_4 * p_em, Pi_t, omega_t, T_em) == pytest.approx(power, rel=SAME)
     assert rho_4 > 0.0
@@ -77,7 +78,7 @@ def near(at, step=1e-9):
 
 @given(anywhere("omega_t"), anywhere("p_amb"), anywhere("T_amb"))
 def test_compressor_is_continuous_where_the_head_changes_sign(c, omega_t, p_amb, T_amb):
-    below, above = (relation.rho_1(c, p, omega_t, p_amb, T_amb) for p in near(p_amb))
+    below, above = (scalars.rho_1(c, p, omega_t, p_amb, T_amb) for p in near(p_amb))
     # The steepest slope there is k_neg / 0.2 times dPsi_c, and 1e-9 in pressure moves Psi_c by 2 c_pa T 0.28e-9 / U^2, under 2e-7.
     assert below == pytest.approx(above, rel=1e-6)
 
@@ -88,8 +89,8 @@ def test_compressor_closes_continuously_into_stall(c, omega_t, p_amb, T_amb):
     head = (c.psi_0 + c.psi_1 * U / 400.0) * U**2 / (2.0 * c.c_pa * T_amb)
     stall = p_amb * (1.0 + head) ** (c.gamma_a / (c.gamma_a - 1.0))
     widest = p_amb * np.pi * c.R_c**3 * (c.phi_0 + c.phi_1 * U / 400.0) / (c.R_a * T_amb)
-    assert relation.rho_1(c, stall * (1.0 + 1e-9), omega_t, p_amb, T_amb) == 0.0
-    just_before = relation.rho_1(c, stall * (1.0 - 1e-9), omega_t, p_amb, T_amb)
+    assert scalars.rho_1(c, stall * (1.0 + 1e-9), omega_t, p_amb, T_amb) == 0.0
+    just_before = scalars.rho_1(c, stall * (1.0 - 1e-9), omega_t, p_amb, T_amb)
     # The ellipse ends upright: a relative 1e-9 from its end, sqrt(2 d ln Psi) of its width remains, at most sqrt(2e-6).
     assert 0.0 < just_before < 2e-3 * widest
 

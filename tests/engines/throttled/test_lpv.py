@@ -77,28 +77,29 @@ def test_blocks_hold_no_gap_and_means_and_rates_are_those_of_the_channel():
 
 def test_a_healthy_log_shows_volumes_and_curves(air_path, engine, log):
     learned = air_path.learned
+    values = {name: curve.values for name, curve in learned.curves.items()}
     # 2 s blocks, filling and throttle smooth to the nodes' distance: the volumes come out within a few per cent.
-    np.testing.assert_allclose([learned.V_ic, learned.V_im], [truth.V_IC, truth.V_IM], rtol=0.04)
+    np.testing.assert_allclose([learned["V_ic"], learned["V_im"]], [truth.V_IC, truth.V_IM], rtol=0.04)
     x = log.channels
     area = np.array([truth.area(a) for a in x["alpha_th"]])
-    seen = values_at(relation.throttle_nodes(engine, x), learned.area)
+    seen = values_at(relation.THROTTLE.weights(engine, x), values["throttle"])
     # Straight lines between nodes of a curve that rises by a third from node to node: one per cent in the middle.
     assert np.quantile(np.abs(seen / area - 1.0), 0.95) < 0.02
     eta = np.array([truth.eta_vol(n, p) for n, p in zip(x["n_e"], x["p_im"], strict=True)])
-    filled = values_at(relation.filling_nodes(engine, x), learned.eta_vol) / eta
+    filled = values_at(relation.FILLING.weights(engine, x), values["filling"]) / eta
     inside = x["p_im"] > 2e4  # the lowest node lies at 15 kPa, and below it the curve is held
     assert np.quantile(np.abs(filled - 1.0)[inside], 0.9) < 0.03
-    fuel = values_at(relation.fuel_nodes(engine, x), learned.fuel)
+    fuel = values_at(relation.FUEL.weights(engine, x), values["fuel"])
     assert np.median(np.abs(fuel / truth.AIR_PER_FUEL - 1.0)) < 2e-3
 
 
 def test_uncertainty_is_small_where_the_log_went_and_large_elsewhere(air_path, engine, log):
     learned = air_path.learned
-    error = np.sqrt(np.diag(learned.covariance)[learned.deviations()["throttle"]])
+    error = np.sqrt(np.diag(learned.covariance)[learned.places()["throttle"]])
     nodes = np.array(engine.curves.alpha_th)
     driven = (nodes > 4.0) & (nodes < 30.0)
     assert error[driven].max() < 0.1 < error[nodes > 60.0].min()
-    assert learned.covariance.shape == (learned.area.size + learned.eta_vol.size + learned.fuel.size + 2,) * 2
+    assert learned.covariance.shape == (len(learned.names) + 2,) * 2
 
 
 def test_learning_leaves_out_what_it_is_told_to(engine, channels):
@@ -109,7 +110,7 @@ def test_learning_leaves_out_what_it_is_told_to(engine, channels):
     half = blocks.time < 299.0
     kept = learn(engine, [truth.log_of(wrong)], [half])
     clean = learn(engine, [truth.log_of(channels)], [half])
-    np.testing.assert_array_equal(kept.area, clean.area)
+    np.testing.assert_array_equal(kept.curves["throttle"].values, clean.curves["throttle"].values)
 
 
 def test_a_log_without_flow_is_refused(engine, channels):
@@ -158,13 +159,13 @@ def test_balances_give_the_true_flow_and_their_slopes_are_exact(air_path, channe
         # As the curves: a per cent or two.
         assert np.median(np.abs(flow / channels["W_c"] - 1.0)[calm]) < 0.02
     learned = air_path.learned
-    moved = {
-        "A_th": replace(learned, area=1.01 * learned.area),
-        "eta_vol": replace(learned, eta_vol=1.01 * learned.eta_vol),
-        "k_fuel": replace(learned, fuel=1.01 * learned.fuel),
-        "V_ic": replace(learned, V_ic=1.01 * learned.V_ic),
-        "V_im": replace(learned, V_im=1.01 * learned.V_im),
-    }
+    moved = {}
+    for name, part in zip(CONSTANTS, relation.PARTS, strict=False):
+        curve = learned.curves[part.name]
+        moved[name] = replace(learned, curves={**learned.curves, part.name: replace(curve, values=1.01 * curve.values)})
+    for name in ("V_ic", "V_im"):
+        number = replace(learned.numbers[name], value=1.01 * learned[name])
+        moved[name] = replace(learned, numbers={**learned.numbers, name: number})
     for i, name in enumerate(CONSTANTS):
         other = replace(air_path, learned=moved[name]).balances(log, rates, ())
         # Flows are linear in each: rounding only.
@@ -174,6 +175,6 @@ def test_balances_give_the_true_flow_and_their_slopes_are_exact(air_path, channe
 def test_rate_bounds_follow_the_learned_volumes(air_path, engine):
     R = engine.air.R_a
     bounds = air_path.rate_bounds({"T_ic": (280.0, 320.0)})
-    assert bounds["a_ic"] == (R * 280.0 / air_path.learned.V_ic, R * 320.0 / air_path.learned.V_ic)
+    assert bounds["a_ic"] == (R * 280.0 / air_path.learned["V_ic"], R * 320.0 / air_path.learned["V_ic"])
     wide = Throttled(engine).rate_bounds({"T_ic": (280.0, 320.0)})
     assert wide["a_im"][0] < R * 280.0 / engine.geometry.V_im < R * 320.0 / engine.geometry.V_im < wide["a_im"][1]

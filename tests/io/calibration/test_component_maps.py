@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from reference import diesel_scalars as scalars
 
 from lpvobs.calibration.bench import rows_of
 from lpvobs.calibration.fit import calibrated
@@ -29,7 +30,7 @@ def lines_of(engine, reduced=False):
     for speed in (8e4, 12e4, 16e4):
         omega = speed * np.pi / 30.0
         for ratio in (1.2, 1.3, 1.4, 1.5):
-            flow = relation.rho_1(c, ratio * P, omega, P, T) * omega
+            flow = scalars.rho_1(c, ratio * P, omega, P, T) * omega
             if reduced:
                 found.append(f"{speed / np.sqrt(T):.17g},{flow * np.sqrt(T) / (P / 1e3):.17g},{ratio}")
             else:
