@@ -107,19 +107,15 @@ class Timed:
 
     onset: float | None = None  # [s] of the log: at work in onset <= time < end
     end: float | None = None  # [s]; without them from the first to the last sample
-    course: EffectCourse | None = None  # how much of it is there; all of it from onset to end where none is given
+    course: EffectCourse = EffectCourse("always")  # how much of it is there from onset to end
 
     def along(self, time: Array, inputs: Mapping[str, Array]) -> Self:
         """Return the same on a drive whose inputs, shape (M,), are known at given times [s]."""
-        if self.course is None:
-            return self
         last = float(time[-1]) if self.course.name == "ramp" and self.end is None else self.end
         return replace(self, end=last, course=self.course.along(time, inputs))
 
     def share(self, time: Array) -> Array:
         """Return the share that is there at given times [s], shape (N,), from 0 to 1."""
-        if self.course is None:
-            return span_at_work(self.onset, self.end, time).astype(float)
         return self.course.share(time, self.onset, self.end)
 
     def at(self, time: Array) -> NDArray[np.bool_]:

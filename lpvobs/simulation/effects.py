@@ -3,9 +3,11 @@
 What an effect does to the engine stands in `simulate.py`, what it does to a sensor in `readings.py`.
 """
 
+import csv
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from math import isfinite, isnan
 from typing import Any
 
@@ -26,34 +28,18 @@ class Kind:
     bump: tuple[float, ...] = ()  # usual centre and width of a curve, in the unit of the component's input
 
 
-CATALOGUE = {
-    "maf.gain": Kind("maf", "factor", "-", 1.0, 0.3, 3.0),
-    "maf.offset": Kind("maf", "offset", "kg/s", 0.0, -0.03, 0.03),
-    "maf.lag": Kind("maf", "tau", "s", 0.0, 0.0, 5.0),
-    "maf.delay": Kind("maf", "delay", "s", 0.0, 0.0, 5.0),
-    "maf.drift": Kind("maf", "rate", "1/s", 0.0, -2e-3, 2e-3),
-    "maf.temperature": Kind("maf", "coefficient", "1/K", 0.0, -0.02, 0.02),
-    "maf.contamination": Kind("maf", "coefficient", "-", 0.0, -0.5, 0.5),
-    "maf.backflow": Kind("maf", "coefficient", "-", 0.0, -0.5, 2.0),
-    "leak.intake": Kind("plant", "area", "m^2", 0.0, 0.0, 2e-4),
-    "leak.inlet": Kind("maf", "area", "m^2", 0.0, 0.0, 5e-4),
-    "egr.leak": Kind("plant", "area", "m^2", 0.0, 0.0, 1e-4),
-    "egr.area": Kind("plant", "factor", "-", 1.0, 0.0, 3.0),
-    "eta_vol.factor": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
-    "compressor.flow": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
-    "turbine.efficiency": Kind("plant", "factor", "-", 1.0, 0.5, 1.5),
-    "exhaust.restriction": Kind("plant", "factor", "-", 1.0, 0.2, 20.0),
-    "u_delta.gain": Kind("sensor", "factor", "-", 1.0, 0.5, 2.0),
-    "p_im.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
-    "p_im.offset": Kind("sensor", "offset", "Pa", 0.0, -2e4, 2e4),
-    "p_em.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
-    "omega_t.gain": Kind("sensor", "factor", "-", 1.0, 0.8, 1.25),
-    "T_im.lag": Kind("sensor", "tau", "s", 0.0, 0.0, 60.0),
-    "eta_vol.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (2200.0, 400.0)),  # over n_e [rpm]
-    "compressor.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (250.0, 60.0)),  # over the blade's speed [m/s]
-    "egr.curve": Kind("plant", "amplitude", "-", 0.0, -0.9, 2.0, (30.0, 12.0)),  # over the valve's opening [%]
-    "turbine.curve": Kind("plant", "amplitude", "-", 0.0, -0.3, 0.3, (50.0, 15.0)),  # over the vanes' position [%]
-}
+def _catalogue() -> dict[str, Kind]:
+    """Return what `effects.csv` beside this file lists."""
+    lines = files("lpvobs.simulation").joinpath("effects.csv").read_text(encoding="utf-8").splitlines()
+    found = {}
+    for row in csv.DictReader(line for line in lines if not line.startswith("#")):
+        neutral, low, high = (float(row[key]) for key in ("neutral", "low", "high"))
+        bump = tuple(float(row[key]) for key in ("centre", "width") if row[key])
+        found[row["id"]] = Kind(row["place"], row["parameter"], row["unit"], neutral, low, high, bump)
+    return found
+
+
+CATALOGUE = _catalogue()
 OTHER_ENGINE = ("p_ic.gain", "p_ic.offset", "alpha_th.offset")
 """Identifiers of the contract that need the throttled engine's sensors."""
 
@@ -89,7 +75,7 @@ class CatalogueEffect(Timed):
                 f"{self.id}: the keys centre and width are for curves only, and the width must be above zero; "
                 f"correct or delete both keys"
             )
-        if self.id.endswith((".lag", ".delay")) and self.course is not None and self.course.name in GRADED:
+        if self.id.endswith((".lag", ".delay")) and self.course.name in GRADED:
             raise UsageError(
                 f"{self.id}: this effect is either on or off and cannot grow, as course {self.course.name} would need; "
                 f"choose one of the courses {', '.join(name for name in KEYS if name not in GRADED)}"
@@ -176,11 +162,9 @@ class Entry:
         """Return the fields of `Timed`."""
         return {"onset": self.optional("onset"), "end": self.optional("end"), "course": self.course()}
 
-    def course(self) -> EffectCourse | None:
-        """Return the course, None where the table names none."""
-        if "course" not in self.table:
-            return None
-        course = self.table["course"]
+    def course(self) -> EffectCourse:
+        """Return the course, by default that of what is always there."""
+        course = self.table.get("course", "always")
         if course not in KEYS:
             raise UsageError(f"{self.name}: course = {course!r}, expected one of {', '.join(KEYS)}")
         for key in KEYS[course]:

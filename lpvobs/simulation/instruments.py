@@ -123,32 +123,16 @@ def _followed(values: Array, left: Array) -> Array:
     return shown
 
 
-RASTERS = {
-    "p_im": 0.010,
-    "W_maf": 0.010,
-    "p_em": 0.020,
-    "omega_t": 0.020,
-    "u_egr": 0.020,
-    "u_vgt": 0.020,
-    "T_im": 0.100,
-    "T_em": 0.100,
-}
-"""[s] of the tasks, as measurement lists of control units have them (ASAM MCD-1 XCP); speed and fuel change with each stroke
-(Guzzella and Onder 2010, Ch. 3)."""
-STEPS = {
-    "n_e": 0.25,
-    "u_delta": 0.02,
-    "p_im": 100.0,
-    "p_em": 200.0,
-    "omega_t": 0.42,
-    "T_im": 0.5,
-    "T_em": 1.0,
-    "W_maf": 2.8e-5,
-    "u_egr": 0.39,
-    "u_vgt": 0.40,
-}
-"""In the channel's unit: rpm and valves as SAE J1979 writes them, turbocharger speed (4 rpm) and vanes as J1939-71, the rest 1 hPa,
-half a degree, one degree, 0.1 kg/h."""
+RECORDER = {
+    "n_e": (0.0, 0.25), "u_delta": (0.0, 0.02), "p_im": (0.010, 100.0), "p_em": (0.020, 200.0), "omega_t": (0.020, 0.42),
+    "T_im": (0.100, 0.5), "T_em": (0.100, 1.0), "W_maf": (0.010, 2.8e-5), "u_egr": (0.020, 0.39), "u_vgt": (0.020, 0.40),
+}  # fmt: skip
+"""[s] between two readings, and the step of the readings in the channel's unit.
+
+Tasks as measurement lists of control units have them (ASAM MCD-1 XCP); speed and fuel, without one, change with each stroke
+(Guzzella and Onder 2010, Ch. 3). Steps: rpm and valves as SAE J1979 writes them, turbocharger speed (4 rpm) and vanes as J1939-71,
+the rest 1 hPa, half a degree, one degree, 0.1 kg/h.
+"""
 PHASE = 0.4  # of a raster, by which the recorder's clock is behind the control unit's
 
 
@@ -169,14 +153,13 @@ def record(
     """
     time = np.arange(shown["n_e"].size) * step
     stroke = np.floor(np.cumsum(shown["n_e"]) * step * n_cyl / 120.0 / amplitude) if amplitude else time
-    rasters = {name: amplitude * raster for name, raster in RASTERS.items()}
+    rasters, steps = ({name: amplitude * each[i] for name, each in RECORDER.items()} for i in range(2))
     rasters |= {name: sensor.raster for name, sensor in known.items() if sensor.raster}
-    steps = {name: amplitude * least for name, least in STEPS.items()}
     steps |= {name: sensor.quantisation for name, sensor in known.items() if sensor.quantisation}
     readings = {}
     for name, values in shown.items():
         period = rasters.get(name, 0.0)
-        tick = stroke if name in STEPS else np.arange(time.size)
+        tick = stroke if name in RECORDER else np.arange(time.size)
         tick = np.floor((time + PHASE * period) / period) if period else tick
         new = np.concatenate([[True], np.diff(tick) > 0])
         taken = np.maximum.accumulate(np.where(new, np.arange(time.size), 0))[::fine]

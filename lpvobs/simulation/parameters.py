@@ -24,6 +24,17 @@ Share = Annotated[float, (lambda x: 0 <= x <= 1, "must lie between 0 and 1")]
 Amplitude = Annotated[float, (lambda x: 0 <= x <= 2, "must lie between 0 and 2; 1 is the size typical of real diesels")]
 
 
+def _rises(axis: Sequence[float]) -> bool:
+    return len(axis) >= 2 and all(low < high for low, high in pairwise(axis)) and all(map(isfinite, axis))
+
+
+RISING = "needs at least two finite numbers in rising order"
+Axis = Annotated[Row, (_rises, RISING)]
+Gears = Annotated[
+    Row, (lambda x: x and all(ratio > 0 for ratio in x), "must list at least one ratio, and positive ratios only")
+]
+
+
 @dataclass(frozen=True)
 class Checked:
     """A record that refuses, with ValueError, numbers of which the annotation of their field does not hold."""
@@ -162,7 +173,7 @@ class Quantisation(Checked):
 class Vehicle(Checked):
     """Body, drive line, gear shifts and driver."""
 
-    gears: Row  # engine speed over that of the final drive's input
+    gears: Gears  # engine speed over that of the final drive's input
     final_drive: Positive
     wheel_radius: Positive  # m
     efficiency: Positive  # of the drive line
@@ -183,16 +194,11 @@ class Vehicle(Checked):
     speed_gain: float  # 1/s, of the driver
     reaction_time: float  # s, of the driver
     pedal_time: Positive  # s, lag of the fuel behind the pedal
-    pedal_n_e: Row  # rpm
+    pedal_n_e: Axis  # rpm
     pedal_u_delta: Row  # mg/cycle, most that the driver asks for before shifting down
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            len(self.gears) >= 1 and all(ratio > 0 for ratio in self.gears),
-            "gears must list at least one ratio, and positive ratios only",
-        )
-        _check_axis(self.pedal_n_e, "pedal_n_e")
         _require(
             len(self.pedal_n_e) == len(self.pedal_u_delta), "pedal_n_e and pedal_u_delta must have the same length"
         )
@@ -203,12 +209,11 @@ class FullLoad(Checked):
     """What 0 and 100 % of an engine cycle stand for: idle speed, and the full-load fuel over speed."""
 
     idle_speed: Positive  # rpm
-    n_e: Row  # rpm
+    n_e: Axis  # rpm
     u_delta: Row  # mg/cycle
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_axis(self.n_e, "n_e")
         _require(len(self.n_e) == len(self.u_delta), "n_e and u_delta must have the same length")
 
 
@@ -312,17 +317,9 @@ def _require(holds: bool, message: str) -> None:
         raise ValueError(message)
 
 
-def _check_axis(axis: Sequence[float], name: str) -> None:
-    rising = all(low < high for low, high in pairwise(axis))
-    _require(
-        len(axis) >= 2 and rising and all(map(isfinite, axis)),
-        f"{name} needs at least two finite numbers in rising order",
-    )
-
-
 def _check_table(rows: Row, columns: Row, values: tuple[Row, ...], name: str) -> None:
-    _check_axis(rows, f"the n_e axis of {name}")
-    _check_axis(columns, f"the u_delta axis of {name}")
+    _require(_rises(rows), f"the n_e axis of {name} {RISING}")
+    _require(_rises(columns), f"the u_delta axis of {name} {RISING}")
     shape_fits = len(values) == len(rows) and all(len(row) == len(columns) for row in values)
     _require(shape_fits, f"{name} needs {len(rows)} rows (n_e) of {len(columns)} numbers (u_delta)")
     _require(all(isfinite(value) for row in values for value in row), f"{name} must contain finite numbers only")

@@ -37,12 +37,15 @@ class Rise(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """What has happened to the engine since it was new; areas effective [m^2], factors of one change nothing."""
+    """What has happened to the engine since it was new; areas effective [m^2], factors of one change nothing.
+
+    The fields bear the identifiers of the effects.
+    """
 
     leak_intake: float = 0.0  # hole in the intake manifold
     egr_leak: float = 0.0  # area of the EGR valve that never closes
     egr_area: float = 1.0  # of the EGR valve's own area
-    eta_vol: float = 1.0
+    eta_vol_factor: float = 1.0
     compressor_flow: float = 1.0
     turbine_efficiency: float = 1.0
     exhaust_restriction: float = 1.0  # of the back pressure's coefficient
@@ -187,7 +190,7 @@ def cylinder_flow(plant: Plant, p_im: float, n_e: float, T_im: float) -> float:
     """Return W_ei [kg/s] of Eq. (2)."""
     c = plant.engine
     eta_vol = c.c_vol1 * sqrt(p_im) + c.c_vol2 * sqrt(n_e) + c.c_vol3
-    share = plant.condition.eta_vol * risen(plant.condition.eta_vol_curve, n_e)
+    share = plant.condition.eta_vol_factor * risen(plant.condition.eta_vol_curve, n_e)
     return share * (eta_vol * p_im * n_e * c.V_d / (120.0 * c.R_a * T_im))  # Eq. (2)
 
 

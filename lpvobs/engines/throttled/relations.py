@@ -95,4 +95,4 @@ FUEL = LearnedPart(
     fuel_strokes,
 )
 PARTS = (THROTTLE, FILLING, FUEL)
-"""What is learned, in order: flow through the throttle, into the cylinders from pressure and speed, and from the fuel burnt there."""
+"""What is learned, in order: flow through the throttle, into the cylinders from pressure and speed, and from the fuel there."""
