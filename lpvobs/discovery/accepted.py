@@ -9,12 +9,12 @@ import scipy
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.course_choice import fit_all
-from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, p_value, score
+from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, score
 from lpvobs.discovery.fit import objective, refit
 from lpvobs.discovery.form_search import Inside, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import most_promising, tried
+from lpvobs.discovery.ranking import chance, most_promising
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
 
@@ -64,7 +64,7 @@ def finished(
     further: Sequence[Inside] = ()
     if own.id.startswith(PREFIX):
         standard_error, further = with_inside(linear, index, standard_error)
-    return Accepted(own, p_value(own, tried(problem)), share, indistinguishable, curve, standard_error, tuple(further))
+    return Accepted(own, chance(own, problem), share, indistinguishable, curve, standard_error, tuple(further))
 
 
 def _beside_all(linear: Linear, bare: Linear, index: int, rival: Candidate) -> Candidate:

@@ -9,7 +9,7 @@ import scipy
 
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import COST, KNOTS, MOST_LEVELS, RATE_WINDOW
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.records import Array, Item
@@ -71,14 +71,17 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
                 best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, problem, values))
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
     found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
-    return [(replace(c, gain=_told(linear, c, curve) - COST * (curve.knots.size - 1)), curve) for c, curve in found]
+    return [
+        (replace(c, gain=c.gain - COST * (curve.knots.size - 1), told=_told(linear, c, curve)), curve)
+        for c, curve in found
+    ]
 
 
 def _told(linear: Linear, candidate: Candidate, curve: Curve) -> float:
-    """Return the gain beside what a healthy engine seems to have of the carrier, whose size follows the curve."""
+    """Return the share that is left beside what a healthy engine seems to have of the carrier, whose size follows the curve."""
     usual = max(float(np.sqrt(np.mean(curve.values**2))), np.finfo(float).tiny)
-    seeming = linear.problem.seeming.get(curve.carrier, 0.0) / usual
-    return candidate.gain / (1.0 + candidate.information * seeming**2)
+    carrier = next(effect for effect in linear.problem.carriers if effect.id == curve.carrier)
+    return 1.0 / (1.0 + linear.problem.seems(Term(carrier, usual), candidate.information / candidate.told / usual**2))
 
 
 def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Effect:

@@ -86,13 +86,6 @@ def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
 
 
-def first_order_size(linear: Linear, effect: Effect, begin: float = -np.inf) -> float:
-    """Return how far an effect that acts from some instant on seems to be from none."""
-    gradient, information = first_order(linear, effect, begin)
-    away = -gradient / information if information > 0.0 else 0.0
-    return float(np.clip(away, effect.low - effect.null, effect.high - effect.null))
-
-
 def within(linear: Linear, begin: float, end: float) -> Array:
     """Return one for the places in an interval of the clock, zero elsewhere, shape (K,)."""
     clock = linear.problem.clock
@@ -160,7 +153,7 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
     unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
-    told = _told(linear, term, information)
+    told = _told(linear, term, information, unevenness)
     gain = gain if known else 0.0
     loss = 0.5 * linear.by_block(left, left)
     clock = problem.clock
@@ -168,15 +161,16 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     return Candidate(term, gain, told * information, unevenness, loss, elsewhere, from_start, told)
 
 
-def _told(linear: Linear, term: Term, information: float) -> float:
+def _told(linear: Linear, term: Term, information: float, unevenness: float) -> float:
     """Return the share of the information about a size that is left beside what a healthy engine seems to have of it."""
     problem = linear.problem
+    information = information / max(unevenness, 1.0)  # what varies from block to block tells less of a size
     share = term.acts(problem.clock).astype(float)
     if term.course is not None and term.course.name in GRADED:
         share = problem.share(term.course)
     healthy = np.ones(share.size) if term.whole else share  # how it seems to act: all along, or as the term does
     power, own = float((share**2).mean()), float((healthy**2).mean())
-    known = information * own / power * problem.seems(term) ** 2
+    known = problem.seems(term, information * own / power)
     alike = float((share * healthy).mean()) ** 2 / (power * own)
     return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
 
@@ -185,6 +179,12 @@ def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
     """Return the mean square of block sums over that of noise, and the same without the largest of them."""
     squares = sums**2 / information
     return float(squares.sum()), float(squares.sum() - squares.max())
+
+
+def elsewhere_of(linear: Linear) -> float:
+    """Return the largest mean square of the block sums of any general effect that has no name yet, over that of noise."""
+    named = {term.effect.id for term in linear.terms}
+    return max(fit_candidate(linear, effect).elsewhere for effect in linear.problem.carriers if effect.id not in named)
 
 
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
@@ -198,7 +198,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     scores = linear.products_by_block(left) @ (row / row[at])
     sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
     unevenness, elsewhere = unevenness_of(sums, information)
-    told = _told(linear, linear.terms[index], information)
+    told = _told(linear, linear.terms[index], information, unevenness)
     return replace(
         like,
         term=linear.terms[index],
@@ -267,11 +267,16 @@ def score(candidate: Candidate) -> float:
     return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
 
 
-def p_value(candidate: Candidate, tried: int) -> float:
-    """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni)."""
+def p_value(candidate: Candidate, tried: int, degrees: float = np.inf) -> float:
+    """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
+
+    `degrees` is the number of healthy drives that tell how far sizes vary beyond noise: the smaller the part of noise, the nearer
+    is the distribution to Student's with as many degrees of freedom (Satterthwaite).
+    """
     statistic = 2.0 * max(candidate.told * candidate.gain, 0.0) / max(candidate.unevenness, 1.0)
     intervals = candidate.loss.size**candidate.changes
-    return float(min(1.0, tried * intervals * scipy.stats.chi2.sf(statistic, 1)))
+    effective = min(degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
+    return float(min(1.0, tried * intervals * scipy.stats.f.sf(statistic, 1, effective)))
 
 
 def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:

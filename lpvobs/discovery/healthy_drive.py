@@ -10,7 +10,7 @@ since sensors that are slow when the engine is healthy stay slow. Where a drive 
 function would have said counts as noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated
@@ -20,10 +20,11 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import first_order_size
+from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.imbalances import imbalances_at, map_along, operating_nodes, rests_on, scenes_with
-from lpvobs.discovery.patterns import Patterns
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.residual import MapPrior, Problem, lay_out
 from lpvobs.engines.effects import SENSOR
 from lpvobs.engines.residual_model import ResidualModel
@@ -55,7 +56,7 @@ class HealthyDrive:
     ]
     scale: Annotated[Array, Item("kg/s", "usual size of the residual that bells and lines leave", ("balance",))]
     lasting: Annotated[
-        Array, Item("1", "variance of a sum of fast errors, relative to independent errors", ("balance",))
+        Array, Item("s", "time between independent errors whose sum would vary as that of the fast errors", ("balance",))
     ]
     unsure: Annotated[
         Array, Item("kg/s", "square root of the weights' covariance", ("balance", "feature", "other_feature"))
@@ -64,12 +65,14 @@ class HealthyDrive:
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
     ]
     effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")] = ()
-    seeming: Annotated[
-        Array, Item("1", "rms size of the effect as fitted to healthy drives, in its unit", ("effect",))
+    whole: Annotated[
+        Array, Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",))
     ] = field(default_factory=lambda: np.zeros(0))
-    stepping: Annotated[Array, Item("1", "the same as fitted from the middle of a healthy drive on", ("effect",))] = (
-        field(default_factory=lambda: np.zeros(0))
+    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))] = field(
+        default_factory=lambda: np.zeros(0)
     )
+    common: Annotated[float, Item("1", "variance of a size over that of noise, by independent residual")] = 0.0
+    uneven: Annotated[float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")] = 1.0
 
     @cached_property
     def _root(self) -> Array:
@@ -94,11 +97,12 @@ class HealthyDrive:
         return np.hstack([bells, inputs[:, c:]])
 
     def expected(self, problem: Problem) -> tuple[Array, Array]:
-        """Return what a healthy engine leaves [kg/s], and how its errors beyond last, both of shape (B, K)."""
+        """Return what a healthy engine leaves [kg/s], and the variance of its errors beyond, over that of white noise, (B, K)."""
         features = np.mean([self.features(view) for view in self.inputs(problem)], axis=0)
         known = np.clip((features[:, : len(self.centres)] ** 2).sum(1), 0.0, 1.0)
         unsure = np.outer((self.amplitude / self.scale) ** 2, 1.0 - known)
-        return self.weights @ features.T, self.lasting[:, None] * (1.0 + unsure)
+        lasting = np.maximum(self.lasting / problem.spacing, 1.0)
+        return self.weights @ features.T, lasting[:, None] * (1.0 + unsure)
 
     def taken_off(self, problem: Problem) -> Problem:
         """Return the problem that asks for what has changed, for any width of the windows."""
@@ -111,7 +115,6 @@ class HealthyDrive:
             lasting=problem.lasting * wider,
             patterns=patterns,
             seeming=self._seeming(problem),
-            stepping=dict(zip(self.effects, self.stepping.tolist(), strict=True)),
             covariance=scipy.linalg.block_diag(problem.covariance, np.eye(len(patterns))),
         )
 
@@ -120,10 +123,15 @@ class HealthyDrive:
 
         return replace(found, wider=wide)
 
-    def _seeming(self, problem: Problem) -> dict[str, float]:
-        """Return the size of every effect that a healthy engine seems to have; that of a component's curve is its factor's."""
-        found = dict(zip(self.effects, self.seeming.tolist(), strict=True))
-        return found | {curve.id: found.get(curve.carrier.id, 0.0) for curve in problem.model.curves}
+    def _seeming(self, problem: Problem) -> Seeming:
+        """Return what a healthy engine seems to have of every effect; of a component's curve it is what it has of its factor."""
+
+        def by_effect(sizes: Array) -> dict[str, float]:
+            found = dict(zip(self.effects, sizes.tolist(), strict=True))
+            return found | {c.id: found[c.carrier.id] for c in problem.model.curves if c.carrier.id in found}
+
+        degrees = len(self.logs) + thresholds.POOLED
+        return Seeming(by_effect(self.whole), by_effect(self.late), self.common, self.uneven, degrees)
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""
@@ -151,18 +159,51 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
     found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
     width = (found.width / float(np.sqrt(len(found.channels))),)
-    sizes = []
+    seen_by: list[_SeenBy] = []
     for log in logs:
         others = [other for other in logs if other is not log]
         names = [other.name for other in others]
         seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
-        linear = fit(seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log])), passes=2)
-        middle = 0.5 * float(linear.problem.clock[0] + linear.problem.clock[-1])
-        catalogue = linear.problem.catalogue
-        sizes.append({e.id: [first_order_size(linear, e, begin) for begin in (-np.inf, middle)] for e in catalogue})
-    effects = tuple(effect for effect in sizes[0] if all(effect in each for each in sizes))
-    rms = np.sqrt(np.mean(np.square([[each[effect] for effect in effects] for each in sizes]), axis=0))
-    return replace(found, effects=effects, seeming=rms[:, 0], stepping=rms[:, 1])
+        laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log]))
+        seen_by.append(_seen_by(fit(laid, passes=2)))
+    effects = tuple(effect for effect in seen_by[0].scores if all(effect in each.scores for each in seen_by))
+    scores = np.array([[each.scores[effect] for effect in effects] for each in seen_by])
+    (whole, of_all), (late, of_all_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
+    data = float(np.mean([each.data for each in seen_by]))
+    uneven = max(1.0, *(each.elsewhere for each in seen_by))
+    common = max(of_all, of_all_late) / data
+    return replace(found, effects=effects, whole=whole, late=late, common=common, uneven=uneven)
+
+
+@dataclass(frozen=True)
+class _SeenBy:
+    """What one healthy drive seems to have, judged by the others."""
+
+    scores: Mapping[str, list[tuple[float, float]]]  # gradient and information of every effect, whole and late
+    elsewhere: float
+    data: float
+
+
+def _seen_by(linear: Linear) -> _SeenBy:
+    problem = linear.problem
+    middle = 0.5 * float(problem.clock[0] + problem.clock[-1])
+    scores = {e.id: [first_order(linear, e, begin) for begin in (-np.inf, middle)] for e in problem.catalogue}
+    return _SeenBy(scores, elsewhere_of(linear), problem.data)
+
+
+def beyond_noise(gradient: Array, information: Array) -> tuple[Array, float]:
+    """Return the standard deviation of each effect's size that noise does not explain, and what all effects have in common.
+
+    Both arguments have shape (drives, effects). A few drives show little of one effect: what all effects together vary by, in units
+    of their noise, counts as `POOLED` further drives.
+    """
+    known = np.where(information > 0.0, information, np.inf)
+    beyond = gradient**2 / known - 1.0
+    common = max(float(beyond.mean()), 0.0)
+    own = np.maximum(beyond.mean(0), 0.0)
+    n, pooled = len(beyond), thresholds.POOLED
+    shrunk = (n * own + pooled * common) / (n + pooled)
+    return np.sqrt(np.maximum(own, shrunk) * (1.0 / known).mean(0)), common
 
 
 def where_the_map_stands(problem: Problem) -> Problem:
@@ -203,7 +244,7 @@ def learned_from(
             scale=np.array(
                 [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
             ),
-            lasting=np.array([own.lasting for own in each]),
+            lasting=problem.spacing * np.array([own.lasting for own in each]),
             unsure=np.array([own.unsure for own in each]),
             slow=np.array([own.slow for own in each]),
         )

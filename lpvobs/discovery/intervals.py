@@ -35,7 +35,7 @@ def standard_errors(linear: Linear) -> Array:
     units = np.eye(linear.newton_step.size)[:, first:]
     rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
     within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
-    within += [linear.problem.seems(term) ** 2 for term in linear.terms]
+    within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
     if len(linear.problem.patterns):
         within += [(SHAPE**2 * (term.size - term.effect.null)) ** 2 for term in linear.terms]
     return np.sqrt(widened(within, max(linear.problem.coarse_blocks - 1.0, 1.0), 0.5 * between_windows(linear) ** 2))

@@ -1,6 +1,7 @@
 """What the errors of a healthy engine may look like: shapes along the places of a problem, each in one balance."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,3 +46,14 @@ class Patterns:
     def at(self, instants: NDArray[np.int64] | slice) -> "Patterns":
         """Return the same at some of the places."""
         return Patterns(tuple(shapes[:, instants] for shapes in self.each))
+
+
+@dataclass(frozen=True)
+class Seeming:
+    """What a healthy engine seems to have of effects: the standard deviation of their sizes beyond noise."""
+
+    whole: Mapping[str, float] = field(default_factory=dict)  # by effect, in its unit, where it acts all along
+    late: Mapping[str, float] = field(default_factory=dict)  # where it acts from some instant on
+    common: float = 0.0  # of any effect: the variance of its size over that of noise, by independent residual
+    uneven: float = 1.0  # the largest variance over blocks of the score of an effect, over that of noise
+    degrees: float = np.inf  # drives that tell of it

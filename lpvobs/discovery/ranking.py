@@ -76,8 +76,8 @@ def _first_order_gain_of_intervals(linear: Linear, effect: Effect, absorbed: boo
 
 
 def tried(problem: Problem) -> int:
-    """Return how many hypotheses compete."""
-    return len(problem.catalogue) + len(problem.model.curves) + 2 * len(problem.carriers) * len(problem.auxiliary)
+    """Return how many hypotheses compete that have not paid for it: a curve's coefficients and a formula's search have a price."""
+    return len(problem.catalogue)
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
@@ -85,7 +85,8 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
     # Where days differ, an effect of the whole log needs a larger gain: how much days differ is known from experience
     # alone.
     always = bool(linear.problem.levels) and candidate.changes == 0
-    return candidate.told * candidate.gain >= least_gain(linear.problem) * (thresholds.ALWAYS if always else 1.0)
+    times = thresholds.ALWAYS if always else 1.0
+    return candidate.gain >= times * least_gain(linear.problem) and candidate.told * candidate.gain >= thresholds.PROVEN
 
 
 def least_gain(problem: Problem) -> float:
@@ -95,19 +96,20 @@ def least_gain(problem: Problem) -> float:
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:
     """Return whether a candidate is both relevant and significant, the errors of a learned function counted."""
-    problem = linear.problem
-    wider = with_model_error(problem) if len(problem.patterns) else 1.0
-    return is_relevant(candidate, linear) and chance(candidate, problem, wider) < thresholds.SIGNIFICANT
+    return is_relevant(candidate, linear) and chance(candidate, linear.problem) < thresholds.SIGNIFICANT
 
 
 def with_model_error(problem: Problem) -> float:
-    """Return the variance of a gain, in that of noise: the error of a sound model is a share of the data."""
-    return 1.0 + (thresholds.LEARNED_ERROR if len(problem.patterns) else thresholds.MODEL_ERROR) * problem.data
+    """Return the variance of a gain, in that of noise: the error of a sound model is a share of the data.
+
+    Where healthy drives tell of it, `Candidate.told` has it.
+    """
+    return 1.0 if len(problem.patterns) else 1.0 + thresholds.MODEL_ERROR * problem.data
 
 
-def chance(candidate: Candidate, problem: Problem, wider: float) -> float:
+def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, all hypotheses counted, where gains vary by more than noise."""
-    return p_value(replace(candidate, gain=candidate.gain / wider), tried(problem))
+    return p_value(replace(candidate, gain=candidate.gain / wider), tried(problem), problem.seeming.degrees)
 
 
 def best_of(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import TracedCourse, state
-from lpvobs.discovery.patterns import Patterns
+from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
@@ -74,15 +74,18 @@ class Problem:
     offset: Array
     lasting: Array  # (B, K) variance of a sum of model errors over that of as many independent ones; one where there are none
     patterns: Patterns  # what the errors of a healthy engine may look like
-    # the rms size of an effect that a healthy engine seems to have
-    seeming: Mapping[str, float] = field(default_factory=dict)
-    stepping: Mapping[str, float] = field(default_factory=dict)  # the same from the middle of a drive on
+    seeming: Seeming = field(default_factory=Seeming)
     held: "tuple[Term, ...]" = ()  # effects that are accounted for with fixed sizes
 
     @property
     def K(self) -> int:
         """The number of places."""
         return self.block.size
+
+    @property
+    def spacing(self) -> float:
+        """The usual time between two places [s]."""
+        return float(np.median(np.diff(self.time)))
 
     @property
     def spread(self) -> Array:
@@ -129,9 +132,10 @@ class Problem:
         """Return the same with nothing kept back."""
         return replace(self, used=np.ones(self.K, dtype=bool))
 
-    def seems(self, term: "Term") -> float:
-        """Return the rms size that a healthy engine seems to have of an effect, always or since some instant."""
-        return (self.seeming if term.whole else self.stepping).get(term.effect.id, 0.0)
+    def seems(self, term: "Term", information: float) -> float:
+        """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information."""
+        size = (self.seeming.whole if term.whole else self.seeming.late).get(term.effect.id)
+        return self.seeming.common * self.data if size is None else information * size**2
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""

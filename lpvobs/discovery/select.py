@@ -16,7 +16,7 @@ from lpvobs.discovery.episodes import cancels, comes_and_goes, sharpened
 from lpvobs.discovery.evidence import (
     Candidate,
     dated_again,
-    fit_candidate,
+    elsewhere_of,
     in_place,
 )
 from lpvobs.discovery.fit import fit, objective, refit
@@ -116,7 +116,7 @@ def _form_beats(search: _Search, once: _Once) -> bool:
         return False
     left = objective(search.linear)
     if len(problem.patterns):
-        most = left + (len(listed) - 2) * thresholds.PROVEN * with_model_error(problem)
+        most = left + (len(listed) - 2) * thresholds.PROVEN * (1.0 + problem.seeming.common * problem.data)
     else:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST]
@@ -212,14 +212,7 @@ def _with_term(linear: Linear, i: int, term: Term) -> Linear:
 
 def structure(linear: Linear) -> float:
     """Return the largest gain of any general effect that may have a size of its own in every block."""
-    return 0.5 * (_elsewhere(linear) - 1.0) * linear.problem.coarse_blocks
-
-
-def _elsewhere(linear: Linear) -> float:
-    """Return the largest mean square of the block sums of any general effect that has no name yet, over that of noise."""
-    named = {term.effect.id for term in linear.terms}
-    carriers = [effect for effect in linear.problem.carriers if effect.id not in named]
-    return max(fit_candidate(linear, effect).elsewhere for effect in carriers)
+    return 0.5 * (elsewhere_of(linear) - 1.0) * linear.problem.coarse_blocks
 
 
 def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
@@ -231,7 +224,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     problem, blocks = first.problem, first.problem.coarse_blocks
     wider = with_model_error(problem)
     single = min(chance(c, problem, wider) for c in ranking)
-    uneven = float(scipy.stats.chi2.sf(_elsewhere(first) * blocks / wider, blocks)) * len(problem.carriers)
+    elsewhere = elsewhere_of(first) / problem.seeming.uneven
+    uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
     return min(1.0, 2.0 * min(single, uneven))
 
 

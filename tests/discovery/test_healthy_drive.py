@@ -132,8 +132,7 @@ def test_nothing_is_learned_or_judged_where_the_map_was_not_estimated(plant, con
 def test_what_a_healthy_engine_seems_to_have_is_no_fault(healthy, plant, config, prior, other, clean):
     step = other(2, np.where(clean.time > 150.0, 1.06, 1.0))
     sizes = dict.fromkeys([effect.id for effect in plant.catalogue], 0.0) | {"maf.gain": 0.05}
-    seems = {"seeming": np.array(list(sizes.values())), "stepping": np.zeros(len(sizes))}
-    seeming = replace(healthy, effects=tuple(sizes), **seems)
+    seeming = replace(healthy, effects=tuple(sizes), whole=np.array(list(sizes.values())), late=np.zeros(len(sizes)))
     problems = [
         each.taken_off(lay_out(each.unchanged(plant), config.grid(), unmoved(prior), [step]))
         for each in (healthy, seeming)
@@ -167,13 +166,13 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
     changing, whole = [drive("a", 0.02), drive("b", -0.02)], [drive("a", 0.01, 0.01), drive("b", -0.01, -0.01)]
     found = [learned(plant, grid, prior, logs) for logs in (changing, whole)]
     gain = found[0].effects.index("maf.gain")
-    assert found[0].stepping[gain] > 0.02
+    assert found[0].late[gain] > 0.02
     effect, steps = plant.effect("maf.gain"), []
     for each in found:
         problem = each.taken_off(lay_out(each.unchanged(plant), grid, unmoved(prior), [drive("c", 0.04)]))
         steps.append(fit_candidate(fit(problem), effect, float(clean.time.mean())))
-        assert problem.seems(steps[-1].term) == each.stepping[gain]
-        assert problem.seems(replace(steps[-1].term, begin=-np.inf)) == each.seeming[gain]
+        assert problem.seems(steps[-1].term, 1.0) == each.late[gain] ** 2
+        assert problem.seems(replace(steps[-1].term, begin=-np.inf), 1.0) == each.whole[gain] ** 2
     assert steps[0].told < steps[1].told
 
 

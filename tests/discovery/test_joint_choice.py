@@ -54,11 +54,11 @@ def test_an_effect_that_grows_is_told_from_what_healthy_drives_seem_to_have_of_i
     clock, effect = np.linspace(0.0, 1.0, K), plant.effect("turbine.efficiency")
     ramp = TracedCourse("ramp", begin=0.2, end=0.7)
     share = np.clip((clock - 0.2) / 0.5, 0.0, 1.0)
-    problem = SimpleNamespace(clock=clock, seems=lambda _: size, share=lambda _: share)
+    problem = SimpleNamespace(clock=clock, seems=lambda _, information: information * size**2, share=lambda _: share)
     precision, begins, step = 40.0, Term(effect, 0.9, 0.5), (clock >= 0.5).astype(float)
     for along, seeming, term in ((share, np.ones(K), Term(effect, 0.9, course=ramp)), (step, step, begins)):
         columns = np.stack([along, seeming])
         normal = precision * columns @ columns.T + np.diag([0.0, size**-2.0])
         alone = precision * along @ along
-        told = _told(SimpleNamespace(problem=problem), term, alone)
+        told = _told(SimpleNamespace(problem=problem), term, alone, 1.0)
         assert told == pytest.approx(1.0 / np.linalg.inv(normal)[0, 0] / alone, rel=1e-9)
