@@ -44,7 +44,7 @@ MORE = ("c_vgt1", "c_vgt2", "c_egr1", "c_egr2", "gamma_e", "c_pe", "c_pi", "eta_
 """Constants that the shipped configuration gives no tolerance."""
 VARIATIONS = ("unlisted", "twice", "thermocouple", "coloured", "noisy", "slow")
 """Unlisted constants within 1 %, listed ones within twice their tolerance, T_em 1 s late, noise of 1 s, noise x 3, 20 Hz."""
-HEALTHY_DRIVES = 3
+HEALTHY_DRIVES = 6
 PIECES = (
     ("etc", 0.0, 600.0),
     ("etc", 600.0, 1200.0),

@@ -212,7 +212,7 @@ def _with_term(linear: Linear, i: int, term: Term) -> Linear:
 
 def structure(linear: Linear) -> float:
     """Return the largest gain of any general effect that may have a size of its own in every block."""
-    return 0.5 * (elsewhere_of(linear) - 1.0) * linear.problem.coarse_blocks
+    return 0.5 * (elsewhere_of(linear) / linear.problem.seeming.uneven - 1.0) * linear.problem.coarse_blocks
 
 
 def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:

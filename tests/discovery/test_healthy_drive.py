@@ -5,10 +5,11 @@ from dataclasses import fields, replace
 import h5py
 import numpy as np
 import pytest
+import scipy
 
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, _scales, learned, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import _learned, _scales, beyond_noise, learned, learned_from, unmoved
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, lay_out
@@ -174,6 +175,47 @@ def test_what_changes_along_healthy_drives_is_no_step(plant, config, prior, clea
         assert problem.seems(steps[-1].term, 1.0) == each.late[gain] ** 2
         assert problem.seems(replace(steps[-1].term, begin=-np.inf), 1.0) == each.whole[gain] ** 2
     assert steps[0].told < steps[1].told
+
+
+def test_noise_of_a_size_is_no_variation_of_the_engine():
+    """Once the scatter of fitted sizes, their noise included, widened the noise a second time."""
+    rng = np.random.default_rng(3)
+    information = np.tile([4.0, 1e6, 0.0], (400, 1))
+    size = rng.standard_normal(information.shape) / np.sqrt(np.maximum(information, 1e-9))
+    found, common = beyond_noise(information * size, information)
+    assert common < 0.1  # two of three effects, 800 squares of variance two
+    assert (found[:2] < 0.35 / np.sqrt(information[0, :2])).all()
+    assert found[2] == 0.0
+    varying = size + 3.0 * rng.standard_normal(information.shape) / np.sqrt(np.maximum(information, 1e-9))
+    found, common = beyond_noise(information * varying, information)
+    np.testing.assert_allclose(found[:2] * np.sqrt(information[0, :2]), 3.0, rtol=0.15)
+    few, common = beyond_noise((information * size)[:3], information[:3])  # what one effect hides, the others show
+    assert (few[:2] * np.sqrt(information[0, :2]) >= np.sqrt(common * 6.0 / 9.0)).all()
+
+
+def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
+    """Of more than 25 minutes, residuals are taken less often: the errors then seemed to last a shorter time."""
+    problem = laid_out(clean)
+    kept = np.exp(-problem.spacing / 1.0)
+    error = scipy.signal.lfilter([1e-3], [1.0, -kept], np.random.default_rng(5).standard_normal(problem.K))
+    found = []
+    for every in (1, 4):
+        part = replace(
+            problem, clock=problem.clock[::every], of_log=problem.of_log[::every], time=problem.time[::every]
+        )
+        one, none = np.ones(part.clock.size), np.zeros((2, part.clock.size, 1))
+        learned = _learned(part, none, one > 0.0, np.tile(error[::every], (2, 1)), one * np.std(error))
+        found.append(part.spacing * learned.lasting)
+    assert found[0] > 10.0 * problem.spacing
+    assert found[1] == pytest.approx(found[0], rel=0.25)
+    far = replace(problem, time=4.0 * problem.time)
+    (_, near_wider), (_, far_wider) = healthy.expected(problem), healthy.expected(far)
+    np.testing.assert_allclose(
+        far_wider,
+        near_wider
+        * np.maximum(healthy.lasting / far.spacing, 1.0)[:, None]
+        / np.maximum(healthy.lasting / problem.spacing, 1.0)[:, None],
+    )
 
 
 def test_a_shift_of_a_balance_bends_nothing(laid_out, clean):
