@@ -116,7 +116,7 @@ def _form_beats(search: _Search, once: _Once) -> bool:
         return False
     left = objective(search.linear)
     if len(problem.patterns):
-        most = left + (len(listed) - 2) * thresholds.PROVEN * (1.0 + problem.seeming.common * problem.data)
+        most = left + (len(listed) - 2) * thresholds.FORM_CLEAR
     else:  # noise drops out of both, and what they leave can be compared
         most = left * (thresholds.FORM_OVER_ONE if len(listed) == 1 else thresholds.FORM_OVER_MORE)
     rivals = _forms_of(search, once)[: thresholds.SHORTLIST]
