@@ -6,7 +6,8 @@ from pathlib import Path
 
 from lpvobs.api.known_engine import known_engine
 from lpvobs.api.search_start import known_from
-from lpvobs.discovery.healthy_drive import HealthyDrive, learned
+from lpvobs.discovery.healthy_drive import HealthyDrive
+from lpvobs.discovery.healthy_sizes import learned
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of

@@ -9,7 +9,8 @@ import scipy
 
 from lpvobs.discovery.evidence import fit_candidate
 from lpvobs.discovery.fit import fit
-from lpvobs.discovery.healthy_drive import _learned, _scales, beyond_noise, learned, learned_from, unmoved
+from lpvobs.discovery.healthy_drive import _learned, _scales, learned_from, unmoved
+from lpvobs.discovery.healthy_sizes import beyond_noise, learned
 from lpvobs.discovery.imbalances import curvature_bias, imbalances_at, operating_nodes, residual_of, scenes_with
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import MapPrior, lay_out

@@ -1,0 +1,70 @@
+"""How large an effect seems to be on drives without a fault: each healthy drive is judged by the others.
+
+The size of an effect varies by more than noise, because what healthy drives leave differs from day to day. A fault must be larger.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvobs.discovery import thresholds
+from lpvobs.discovery.evidence import elsewhere_of, first_order
+from lpvobs.discovery.fit import fit
+from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from, unmoved
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.residual import MapPrior, lay_out
+from lpvobs.engines.residual_model import ResidualModel
+from lpvobs.maps.grid import Grid
+from lpvobs.records import Array, Log
+
+
+def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Log]) -> HealthyDrive:
+    """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
+    found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
+    width = (found.width / float(np.sqrt(len(found.channels))),)
+    seen_by: list[_SeenBy] = []
+    for log in logs:
+        others = [other for other in logs if other is not log]
+        names = [other.name for other in others]
+        seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
+        laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log]))
+        seen_by.append(_seen_by(fit(laid, passes=2)))
+    effects = tuple(effect for effect in seen_by[0].scores if all(effect in each.scores for each in seen_by))
+    scores = np.array([[each.scores[effect] for effect in effects] for each in seen_by])
+    (whole, of_all), (late, of_all_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
+    data = float(np.mean([each.data for each in seen_by]))
+    uneven = max(1.0, *(each.elsewhere for each in seen_by))
+    common = max(of_all, of_all_late) / data
+    return replace(found, effects=effects, whole=whole, late=late, common=common, uneven=uneven)
+
+
+@dataclass(frozen=True)
+class _SeenBy:
+    """What one healthy drive seems to have, judged by the others."""
+
+    scores: Mapping[str, list[tuple[float, float]]]  # gradient and information of every effect, whole and late
+    elsewhere: float
+    data: float
+
+
+def _seen_by(linear: Linear) -> _SeenBy:
+    problem = linear.problem
+    middle = 0.5 * float(problem.clock[0] + problem.clock[-1])
+    scores = {e.id: [first_order(linear, e, begin) for begin in (-np.inf, middle)] for e in problem.catalogue}
+    return _SeenBy(scores, elsewhere_of(linear), problem.data)
+
+
+def beyond_noise(gradient: Array, information: Array) -> tuple[Array, float]:
+    """Return the standard deviation of each effect's size that noise does not explain, and what all effects have in common.
+
+    Both arguments have shape (drives, effects). A few drives show little of one effect: what all effects together vary by, in units
+    of their noise, counts as `POOLED` further drives.
+    """
+    known = np.where(information > 0.0, information, np.inf)
+    beyond = gradient**2 / known - 1.0
+    common = max(float(beyond.mean()), 0.0)
+    own = np.maximum(beyond.mean(0), 0.0)
+    n, pooled = len(beyond), thresholds.POOLED
+    shrunk = (n * own + pooled * common) / (n + pooled)
+    return np.sqrt(np.maximum(own, shrunk) * (1.0 / known).mean(0)), common
