@@ -68,7 +68,10 @@ class HealthyDrive:
     late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))] = field(
         default_factory=lambda: np.zeros(0)
     )
-    common: Annotated[float, Item("1", "variance of a size over that of noise, by independent residual")] = 0.0
+    beyond: Annotated[
+        Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))
+    ] = field(default_factory=lambda: np.zeros(0))
+    common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
     uneven: Annotated[
         float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")
     ] = 1.0
@@ -124,13 +127,11 @@ class HealthyDrive:
 
     def _seeming(self, problem: Problem) -> Seeming:
         """Return what a healthy engine seems to have of every effect; of a component's curve it is what it has of its factor."""
-
-        def by_effect(sizes: Array) -> dict[str, float]:
-            found = dict(zip(self.effects, sizes.tolist(), strict=True))
-            return found | {c.id: found[c.carrier.id] for c in problem.model.curves if c.carrier.id in found}
-
-        degrees = len(self.logs) + thresholds.POOLED
-        return Seeming(by_effect(self.whole), by_effect(self.late), self.common, self.uneven, degrees)
+        whole, late, each = (
+            dict(zip(self.effects, x.tolist(), strict=True)) for x in (self.whole, self.late, self.beyond)
+        )
+        curves = {c.id: each[c.carrier.id] for c in problem.model.curves if c.carrier.id in each}
+        return Seeming(whole, late, curves, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""

@@ -32,11 +32,12 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
         seen_by.append(_seen_by(fit(laid, passes=2)))
     effects = tuple(effect for effect in seen_by[0].scores if all(effect in each.scores for each in seen_by))
     scores = np.array([[each.scores[effect] for effect in effects] for each in seen_by])
-    (whole, of_all), (late, of_all_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
+    (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
     data = float(np.mean([each.data for each in seen_by]))
     uneven = max(1.0, *(each.elsewhere for each in seen_by))
-    common = max(of_all, of_all_late) / data
-    return replace(found, effects=effects, whole=whole, late=late, common=common, uneven=uneven)
+    beyond = np.maximum(beyond, beyond_late) / data
+    common = float(beyond.mean())
+    return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=uneven)
 
 
 @dataclass(frozen=True)
@@ -55,16 +56,16 @@ def _seen_by(linear: Linear) -> _SeenBy:
     return _SeenBy(scores, elsewhere_of(linear), problem.data)
 
 
-def beyond_noise(gradient: Array, information: Array) -> tuple[Array, float]:
-    """Return the standard deviation of each effect's size that noise does not explain, and what all effects have in common.
+def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:
+    """Return the standard deviation of each effect's size that noise does not explain, and its variance over that of noise.
 
     Both arguments have shape (drives, effects). A few drives show little of one effect: what all effects together vary by, in units
     of their noise, counts as `POOLED` further drives.
     """
     known = np.where(information > 0.0, information, np.inf)
     beyond = gradient**2 / known - 1.0
-    common = max(float(beyond.mean()), 0.0)
+    common = max(float(beyond[information > 0.0].mean()), 0.0)
     own = np.maximum(beyond.mean(0), 0.0)
     n, pooled = len(beyond), thresholds.POOLED
-    shrunk = (n * own + pooled * common) / (n + pooled)
-    return np.sqrt(np.maximum(own, shrunk) * (1.0 / known).mean(0)), common
+    found = np.maximum(own, (n * own + pooled * common) / (n + pooled))
+    return np.sqrt(found * (1.0 / known).mean(0)), found

@@ -53,7 +53,9 @@ class Seeming:
     """What a healthy engine seems to have of effects: the standard deviation of their sizes beyond noise."""
 
     whole: Mapping[str, float] = field(default_factory=dict)  # by effect, in its unit, where it acts all along
-    late: Mapping[str, float] = field(default_factory=dict)  # where it acts from some instant on
-    common: float = 0.0  # of any effect: the variance of its size over that of noise, by independent residual
+    late: Mapping[str, float] = field(default_factory=dict)  # where it acts from the middle of a drive on
+    # of a component's curve: the variance over that of noise, by independent residual; it has no single size
+    curves: Mapping[str, float] = field(default_factory=dict)
+    common: float = 0.0  # of any other: the same
     uneven: float = 1.0  # the largest variance over blocks of the score of an effect, over that of noise
     degrees: float = np.inf  # drives that tell of it

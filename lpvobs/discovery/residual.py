@@ -133,9 +133,14 @@ class Problem:
         return replace(self, used=np.ones(self.K, dtype=bool))
 
     def seems(self, term: "Term", information: float) -> float:
-        """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information."""
+        """Return the variance of the size that a healthy engine seems to have of an effect, over that of noise, 1/information.
+
+        What varies with the time on a healthy drive varies more within a shorter time: below half a drive as the noise does.
+        """
         size = (self.seeming.whole if term.whole else self.seeming.late).get(term.effect.id)
-        return self.seeming.common * self.data if size is None else information * size**2
+        if size is None:
+            return self.seeming.curves.get(term.effect.id, self.seeming.common) * self.data
+        return information * size**2 * max(1.0, 0.5 / max(float(np.mean(term.acts(self.clock))), 1.0 / self.K))
 
     def over_columns(self, values: Array) -> Array:
         """Return values at places, shape (K,), for every column of the signals; a sample has that of its block."""
