@@ -1,7 +1,9 @@
 """Conversion to the contract's units. Pint is imported only where a unit is spelled differently."""
 
 import re
+import tomllib
 from functools import cache
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,27 +15,6 @@ _READABLE = re.compile(r"[^\W\d][\w°%µ*/^ ()·.+-]{0,39}|%|°[CF]|1/\w{1,10}|1
 
 if TYPE_CHECKING:
     from pint import Unit, UnitRegistry
-
-# What measurement systems write, and pint reads as something else or not at all. Keys in lower case; upper and lower case are told
-# apart only where a letter's size is a factor of its own (mPa and MPa, pA and Pa stay what they are).
-_FIELD_SPELLINGS = (
-    dict.fromkeys(
-        ("1/min", "/min", "tr/min", "min^-1", "min-1", "min⁻¹", "u/min", "r/min", "upm", "rpm", "rev/min"), "rpm"
-    )
-    | {
-        f"mg/{word}": "mg/cycle"
-        for word in re.findall(r"\w+", "cycle cyc stroke str st stk hub asp zyklus zyk zyl coup h inj injection i c")
-    }
-    | {f"mg/({word})": "mg/cycle" for word in ("cycle", "stroke")}
-    | dict.fromkeys(("-", "--", "[-]", "λ", "lambda"), "1")
-    | {f"{unit}{mark}": unit for unit in ("bar", "mbar") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
-    | {f"{unit.lower()}{mark}": unit for unit in ("kPa", "hPa") for mark in ("a", "(a)", "_a", " abs", "(abs)", "_abs")}
-    | dict.fromkeys(("percent", "pct", "prozent"), "%")
-    | dict.fromkeys(("kg/h", "kg/hr"), "kg/h")
-    | dict.fromkeys(("g/s", "g/sec", "gm/sec"), "g/s")
-    | {"kg/s": "kg/s", "kg/sec": "kg/s", "sec": "s", "msec": "ms"}
-    | {"mbar": "mbar", "bar": "bar", "kpa": "kPa", "hpa": "hPa", "℃": "degC", "celsius": "degC", "kelvin": "K"}
-)
 
 # A degree sign in every state in which it comes out of wrong decodings, sometimes several of them in a row.
 _DEGREE = re.compile(r"(?:Ã‚)?Â?(?:°|º|˚|\ufffd{1,3}|ï¿½|\?|░|ø|deg(?:ree)?s?\.?|grad)\s?([CF])", re.IGNORECASE)
@@ -54,7 +35,14 @@ def canonical(unit: str) -> str:
     degree = _DEGREE.fullmatch(bare)
     if degree:
         return "deg" + degree.group(1).upper()
-    return _FIELD_SPELLINGS.get(bare.lower(), bare)
+    return _spellings().get(bare.lower(), bare)
+
+
+@cache
+def _spellings() -> dict[str, str]:
+    """Return units by what measurement systems write for them."""
+    tables = tomllib.loads(files("lpvobs.io.logs").joinpath("units.toml").read_text(encoding="utf-8"))
+    return {spelling: unit for unit, spellings in tables.items() for spelling in spellings}
 
 
 def is_broken(unit: str) -> bool:
@@ -80,24 +68,20 @@ def convert(values: Array, unit: str, wanted: str) -> Array:
     >>> convert(np.array([36.0]), "kg/h", "kg/s")
     array([0.01])
     """
-    known = re.sub(r"sqrt\((\w+)\)", r"\1^0.5", canonical(unit))
-    if wanted in (unit, known):
+    if wanted in (unit, canonical(unit)):
         return values
-    if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:
-        raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'")
-    registry = _registry()
     try:
-        source, target = registry.Unit(known), registry.Unit(wanted)
+        source, target = unit_of(unit), unit_of(wanted)
         if _is_angular(source) != _is_angular(target):
             raise ValueError("1/s or Hz may count cycles, strokes or turns")
-        return np.asarray(registry.Quantity(values, source).to(target).magnitude, dtype=float)
+        return np.asarray(_registry().Quantity(values, source).to(target).magnitude, dtype=float)
     except Exception:
         raise ValueError(f"unit '{unit}' cannot be converted to '{wanted}'") from None
 
 
 def unit_of(unit: str) -> "Unit":
     """Return a unit as pint knows it; raises ValueError for one that nobody knows."""
-    known = canonical(unit)
+    known = re.sub(r"sqrt\((\w+)\)", r"\1^0.5", canonical(unit))
     if not _READABLE.fullmatch(known) or sum(map(str.isdigit, known)) > 2:
         raise ValueError(f"unit '{unit}' is not known")
     try:

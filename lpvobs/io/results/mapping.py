@@ -10,6 +10,7 @@ records without one are left to the caller.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.resources import files
 from types import UnionType
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
@@ -27,48 +28,7 @@ Values = NDArray[Any]
 Labels = Mapping[str, Sequence[Any] | Values]
 Contents = dict[str, Field | Attribute]
 
-ENDS = {0: "lower", 1: "upper"}
-AXES = {
-    "aspect": Item("1", "level and shape in kg/s, gain as a share of the flow"),
-    "axis": Item("1", "fuel, then speed"),
-    "balance": Item("1", "balance"),
-    "bell": Item("1", "bell of a regression"),
-    "bin": Item("1", "bin of the regressor"),
-    "bound": Item("1", "which end", meanings=ENDS),
-    "cell": Item("1", "cell of the map"),
-    "change": Item("1", "change of a vehicle"),
-    "coefficient": Item("1", "coefficient of Eq. (37)"),
-    "constant": Item("1", "uncertain constant of the engine"),
-    "coordinate": Item("1", "coordinate of the engine's unknowns"),
-    "corner": Item("1", "node of a cell"),
-    "end": Item("1", "which end", meanings=ENDS),
-    "extreme": Item("1", "which extreme", meanings={0: "smallest", 1: "largest"}),
-    "error": Item("1", "error that lasts all day, then for minutes"),
-    "feature": Item("1", "bells, then lines"),
-    "fuel_node": Item("1", "node of the map over fuel"),
-    "input": Item("1", "channels, then rates"),
-    "lag": Item("1", "lag in blocks, positive where the residual is later"),
-    "log": Item("1", "log"),
-    "map": Item("1", "map of a vehicle in a period"),
-    "mode": Item("1", "terms of Eq. (37), flow"),
-    "mean": Item("1", "mean regressor, mean residual, standard error of the mean residual"),
-    "node": Item("1", "node in the order of Eq. (23): speed by speed"),
-    "output": Item("1", "output"),
-    "parameter": Item("1", "scheduling parameter"),
-    "point": Item("1", "some of the points"),
-    "quantile": Item("1", "quantile of the bootstrap over blocks"),
-    "share": Item("1", "share of the frequencies of the block sums"),
-    "signal": Item("1", "signal"),
-    "speed_node": Item("1", "node of the map over speed"),
-    "state": Item("1", "state"),
-    "stretch": Item("1", "stretch with much power, strongest first"),
-    "term": Item("1", "term of Eq. (37), in coordinates from -1 to 1 over the grid"),
-    "summed": Item("1", "nodes, coordinates of the engine, reading, z"),
-    "transience": Item("1", "class of transience"),
-    "unknown": Item("1", "unknown of the engine"),
-}
-"""Axes that are no field of their record, and what stands on them; numbered from zero where no labels are given. What stands on
-`state` stands on `other_state`, too."""
+AXES = msgspec.toml.decode(files("lpvobs.io.results").joinpath("axes.toml").read_bytes(), type=dict[str, Item])
 
 
 @dataclass(frozen=True)
