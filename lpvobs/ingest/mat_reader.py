@@ -14,22 +14,23 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest import reader, recordings
+from lpvobs.ingest import reader
+from lpvobs.ingest.recordings import Head
 
 UNIT_FIELDS = ("unit", "units", "Unit", "Units")
 TIMES = ("time", "t")
 LONGEST_UNIT = 40
 
 
-def heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
+def heads(path: Path, notes: dict[str, str]) -> Iterator[tuple[str, Head]]:
     """Yield the vectors of a file."""
     if _is_hdf(path):
         found = list(_hdf_heads(path, notes))
     else:
         vectors = _flat(_document(path), "")
-        found = [reader.Found(name, recordings.Head(name, unit, values.size), name) for name, unit, values in vectors]
-    _expect_once(item.full for item in found)
-    yield from found
+        found = [Head(name, unit, values.size, name) for name, unit, values in vectors]
+    _expect_once(head.name for head in found)
+    yield from ((head.name, head) for head in found)
 
 
 def tables(path: Path, wanted: Sequence[str], notes: dict[str, str]) -> Iterator[pa.Table]:
@@ -82,10 +83,10 @@ def _flat(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, 
             yield f"{prefix}{key}", "" if key in TIMES else reader.as_text(unit[:LONGEST_UNIT]), value
 
 
-def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
+def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Head]:
     import h5py
 
-    found: list[reader.Found] = []
+    found: list[Head] = []
     units: dict[str, str] = {}
     odd: list[str | bytes] = []
 
@@ -104,7 +105,7 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
         elif item.dtype.kind in "iufb" and item.dtype.itemsize <= 8 and item.size == max(item.shape, default=0) > 1:
             unit = "" if own in TIMES else reader.as_text(item.attrs.get("units", item.attrs.get("unit")))
             dotted = name.replace("/", ".")
-            found.append(reader.Found(dotted, recordings.Head(dotted, unit, item.size), name))
+            found.append(Head(dotted, unit, item.size, name))
 
     with h5py.File(path, "r") as file:
         file.visititems(look)  # goes along hard links alone
@@ -113,7 +114,7 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[reader.Found]:
     for item in found:
         folder, _, own = item.place.rpartition("/")
         beside = units.get(folder) if own not in TIMES else None
-        yield item if beside is None else replace(item, head=replace(item.head, unit=beside))
+        yield item if beside is None else replace(item, unit=beside)
 
 
 def _letter(code: int) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lpvobs.ingest.reader import Found, as_text, native, serve
+from lpvobs.ingest.reader import as_text, native, serve
 from lpvobs.ingest.recordings import Head, one_line
 
 MOST_MESSAGES = 10_000
@@ -37,7 +37,7 @@ def _opened(path: Path, notes: dict[str, str]) -> Iterator[Any]:
         notes["asammdf says"] = one_line(said.buffer[0].getMessage())
 
 
-def heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
+def heads(path: Path, notes: dict[str, str]) -> Iterator[tuple[str, Head]]:
     """Yield every channel that is not a time base; a name that several groups have is called group:name."""
     with _opened(path, notes) as file:
         channels = [
@@ -50,7 +50,7 @@ def heads(path: Path, notes: dict[str, str]) -> Iterator[Found]:
         for number, index, channel, size in channels:
             name = str(channel.name)
             full = name if often[name] == 1 else f"{number}:{name}"
-            yield Found(full, Head(name, _unit(channel), size), [number, index])
+            yield full, Head(name, _unit(channel), size, [number, index])
 
 
 def tables(path: Path, wanted: Sequence[tuple[int, int]], notes: dict[str, str]) -> Iterator[pa.Table]:

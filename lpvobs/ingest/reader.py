@@ -1,4 +1,4 @@
-"""What a process says that reads a foreign file for another one: `python -m lpvobs.ingest.mat_reader FILE SECONDS BYTES`.
+"""What a process says that reads a foreign file for another one, see `lpvobs.io.safety.sandbox`.
 
 On stdin stands a JSON list of the places of the columns to read, or null for a list of what there is. On stdout comes a line of
 JSON for each column, its samples behind it as an Arrow stream, and a last line with "notes", or with "error" where it failed.
@@ -8,7 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,31 +16,21 @@ import numpy as np
 import pyarrow as pa
 
 from lpvobs.ingest.recordings import Head, one_line
-from lpvobs.io.safety.sandbox import limit
+from lpvobs.io.safety.sandbox import limited
 
-Heads = Callable[[Path, dict[str, str]], Iterator["Found"]]
-"""From a file, and a mapping that takes notes, to its columns."""
+Heads = Callable[[Path, dict[str, str]], Iterator[tuple[str, Head]]]
+"""From a file, and a mapping that takes notes, to its columns with their full names."""
 Tables = Callable[[Path, Sequence[Any], dict[str, str]], Iterator[pa.Table]]
 """From a file, the places of the wanted columns, and notes, to a table of "values", and "time" [s] if it has its own, for each."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """A column: its full name, what is known of it, and where the reader finds it again."""
-
-    full: str
-    head: Head
-    place: Any
-
-
 def serve(heads: Heads, tables: Tables) -> None:
     """Answer within limits, and leave without a destructor of the library."""
-    path, seconds, most_bytes = sys.argv[1:]
-    limit(int(seconds), int(most_bytes))
+    path = limited()
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the library prints
         try:
-            _answer(Path(path), heads, tables, out)
+            _answer(path, heads, tables, out)
         except Exception as error:  # whatever a damaged byte leads to
             _tell(out, {"error": one_line(error) or type(error).__name__})
         out.flush()
@@ -50,8 +40,8 @@ def serve(heads: Heads, tables: Tables) -> None:
 def _answer(path: Path, heads: Heads, tables: Tables, out: BinaryIO) -> None:
     wanted, notes = json.load(sys.stdin), dict[str, str]()
     if wanted is None:
-        for found in heads(path, notes):
-            _tell(out, {"full": found.full, "place": found.place, **asdict(found.head)})
+        for full, head in heads(path, notes):
+            _tell(out, {"full": full, **asdict(head)})
     else:
         for place, table in zip(wanted, tables(path, wanted, notes), strict=True):
             _tell(out, {"place": place})

@@ -4,25 +4,21 @@ A damaged file may crash such a library, keep it busy for ever or let it fill th
 limits; `lpvobs.ingest.reader` says what the two tell each other.
 """
 
+import io
 import json
-import subprocess
-import tempfile
-import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.ingest.profiles import SourceRules
 from lpvobs.ingest.recordings import Column, ForeignRecording, Head, check_samples, opened
 from lpvobs.io.arrow import pa
-from lpvobs.io.safety.sandbox import call, environment
+from lpvobs.io.safety.sandbox import answer
 
-SECONDS, BYTES, PATIENCE = 6, 2 << 30, 10
-"""What a library may take for a small file: computing and memory; on a busy machine it may stand still for ten times as long."""
+SECONDS, BYTES = 6, 2 << 30  # what a library may take for a small file: computing and memory
 PER_SECOND = 4 << 20  # [bytes] of a file for which it may compute a second longer
 FAILED = "the library that reads it fails, or takes too long"
 MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
@@ -44,21 +40,18 @@ MDF = Library("MDF", "lpvobs.ingest.mdf_reader", "record or export it again")
 
 @dataclass(frozen=True)
 class ApartRecording(ForeignRecording):
-    """A file that another process reads; `places` is where that process finds each column."""
+    """A file that another process reads."""
 
     library: Library
-    places: Mapping[str, Any]
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored; those of MDF in physical values, with their own stamps, empty where marked invalid."""
         check_samples(self.path, [self.heads[name].size for name in names])
-        columns = []
-        with _asked(self.path, self.library, [self.places[name] for name in names], self.notes) as (lines, stream):
-            for _ in lines:
-                with pa.ipc.open_stream(stream) as samples:
-                    table = samples.read_all()
-                columns.append(Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None))
-        return dict(zip(names, columns, strict=True))
+        tables = _asked(self.path, self.library, [self.heads[name].place for name in names], self.notes)
+        return {
+            name: Column(table["values"], table["time"].to_numpy() if table.num_columns > 1 else None)
+            for name, table in zip(names, tables, strict=True)
+        }
 
 
 def open_mat(path: Path, rules: SourceRules) -> ApartRecording:
@@ -85,56 +78,25 @@ def open_mdf(path: Path, rules: SourceRules) -> ApartRecording:
 
 def _opened(path: Path, library: Library) -> ApartRecording:
     notes: dict[str, str] = {}
-    with _asked(path, library, None, notes) as (lines, _):
-        found = list(lines)
-    heads = {line["full"]: Head(line["name"], line["unit"], line["size"]) for line in found}
-    return ApartRecording(path, heads, library, {line["full"]: line["place"] for line in found}, notes=notes)
+    heads = {column.pop("full"): Head(**column) for column in _asked(path, library, None, notes)}
+    return ApartRecording(path, heads, library, notes=notes)
 
 
-@contextmanager
-def _asked(
-    path: Path, library: Library, wanted: Sequence[Any] | None, notes: dict[str, str]
-) -> Iterator[tuple[Iterator[dict[str, Any]], IO[bytes]]]:
-    """Yield the lines that the reading process says of a file, and the stream in which samples follow them."""
+def _asked(path: Path, library: Library, wanted: Sequence[Any] | None, notes: dict[str, str]) -> Iterator[Any]:
+    """Yield what the reading process says of every column, or tables of those at the wanted places; keep its notes."""
     size = path.stat().st_size
-    seconds = SECONDS + size // PER_SECOND
-    arguments = (str(path.absolute()), str(seconds), str(BYTES + size))
-    with tempfile.TemporaryDirectory() as folder:  # of the library's copies, which a killed process leaves behind
-        process = subprocess.Popen(
-            call(library.module, *arguments),
-            env=environment(TMPDIR=folder),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        watch = threading.Timer(PATIENCE * seconds, process.kill)
-        watch.start()
-        with process:
-            try:
-                if process.stdin is None or process.stdout is None:
-                    raise _unreadable(path, library, "no connection to the process that reads it")
-                process.stdin.write(json.dumps(wanted).encode())
-                process.stdin.close()
-                yield _lines(path, library, process.stdout, notes), process.stdout
-            except (OSError, ValueError, pa.ArrowException):  # it ended in the middle of what it had to say
-                raise _unreadable(path, library, FAILED) from None
-            finally:
-                watch.cancel()
-                process.kill()
-
-
-def _lines(path: Path, library: Library, stream: IO[bytes], notes: dict[str, str]) -> Iterator[dict[str, Any]]:
-    """Yield what is said of each column, up to the last line, whose notes are kept."""
-    while line := stream.readline():
-        content = json.loads(line)
-        if "error" in content:
-            raise _unreadable(path, library, content["error"])
-        if "notes" in content:
-            notes.update(content["notes"])
-            return
-        yield content
-    raise _unreadable(path, library, FAILED)
-
-
-def _unreadable(path: Path, library: Library, reason: str) -> DataError:
-    return DataError(f"{path}: not a readable {library.kind} file ({reason}); {library.remedy}")
+    said = io.BytesIO(answer(library.module, path, SECONDS + size // PER_SECOND, BYTES + size, json.dumps(wanted)))
+    reason = FAILED
+    try:
+        for line in said:
+            content = json.loads(line)
+            if "notes" in content:
+                notes.update(content["notes"])
+                return
+            if "error" in content:
+                reason = content["error"]
+                break
+            yield content if wanted is None else pa.ipc.open_stream(said).read_all()
+    except (ValueError, pa.ArrowException):  # it ended in the middle of what it had to say
+        pass
+    raise DataError(f"{path}: not a readable {library.kind} file ({reason}); {library.remedy}")
