@@ -7,11 +7,13 @@ shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.templates import filled
 from lpvobs.records import Array
 
 KINDS = ("KENNFELD", "GRUPPENKENNFELD")
@@ -22,7 +24,6 @@ ENCODING = "latin-1"
 
 LONGEST_LINE = 1 << 16
 MOST_VALUES = 1 << 20
-PER_LINE = 6
 NAME = re.compile(r"[A-Za-z_][\w.\[\]]{0,254}")
 TEXTS = {"EINHEIT_X": "unit_x", "EINHEIT_Y": "unit_y", "EINHEIT_W": "unit", "LANGNAME": "long_name"}
 _QUOTED = re.compile(r'"([^"]*)"')
@@ -53,32 +54,8 @@ class DcmMap:
 
 def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:
     """Return a DCM file with one map, every number rounded to `digits` significant digits."""
-    head = [f"* {' '.join(line.split())}" for line in comments]
-    shared = []
-    names = []
-    if item.kind == "GRUPPENKENNFELD":
-        names = [f"*SSTX {item.x_name}", f"*SSTY {item.y_name}"]
-        for label, nodes, unit in ((item.x_name, item.x, item.unit_x), (item.y_name, item.y, item.unit_y)):
-            shared += ["", f"STUETZSTELLENVERTEILUNG {label} {nodes.size}", "*SST", f'   EINHEIT_X "{unit}"']
-            shared += [*_lines("ST/X", nodes, digits), "END"]
-    body = [
-        f"{item.kind} {item.name} {item.x.size} {item.y.size}",
-        f'   LANGNAME "{item.long_name}"',
-        *(f"   {line}" for line in item.kept),
-        f'   EINHEIT_X "{item.unit_x}"',
-        f'   EINHEIT_Y "{item.unit_y}"',
-        f'   EINHEIT_W "{item.unit}"',
-        *names,
-        *_lines("ST/X", item.x, digits),
-    ]
-    for node, row in zip(item.y, item.values, strict=True):
-        body += [f"   ST/Y {_number(node, digits)}", *_lines("WERT", row, digits)]
-    return "\n".join([*head, "", "KONSERVIERUNG_FORMAT 2.0", "", *body, "END", *shared, ""])
-
-
-def _lines(keyword: str, values: Array, digits: int) -> list[str]:
-    words = [_number(value, digits) for value in values]
-    return [f"   {keyword} {' '.join(words[start : start + PER_LINE])}" for start in range(0, len(words), PER_LINE)]
+    rounded = partial(_number, digits=digits)
+    return filled("lpvobs.io.calibration", "map.dcm", {"rounded": rounded}, item=item, comments=comments)
 
 
 def _number(value: float, digits: int) -> str:

@@ -1,10 +1,9 @@
 """CDFX (ASAM CDF 2.0) and INCA's label lists for further calibration tools; maps in the units of control units."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -13,10 +12,10 @@ from lpvobs.io.calibration.dcm import DcmMap
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results.surfaces import LEFT_OUT, NONE, Surface
 from lpvobs.io.safety.atomic import replacing
+from lpvobs.io.templates import filled
 from lpvobs.records import Array
 
 FACTOR, PERCENT, PER_STROKE = "factor", "%", "mg/cycle"
-DOCTYPE = '<!DOCTYPE MSRSW PUBLIC "-//ASAM//DTD CALIBRATION DATA FORMAT:V2.0.0:LAI:IAI:XML:CDF200.XSD//EN" "cdf_v2.0.0.sl.dtd">'
 
 
 def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float) -> Surface:
@@ -53,43 +52,14 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
 
 def write_cdfx(path: Path, item: DcmMap, digits: int, comments: Sequence[str]) -> None:
     """Write a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
-    head = [("SHORT-NAME", item.name), ("LONG-NAME", item.long_name), ("CATEGORY", "MAP")]
-    values = [
-        ("VG", [("LABEL", f"{node:.{digits}g}"), *_numbers(row, digits)])
-        for node, row in zip(item.y, item.values, strict=True)
-    ]
-    axes = [
-        (
-            "SW-AXIS-CONT",
-            [("CATEGORY", "STD_AXIS"), ("UNIT-DISPLAY-NAME", unit), ("SW-VALUES-PHYS", _numbers(nodes, digits))],
-        )
-        for unit, nodes in ((item.unit_x, item.x), (item.unit_y, item.y))
-    ]
-    own = [("UNIT-DISPLAY-NAME", item.unit), ("SW-VALUES-PHYS", values)]
-    instance = ("SW-INSTANCE", [*head, ("SW-VALUE-CONT", own), ("SW-AXIS-CONTS", axes)])
-    tree = ("SW-INSTANCE-TREE", [("SHORT-NAME", "calibration"), ("CATEGORY", "NO_VCD"), instance])
-    system = ("SW-SYSTEM", [("SHORT-NAME", "lpvobs"), ("SW-INSTANCE-SPEC", [tree])])
-    said = ("INTRODUCTION", [("P", line) for line in comments])
-    root = ElementTree.Element("MSRSW", {"CREATOR": "lpvobs"})
-    _add(root, [("SHORT-NAME", item.name), said, ("CATEGORY", "CDF20"), ("SW-SYSTEMS", [system])])
-    ElementTree.indent(root)
-    body = ElementTree.tostring(root, encoding="unicode")
+    how: dict[str, Callable[..., str]] = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
     with replacing(path) as temporary:
-        temporary.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{DOCTYPE}\n{body}\n', encoding="utf-8")
+        text = filled("lpvobs.io.calibration", "map.cdfx", how, item=item, comments=comments)
+        temporary.write_text(text, encoding="utf-8")
 
 
-def _add(parent: ElementTree.Element, contents: Sequence[Any]) -> None:
-    """Add elements, each a tag with its text, or with a list of the elements in it."""
-    for tag, inside in contents:
-        element = ElementTree.SubElement(parent, tag)
-        if isinstance(inside, str):
-            element.text = "".join(letter for letter in inside if letter.isprintable())
-        else:
-            _add(element, inside)
-
-
-def _numbers(values: Array, digits: int) -> list[tuple[str, str]]:
-    return [("V", f"{value:.{digits}g}") for value in values]
+def _plain(said: str) -> str:
+    return escape("".join(letter for letter in said if letter.isprintable()))
 
 
 def write_lab(path: Path, parameters: Sequence[str], channels: Sequence[str]) -> None:

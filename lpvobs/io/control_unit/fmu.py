@@ -7,11 +7,11 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from shutil import which
-from string import Template
 from xml.sax.saxutils import quoteattr
 
 from lpvobs.errors import UsageError
-from lpvobs.io.control_unit.sources import Unit, own_text
+from lpvobs.io.control_unit.sources import FOLDER, Unit, own_text
+from lpvobs.io.templates import filled
 
 NAME = "lpvobs"
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -50,30 +50,22 @@ def _library(sources: Mapping[str, str]) -> bytes:
 
 
 def _description(unit: Unit, version: str, sources: Mapping[str, str]) -> str:
-    path, grid, channels = unit.air_path, unit.grid, unit.channels.items()
+    path, grid = unit.air_path, unit.grid
     speed, fuel = path.axes[1].unit, path.axes[0].unit
-    given = [(f"x_{name}", "state estimate, SI") for name in path.state_names]
-    given += [("map_value", "kg/s: the map at the operating point"), ("innovation", "kg/s"), ("state_time", "s")]
-    given += [
+    outputs = [(f"x_{name}", "state estimate, SI") for name in path.state_names]
+    outputs += [("map_value", "kg/s: the map at the operating point"), ("innovation", "kg/s"), ("state_time", "s")]
+    outputs += [
         (f"theta_{j}_{i}", f"kg/s: node at {n:g} {speed}, {u:g} {fuel}")
         for j, n in enumerate(grid.speed)
         for i, u in enumerate(grid.fuel)
     ]
-    variables = [("in_" + name, f"{c.unit}: {c.meaning}", "input", 'Real start="0"') for name, c in channels]
-    first = len(variables)
-    variables += [(name, told, "output", "Real") for name, told in given]
-    variables.append(("flags", "LPVOBS_BAD_CHANNEL and the following", "output", "Integer"))
-    return Template(own_text("modelDescription.xml")).substitute(
-        guid=quoteattr(version),
-        sources="\n".join(f'      <File name="{name}"/>' for name in sorted(sources) if name.endswith(".c")),
+    return filled(
+        FOLDER,
+        "modelDescription.xml",
+        {"quoted": quoteattr},
+        version=version,
+        files_in_c=sorted(name for name in sources if name.endswith(".c")),
         step=1.0 / unit.rate,
-        variables="\n".join(_variable(i, *each) for i, each in enumerate(variables)),
-        outputs="\n".join(f'      <Unknown index="{i + 1}"/>' for i in range(first, len(variables))),
-    )
-
-
-def _variable(reference: int, name: str, told: str, causality: str, kind: str) -> str:
-    return (
-        f'    <ScalarVariable name="{name}" valueReference="{reference}" description={quoteattr(told)} '
-        f'causality="{causality}" variability="discrete"><{kind}/></ScalarVariable>'
+        channels=unit.channels,
+        outputs=outputs,
     )

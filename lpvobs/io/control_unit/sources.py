@@ -1,12 +1,10 @@
 """The C sources of an observer: fixed files of this folder, the engine's `model.c`, and tables filled in here."""
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from math import ceil
-from string import Template
 
 import numpy as np
 
@@ -15,10 +13,12 @@ from lpvobs.engines.base import AirPath, EngineKind
 from lpvobs.engines.channels import Channel
 from lpvobs.errors import UsageError
 from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.templates import filled
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.smoothing import LEAST
 from lpvobs.records import Array
 
+FOLDER = "lpvobs.io.control_unit"
 JITTER = 1.5  # samples may come closer than at the stated rate by this factor before a window is cut
 MEMORY = 100.0
 """[s] Beyond this the gain of a node falls no further: a sensor that ages is followed within minutes of driving there."""
@@ -60,17 +60,34 @@ class Unit:
 
 def sources(unit: Unit) -> dict[str, str]:
     """Return the text of every file by name."""
-    fixed = {name: own_text(name) for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
+    made = {name: own_text(name) for name in ("lpvobs.h", "lpvobs.c", "lpvobs_bench.c")}
     model = files(unit.kind.air_path.__module__.rpartition(".")[0]) / "model.c"
-    made = fixed | {"lpvobs_model.c": model.read_text(encoding="utf-8")}
-    header, tables = _header(unit), _tables(unit)
+    made["lpvobs_model.c"] = model.read_text(encoding="utf-8")
+    header, tables = (_filled(name, unit) for name in ("lpvobs_config.h", "lpvobs_tables.c"))
     digest = hashlib.sha256("\0".join((header, tables, *made.values())).encode()).hexdigest()
     return made | {"lpvobs_config.h": header, "lpvobs_tables.c": tables.replace("@VERSION@", _version(unit, digest))}
 
 
+def _filled(name: str, unit: Unit) -> str:
+    """Return a file whose texts and numbers are those of the unit; `@VERSION@` stands where its version comes."""
+    return filled(
+        FOLDER,
+        name,
+        {"sizes": _sizes, "initialiser": _initialiser},
+        unit=unit,
+        path=unit.air_path,
+        names=list(unit.channels),
+        numbers={key: np.asarray(value, dtype=float) for key, value in _numbers(unit).items()},
+        arrays=_arrays(unit),
+        memory=MEMORY,
+        pace=PACE,
+        length=len(_version(unit, "")) + 1,
+    )
+
+
 def own_text(name: str) -> str:
     """Return the text of a file of this folder."""
-    return (files("lpvobs.io.control_unit") / name).read_text(encoding="utf-8")
+    return (files(FOLDER) / name).read_text(encoding="utf-8")
 
 
 def _version(unit: Unit, digest: str) -> str:
@@ -91,33 +108,6 @@ def _numbers(unit: Unit) -> Mapping[str, float | Array]:
             values = unit.corrections[component.name]
             found[component.name] = values if component.axes else values[0]
     return found
-
-
-def _constants(unit: Unit) -> dict[str, float | int]:
-    """Return the single numbers of `lpvobs_config.h`; those that are real in C are floats."""
-    path, grid = unit.air_path, unit.grid
-    names = list(unit.channels)
-    return {
-        "STATES": len(path.state_names),
-        "OUTPUTS": len(unit.stored.outputs) + 1,
-        "PARAMETERS": len(path.parameter_names),
-        "CHANNELS": len(names),
-        "SMOOTHED": len(path.smoothed),
-        "SUMS": len(unit.stored.gain.region.nonnegative_sums),
-        "FUEL_NODES": grid.fuel.size,
-        "SPEED_NODES": grid.speed.size,
-        "NODES": grid.size,
-        "RING": unit.ring,
-        "FALLING": int(unit.falling),
-        "CORRECTED": int(bool(unit.corrections)),
-        "SENSOR": names.index(path.sensor),
-        "FUEL": names.index(path.axes[0].channel),
-        "SPEED": names.index(path.axes[1].channel),
-        "GAMMA": unit.gamma,
-        "MEMORY": MEMORY,
-        "PACE": PACE,
-        "LARGEST": unit.channels[path.sensor].high,
-    }
 
 
 def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
@@ -144,54 +134,8 @@ def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
     return found
 
 
-def _literal(value: float | int) -> str:
-    return f"{value}U" if isinstance(value, int) else f"((real_t){value!r})"
-
-
-def _shape(values: Array) -> str:
+def _sizes(values: Array) -> str:
     return "".join(f"[{size}]" for size in values.shape)
-
-
-def _header(unit: Unit) -> str:
-    channels = [
-        f"    LPVOBS_IN_{name} = {i}, /* {item.unit}, {item.low:g} to {item.high:g}: {item.meaning} */"
-        for i, (name, item) in enumerate(unit.channels.items())
-    ]
-    members = [f"    real_t {name}{_shape(np.asarray(value))};" for name, value in _numbers(unit).items()]
-    tables = [f"extern const {kind} lpvobs_{name}{_shape(values)};" for name, (kind, values) in _arrays(unit).items()]
-    constants = [f"#define LPVOBS_{name} {_literal(value)}" for name, value in _constants(unit).items()]
-    lists = {"channels": channels, "members": members, "tables": tables, "constants": constants}
-    return Template(own_text("lpvobs_config.h")).substitute(
-        {name: "\n".join(lines) for name, lines in lists.items()},
-        origin=unit.origin,
-        double=unit.bytes_of_state(8),
-        float=unit.bytes_of_state(4),
-        states=", ".join(unit.air_path.state_names),
-        parameters=", ".join(unit.air_path.parameter_names),
-        half_width=unit.half_width,
-        gap=unit.gap,
-        length=len(_version(unit, "")) + 1,
-    )
-
-
-def _tables(unit: Unit) -> str:
-    known = {name: _initialiser(np.asarray(value, dtype=float)) for name, value in _numbers(unit).items()}
-    numbers = [f"    {value}, /* {name} */" for name, value in known.items()]
-    arrays = _arrays(unit)
-    names = ", ".join(map(json.dumps, unit.channels))
-    sizes = " + ".join(f"sizeof(lpvobs_{name})" for name in ("engine", *arrays))
-    lines = [
-        '#include "lpvobs.h"',
-        "#define R(x) ((real_t)(x))",
-        f'const char lpvobs_version[{len(_version(unit, "")) + 1}] = "@VERSION@";',
-        "const lpvobs_constants lpvobs_engine = {",
-        *numbers,
-        "};",
-        *(f"const {kind} lpvobs_{n}{_shape(values)} = {_initialiser(values)};" for n, (kind, values) in arrays.items()),
-        f"const char *const lpvobs_channel_names[LPVOBS_CHANNELS] = {{{names}}};",
-        f"const uint32_t lpvobs_table_bytes = (uint32_t)({sizes});\n",
-    ]
-    return "\n".join(lines)
 
 
 def _initialiser(values: Array) -> str:
