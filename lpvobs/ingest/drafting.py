@@ -12,6 +12,7 @@ import numpy as np
 from lpvobs.ingest import foreign, profiles, recordings, repairs, words
 from lpvobs.ingest.guesses import Guess, csv_layout, guess, kind_of, known_channels, own_names, polled
 from lpvobs.ingest.resample import median_step
+from lpvobs.io.templates import filled
 from lpvobs.records import Array
 
 TIMES = re.compile(
@@ -50,14 +51,25 @@ def draft_profile(path: Path, names: Path | None = None) -> str:
     with np.errstate(over="ignore", invalid="ignore"):  # numbers at the end of what floats can hold
         seen = _look(path, own)
         guesses = [found for name, head in seen.recording.heads.items() for found in _guesses(name, head, seen)]
-    sure = _sure(guesses)
-    blocks = [_head(path), _source(seen), _time(seen), _raster(seen, sure)]
-    blocks += [
-        _channel(found, seen, sure, [item for item in guesses if item.channel == found.channel])
-        for found in sorted(guesses, key=lambda item: list(known_channels()).index(item.channel))
-        if _told(found, sure)
-    ]
-    return "\n\n".join([*blocks, _rest(seen, guesses)]) + "\n"
+    sure, rules, heads = _sure(guesses), seen.rules, list(seen.recording.heads.items())
+    used = {found.column for found in guesses} | {clock.column for clock in seen.clocks}
+    order, usual = list(known_channels()), profiles.SourceRules(format=rules.format)
+    layout = ("delimiter", "decimal", "header_row", "unit_row")
+    return filled(
+        "lpvobs.ingest",
+        "profile.toml",
+        {"text": _text, "comment": _comment, "json": json.dumps, "step": _step, "kinds": kind_of},
+        name=path.name,
+        seen=seen,
+        rules=rules,
+        unusual={key: value for key in layout if (value := getattr(rules, key)) != getattr(usual, key)},
+        rate=_rate(seen, sure),
+        guesses=guesses,
+        sure=sure,
+        told=[each for each in sorted(guesses, key=lambda item: order.index(item.channel)) if _told(each, sure)],
+        known=known_channels(),
+        unused=[head for name, head in heads[:MOST_COLUMNS] if name not in used],
+    )
 
 
 def _look(path: Path, own: Mapping[str, str]) -> Clues:
@@ -144,98 +156,18 @@ def _told(found: Guess, sure: Mapping[str, Guess]) -> bool:
     return sure.get(found.column, found) is found and by_channel.get(found.channel, found) is found
 
 
-def _head(path: Path) -> str:
-    name = _comment(path.name)
-    return (
-        f"# Draft made from {name}. Lines without # seemed sure. Read the comments and uncomment the lines that are right.\n"
-        "# docs/ingest.md explains every key.\n"
-        f"schema = 1\ndescription = {_text('recordings like ' + name)}"
-    )
-
-
-def _source(seen: Clues) -> str:
-    rules = seen.rules
-    lines = ["[source]", *(f"# {reason}" for reason in seen.layout), f"format = {_text(rules.format)}"]
-    usual = profiles.SourceRules(format=rules.format)
-    for key in ("delimiter", "decimal", "header_row", "unit_row"):
-        if getattr(rules, key) != getattr(usual, key):
-            lines.append(f"{key} = {json.dumps(getattr(rules, key))}")
-    return "\n".join([*lines, *(["polled = true"] if rules.polled else [])])
-
-
-def _time(seen: Clues) -> str:
-    if seen.rules.format == "mdf":
-        return "[time]\n# every MDF channel has its own time base, so no key is needed here"
-    if not seen.clocks:
-        return '[time]\n# no column has a name of time and increasing values; name the time column:\n# source = ""\n# unit = "s"'
-    mark = "" if len(seen.clocks) == 1 or seen.rules.format == "mat" else "# "
-    lines = ["[time]"]
-    for clock in seen.clocks[:1] if seen.rules.format == "mat" else seen.clocks:
-        lines += [f"# {clock.reason}", f"{mark}source = {_text(clock.column)}"]
-        if not clock.unit:
-            lines += [
-                f"# the file gives no unit of time; the usual time step is {median_step(clock.found.time):.4g} in that unit",
-                '# unit = "s"',
-            ]
-        elif clock.unit in ("clock", "datetime"):
-            lines += [f"{mark}unit = {_text(clock.unit)}", f"{mark}from_zero = true"]
-    return "\n".join(lines)
-
-
-def _raster(seen: Clues, sure: Mapping[str, Guess]) -> str:
-    """Return the raster: as recorded where there is one time base, else the rate of the fastest channel."""
-    if len(seen.clocks) == 1 and not seen.rules.polled:
-        return "# All channels share one time base. Without [raster] the samples keep their times."
+def _rate(seen: Clues, sure: Mapping[str, Guess]) -> float:
+    """Return the rate of the log [Hz]: that of the fastest channel, twice that of the polling, zero where none is known."""
     steps = [seen.steps[name] for name in sure if name in seen.steps]
     if seen.rules.polled:
         steps = [median_step(seen.clocks[0].found.time) * (len(seen.recording.heads) - 1) / 2]
     elif seen.clocks:
         steps = [median_step(clock.found.time) for clock in seen.clocks if clock.unit or seen.rules.format == "mat"]
-    known = [step for step in steps if step > 0]
-    if not known:
-        return "[raster]\n# several time bases, or none known: give the sample rate of the log in Hz\n# rate = 20.0"
-    what = "twice the rate of the polling" if seen.rules.polled else "the rate of the fastest channel below"
-    return f"[raster]\n# sample rate in Hz: {what}; you may choose another\nrate = {1.0 / min(known):.6g}"
+    return 1.0 / min((step for step in steps if step > 0), default=np.inf)
 
 
-def _channel(found: Guess, seen: Clues, sure: Mapping[str, Guess], rivals: Sequence[Guess]) -> str:
-    """Return a channel's table: as it is if sure, as a comment if not."""
-    certain = sure.get(found.column) is found
-    mark = "" if certain else "# "
-    lines = [f"# {'; '.join(map(_comment, found.reasons))}"]
-    if certain and (others := [item.column for item in rivals if item.column != found.column]):
-        lines.append(f"# these columns have names that may mean this channel, too: {', '.join(map(_comment, others))}")
-    if not certain:
-        lines.append("# not sure: other columns or channels fit as well, or name, unit and range do not agree")
-    lines += [f"{mark}[channels.{found.channel}]", f"{mark}source = {_text(found.column)}"]
-    if not found.unit_sure:
-        lines.append(f"# source_unit = {_text(found.unit)}" + ("" if found.unit else "  # which?"))
-    lines.append(f"{mark}unit = {_text(known_channels()[found.channel].unit)}")
-    if seen.rules.format == "mat" and len(seen.clocks) > 1:
-        lines += _own_clock(found, seen, mark)
-    return "\n".join(lines)
-
-
-def _own_clock(found: Guess, seen: Clues, mark: str) -> list[str]:
-    """Return the time base of a vector: the one of its length."""
-    size = seen.columns[found.column].size
-    fitting = [clock.column for clock in seen.clocks if clock.found.time.size == size]
-    if len(fitting) == 1:
-        return [f"{mark}time = {_text(fitting[0])}  # the only time column with {size} samples, as this channel has"]
-    none = "# time: no time column has as many samples as this channel"
-    return [f"# time = {_text(name)}" for name in fitting] or [none]
-
-
-def _rest(seen: Clues, guesses: Sequence[Guess]) -> str:
-    """Return the columns that nothing was guessed of, with the channels that their unit would allow."""
-    told = {found.column for found in guesses} | {clock.column for clock in seen.clocks}
-    lines = ["# Columns that are not used:"]
-    for name, head in list(seen.recording.heads.items())[:MOST_COLUMNS]:
-        if name not in told:
-            fits = ", ".join(kind_of(head.unit))
-            hint = f" (its unit fits {fits})" if fits else ""
-            lines.append(f"#   {_comment(head.name)} [{_comment(head.unit) or 'no unit'}]{hint}")
-    return "\n".join(lines if len(lines) > 1 else ["# Every column was looked at above."])
+def _step(clock: Clock) -> str:
+    return f"{median_step(clock.found.time):.4g}"
 
 
 def _text(value: str) -> str:

@@ -1,6 +1,6 @@
 """CDFX (ASAM CDF 2.0) and INCA's label lists for further calibration tools; maps in the units of control units."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -52,8 +52,8 @@ def in_unit(surface: Surface, unit: str, reading: Array | None, cylinders: float
 
 def write_cdfx(path: Path, item: DcmMap, digits: int, comments: Sequence[str]) -> None:
     """Write a map as CDF 2.0: a value group for every Y, with the values along X; both axes are the map's own."""
-    how: dict[str, Callable[..., str]] = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
     with replacing(path) as temporary:
+        how = {"plain": _plain, "rounded": lambda value: f"{value:.{digits}g}"}
         text = filled("lpvobs.io.calibration", "map.cdfx", how, item=item, comments=comments)
         temporary.write_text(text, encoding="utf-8")
 
