@@ -1,7 +1,6 @@
 """Tables of single components from suppliers and control units: read, converted to SI, and refused where they cannot be."""
 
 from collections.abc import Mapping
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from lpvobs.errors import DataError, UsageError
 from lpvobs.io.calibration.dcm import read_dcm_map
 from lpvobs.io.logs.bench import from_csv, from_parquet, refuse_far
 from lpvobs.io.logs.parquet import column_of
-from lpvobs.io.logs.units import convert
 from lpvobs.records import Array
 
 TOLERANCE = "tolerance"
@@ -77,25 +75,18 @@ def _from_table(path: Path, known: ComponentMap) -> tuple[dict[str, Array], floa
 
 def _from_dcm(path: Path, label: str, known: ComponentMap) -> tuple[dict[str, Array], float]:
     """Return the columns of a map whose axes and values have the units of three of the columns, the last of them the values."""
-    item = read_dcm_map(path, label)
-    *axes, values = known.forms[0].items()
-    for found in (item, item.turned()):
-        flat = [*np.array(list(product(found.x, found.y))).T, found.values.T.ravel()]
-        units = (found.unit_x, found.unit_y, found.unit)
-        try:
-            columns = {
-                name: convert(column, unit or "1", within.unit)
-                for (name, within), column, unit in zip([*axes, values], flat, units, strict=True)
-            }
-        except ValueError:
-            continue
-        _refuse_impossible(path, columns, known.forms[0])
-        return columns, known.tolerance
-    wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
-    raise DataError(
-        f"{path}: map '{label}' has the units '{item.unit_x}', '{item.unit_y}' and '{item.unit}'; expected {wanted}; "
-        "correct the units in the file"
-    )
+    names, (x, y, values) = list(known.forms[0]), (within.unit for within in known.forms[0].values())
+    try:
+        item, _ = read_dcm_map(path, label).in_units(x, y, values)
+    except ValueError as error:
+        wanted = ", ".join(f"{name} [{within.unit}]" for name, within in known.forms[0].items())
+        raise DataError(
+            f"{path}: map '{label}' has {error}; expected {wanted}; correct the units in the file"
+        ) from None
+    along_y, along_x = np.meshgrid(item.y, item.x)
+    columns = dict(zip(names, (along_x.ravel(), along_y.ravel(), item.values.T.ravel()), strict=True))
+    _refuse_impossible(path, columns, known.forms[0])
+    return columns, known.tolerance
 
 
 def _refuse_impossible(path: Path, columns: Mapping[str, Array], forms: Mapping[str, constants.Within]) -> None:

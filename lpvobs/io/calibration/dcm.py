@@ -6,6 +6,7 @@ shared objects (STUETZSTELLENVERTEILUNG) that comment lines `*SSTX` and `*SSTY` 
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvobs.errors import DataError
+from lpvobs.io.logs.units import convert
 from lpvobs.io.templates import filled
 from lpvobs.records import Array
 
@@ -50,6 +52,14 @@ class DcmMap:
         """Return the same map with X and Y exchanged."""
         x, y, unit_x, unit_y = self.y, self.x, self.unit_y, self.unit_x
         return replace(self, x=x, y=y, values=self.values.T, unit_x=unit_x, unit_y=unit_y)
+
+    def in_units(self, x: str, y: str, values: str) -> tuple["DcmMap", bool]:
+        """Return the map in these units, and whether it was turned for them; raises ValueError where its own do not convert."""
+        for item, turned in ((self, False), (self.turned(), True)):
+            with suppress(ValueError):
+                nodes = convert(item.x, item.unit_x or "1", x), convert(item.y, item.unit_y or "1", y)
+                return DcmMap(self.name, self.kind, *nodes, convert(item.values, item.unit or "1", values)), turned
+        raise ValueError(f"the units X '{self.unit_x}', Y '{self.unit_y}', W '{self.unit}'")
 
 
 def dcm_text(item: DcmMap, digits: int, comments: Sequence[str]) -> str:

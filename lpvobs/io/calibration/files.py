@@ -39,24 +39,19 @@ class OldMap:
 
 def understood(path: Path, item: DcmMap, surface: Surface) -> OldMap:
     """Return an old map in the units and directions of the surface; raises DataError if its units are not those of such a map."""
-    for turned in (False, True):
-        try:
-            return _in_ours(item, turned, surface)
-        except ValueError:
-            continue
-    raise DataError(
-        f"{path}: map '{item.name}' has the units X '{item.unit_x}', Y '{item.unit_y}', W '{item.unit}'; expected "
-        f"{surface.x.unit}, {surface.y.unit}, {surface.unit} or units that convert to these; correct EINHEIT_X, "
-        "EINHEIT_Y, EINHEIT_W"
-    )
+    try:
+        return _in_ours(item, surface)
+    except ValueError as error:
+        raise DataError(
+            f"{path}: map '{item.name}' has {error}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "
+            "that convert to these; correct EINHEIT_X, EINHEIT_Y, EINHEIT_W"
+        ) from None
 
 
-def _in_ours(item: DcmMap, turned: bool, surface: Surface) -> OldMap:
-    """Return a map whose engine speed is X, or Y if it is turned, in our units; raises ValueError where these do not convert."""
-    found = item.turned() if turned else item
-    x = convert(found.x, found.unit_x or "1", surface.x.unit)
-    y = convert(found.y, found.unit_y or "1", surface.y.unit)
-    return OldMap(item, x, y, convert(found.values.T, found.unit or "1", canonical(surface.unit)), turned)
+def _in_ours(item: DcmMap, surface: Surface) -> OldMap:
+    """Return a map in our units with engine speed along X; raises ValueError where these do not convert."""
+    found, turned = item.in_units(surface.x.unit, surface.y.unit, canonical(surface.unit))
+    return OldMap(item, found.x, found.y, found.values.T, turned)
 
 
 def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
@@ -64,29 +59,26 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
 
     Raises DataError if its units are not those of such a map, or it has fewer points than ours where they are not fixed.
     """
-    ours = (surface.x, surface.y), (surface.y, surface.x)
-    for turned, axes in enumerate(ours):
+    for axes in ((surface.x, surface.y), (surface.y, surface.x)):
         try:
-            nodes = [
+            x, y = (
                 convert(axis.nodes, axis.unit, canonical(its.unit or "1")) if its.points is None else its.points
                 for axis, its in zip(axes, item.axes, strict=True)
-            ]
-            (x, y), (unit_x, unit_y) = nodes, (axis.unit for axis in item.axes)
-            unknown = np.full((y.size, x.size), np.nan)
-            found = DcmMap(item.name, "KENNFELD", x, y, unknown, unit_x, unit_y, item.unit or "1")
-            old = _in_ours(found, bool(turned), surface)
+            )
+            unknown, units = np.full((y.size, x.size), np.nan), (axis.unit for axis in item.axes)
+            old = _in_ours(DcmMap(item.name, "KENNFELD", x, y, unknown, *units, item.unit or "1"), surface)
         except ValueError:
             continue
-        for its, own in zip(item.axes, nodes, strict=True):
+        for its, own in zip(item.axes, (x, y), strict=True):
             if own.size > its.most:
                 raise DataError(
                     f"{path}: the axis of '{item.name}' in {its.unit} has room for {its.most} points, but the axis of our map has "
                     f"{own.size} points; give the control unit's points with --old OLD.dcm"
                 )
         return old
-    units = ", ".join((*(axis.unit for axis in item.axes), item.unit))
+    said = ", ".join((*(axis.unit for axis in item.axes), item.unit))
     raise DataError(
-        f"{path}: map '{item.name}' has the units {units}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "
+        f"{path}: map '{item.name}' has the units {said}; expected {surface.x.unit}, {surface.y.unit}, {surface.unit} or units "
         f"that convert to these; give the unit of the values with --unit"
     )
 
