@@ -2,7 +2,6 @@
 
 import codecs
 import csv
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,17 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from lpvobs.errors import DataError
+from lpvobs.ingest import recordings
 from lpvobs.ingest.profiles import SourceRules
-from lpvobs.ingest.recordings import (
-    Column,
-    ForeignRecording,
-    Head,
-    check_samples,
-    check_size,
-    one_line,
-    opened,
-    split_unit,
-)
+from lpvobs.ingest.recordings import Column, ForeignRecording, Head
 from lpvobs.io.arrow import pa, pq
 
 LONGEST_LINE = 1 << 20
@@ -42,7 +33,7 @@ class CsvRecording(ForeignRecording):
         from pyarrow import csv as arrow
 
         survey = _survey(self.path, self.encoding)
-        check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
+        recordings.check_samples(self.path, [survey.lines] * len(names), 2.0 * survey.size)
         encoding = self.encoding if survey.decodes else ANY_BYTE
         self.notes.update(_read_as(self.encoding, encoding))
         order = list(self.heads)
@@ -55,7 +46,7 @@ class CsvRecording(ForeignRecording):
 
         try:
             # By name, Arrow opens no file whose name is not UTF-8.
-            with self.path.open("rb") as stream, _without_noise():
+            with self.path.open("rb") as stream:
                 table = arrow.read_csv(
                     stream,
                     arrow.ReadOptions(
@@ -71,7 +62,8 @@ class CsvRecording(ForeignRecording):
                 )
         except (pa.ArrowException, OSError, ValueError, LookupError) as error:
             raise DataError(
-                f"{self.path}: not a readable CSV table ({one_line(error)}); check delimiter and encoding in the profile's [source]"
+                f"{self.path}: not a readable CSV table ({recordings.one_line(error)}); check delimiter and encoding in the "
+                "profile's [source]"
             ) from None
         self._note_broken(broken, table.num_rows)
         if survey.quotes:
@@ -89,22 +81,6 @@ class CsvRecording(ForeignRecording):
         self.notes["broken_lines"] = f"{len(broken)} lines with a wrong number of fields were left out"
 
 
-@contextmanager
-def _without_noise() -> Iterator[None]:
-    """Say nothing where Arrow cannot hand on a broken line that ends within a letter: it refuses the table itself."""
-    before = sys.unraisablehook
-
-    def others(lost: "sys.UnraisableHookArgs") -> None:
-        if not isinstance(lost.exc_value, UnicodeDecodeError):
-            before(lost)
-
-    sys.unraisablehook = others
-    try:
-        yield
-    finally:
-        sys.unraisablehook = before
-
-
 @dataclass(frozen=True)
 class Survey:
     """What is known of a whole file before it is taken apart; `decodes`: it is UTF-8, where that is what it should be."""
@@ -116,16 +92,15 @@ class Survey:
 
 
 def _survey(path: Path, encoding: str) -> Survey:
-    lines, size, quotes, decodes = 0, 0, False, True
+    lines, size, quotes, decodes = 0, path.stat().st_size, False, True
     decoder = codecs.getincrementaldecoder("utf-8")()
-    with opened(path) as stream:
+    with recordings.opened(path) as stream:
         while chunk := stream.read(LONGEST_LINE):
             lines += max(chunk.count(b"\n"), chunk.count(b"\r"))
-            size += len(chunk)
             quotes = quotes or b'"' in chunk
             if decodes and encoding == "utf-8":
                 try:
-                    decoder.decode(chunk)
+                    decoder.decode(chunk, final=stream.tell() == size)
                 except UnicodeDecodeError:
                     decodes = False
     return Survey(lines + 1, size, quotes, decodes)
@@ -134,7 +109,7 @@ def _survey(path: Path, encoding: str) -> Survey:
 def _refuse_open_quote(path: Path, rows: int, before: int) -> None:
     """Refuse a file some of whose lines became part of a field, because a quotation mark before them is not closed."""
     lines, first = 0, 0
-    with opened(path) as stream:
+    with recordings.opened(path) as stream:
         for number, line in enumerate(stream, 1):
             if number > before and line.strip(b"\r\n"):
                 lines += 1
@@ -159,7 +134,7 @@ def open_csv(path: Path, rules: SourceRules) -> CsvRecording:
     heads: dict[str, Head] = {}
     often = Counter(names)
     for number, (full, unit) in enumerate(zip(names, units, strict=True), 1):
-        bare, inside = split_unit(full)
+        bare, inside = recordings.split_unit(full)
         key = full if full and often[full] == 1 else f"{full}#{number}"
         while key in heads:
             key += "#"
@@ -173,7 +148,7 @@ def _read_as(said: str, found: str) -> dict[str, str]:
 
 
 def _first_lines(path: Path, count: int) -> list[bytes]:
-    with opened(path) as stream:
+    with recordings.opened(path) as stream:
         lines = [stream.readline(LONGEST_LINE) for _ in range(count)]
     if not lines[-1].strip() or len(lines[-1]) == LONGEST_LINE or b"\0" in lines[-1]:
         raise DataError(
@@ -208,7 +183,7 @@ class ParquetRecording(ForeignRecording):
 
     def read(self, names: Sequence[str]) -> Mapping[str, Column]:
         """Return columns as they are stored."""
-        check_size(self.path, sum(self.sizes[name] + 8 * self.heads[name].size for name in names))
+        recordings.check_size(self.path, sum(self.sizes[name] + 8 * self.heads[name].size for name in names))
         with _parquet(self.path) as file:
             table = file.read(columns=list(names), use_threads=False)
         return {name: Column(table.column(name)) for name in names}
@@ -230,7 +205,7 @@ def open_parquet(path: Path, rules: SourceRules) -> ParquetRecording:
 
 
 def _head(item: "pa.Field", rows: int) -> Head:
-    name, inside = split_unit(item.name)
+    name, inside = recordings.split_unit(item.name)
     metadata = item.metadata or {}
     stored = (metadata.get(b"unit") or metadata.get(b"units") or b"").decode(errors="replace").strip()
     return Head(name, stored or inside, rows)
@@ -243,4 +218,6 @@ def _parquet(path: Path) -> Iterator["pq.ParquetFile"]:
         with pq.ParquetFile(path) as file:
             yield file
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DataError(f"{path}: not a readable Parquet file ({one_line(error)}); export it again") from None
+        raise DataError(
+            f"{path}: not a readable Parquet file ({recordings.one_line(error)}); export it again"
+        ) from None

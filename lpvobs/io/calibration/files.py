@@ -65,8 +65,9 @@ def described(path: Path, item: A2lMap, surface: Surface) -> OldMap:
                 convert(axis.nodes, axis.unit, canonical(its.unit or "1")) if its.points is None else its.points
                 for axis, its in zip(axes, item.axes, strict=True)
             )
-            unknown, units = np.full((y.size, x.size), np.nan), (axis.unit for axis in item.axes)
-            old = _in_ours(DcmMap(item.name, "KENNFELD", x, y, unknown, *units, item.unit or "1"), surface)
+            unknown, (first, second) = np.full((y.size, x.size), np.nan), item.axes
+            found = DcmMap(item.name, "KENNFELD", x, y, unknown, first.unit, second.unit, item.unit or "1")
+            old = _in_ours(found, surface)
         except ValueError:
             continue
         for its, own in zip(item.axes, (x, y), strict=True):

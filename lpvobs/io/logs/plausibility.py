@@ -160,33 +160,30 @@ def _spread(column: Array, channel: Channel) -> float:
 
 def _refuse_channel(path: Path, name: str, column: Array, channel: Channel) -> None:
     """Refuse a channel whose median, or many of whose readings, no working engine shows: a wrong unit or sign."""
-    finite = column[np.isfinite(column)]
+    complaint = _complaint(column[np.isfinite(column)], channel)
+    if complaint:
+        raise DataError(f"{path}: channel '{name}' {complaint}")
+
+
+def _complaint(finite: Array, channel: Channel) -> str:
+    unit = channel.unit
     if finite.size == 0:
-        raise DataError(
-            f"{path}: channel '{name}' has no numbers, expected readings in {channel.unit}; record it again"
-        )
-    middle, (low, high) = float(np.median(finite)), channel.typical
+        return f"has no numbers, expected readings in {unit}; record it again"
+    middle, (low, high), top = float(np.median(finite)), channel.typical, finite.max()
     if not low <= middle <= high:
-        raise DataError(
-            f"{path}: channel '{name}' has the median {middle:.4g} {channel.unit}, expected a median between {low:g} and {high:g}; "
-            f"its unit or sign is probably wrong"
-        )
-    outside = float(np.mean(~_possible(finite, channel)))
-    if outside > MOST_IMPOSSIBLE:
-        raise DataError(
-            f"{path}: channel '{name}' has {100 * outside:.0f} % of its readings outside {channel.low:g} to {channel.high:g} "
-            f"{channel.unit}; its unit is probably wrong"
-        )
-    if finite.max() < channel.reaches:
-        raise DataError(
-            f"{path}: channel '{name}' never exceeds {finite.max():.3g} {channel.unit}, expected at least {channel.reaches:g} at "
-            f"some time in a log; its unit is probably wrong"
-        )
-    if channel.unit == "%" and 0.5 < finite.max() <= 1.0 and finite.max() - finite.min() > 0.3:
-        raise DataError(
-            f"{path}: channel '{name}' never exceeds {finite.max():.3g} %, expected an opening from 0 to 100 %; "
-            f"it is probably a fraction: give it the unit '1'"
-        )
+        between = f"expected a median between {low:g} and {high:g}; its unit or sign is probably wrong"
+        return f"has the median {middle:.4g} {unit}, {between}"
+    outside = 100.0 * float(np.mean(~_possible(finite, channel)))
+    if outside > 100.0 * MOST_IMPOSSIBLE:
+        possible = f"{channel.low:g} to {channel.high:g} {unit}"
+        return f"has {outside:.0f} % of its readings outside {possible}; its unit is probably wrong"
+    if top < channel.reaches:
+        at_least = f"expected at least {channel.reaches:g} at some time in a log; its unit is probably wrong"
+        return f"never exceeds {top:.3g} {unit}, {at_least}"
+    if unit == "%" and 0.5 < top <= 1.0 and np.ptp(finite) > 0.3:
+        opening = "expected an opening from 0 to 100 %; it is probably a fraction: give it the unit '1'"
+        return f"never exceeds {top:.3g} %, {opening}"
+    return ""
 
 
 def _refuse_below(path: Path, name: str, values: Values, channels: Channels) -> None:

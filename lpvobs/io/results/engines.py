@@ -17,7 +17,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_if_there, read_rows, rows, values, write
+from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_if_there, values, write, write_inner
 from lpvobs.io.results.provenance import Provenance, expect_constants
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -125,9 +125,10 @@ class StoredEngine:
     prior_error: Array  # (q,) standard deviation of every unknown before the data, at the amplitudes found
     amplitudes: Mapping[str, float]  # of the corrections by group
     left: Mapping[str, float]  # by kind of row, over the flow: what no correction follows
-    rows: tuple[EngineRow, ...]  # None where no bench was there
-    provenance: Provenance
-    points: tuple[ComponentPoint, ...] = ()  # on the corrections, None where no bench was there
+    rows: Annotated[tuple[EngineRow, ...], Item(axes=("row",), name="rows")]  # none where no bench was there
+    provenance: Annotated[Provenance, Item()]
+    # on the corrections; none where no bench was there
+    points: Annotated[tuple[ComponentPoint, ...], Item(axes=("row",), name="points")] = ()
     learned: Learning | None = None  # of an engine whose curves healthy logs show; it has no other unknowns
 
     @property
@@ -179,17 +180,14 @@ class _Calibrated(_UnknownsAsStored):
 def write_engine(path: Path, stored: StoredEngine) -> None:
     """Write an engine; at any instant the target is absent, the old file, or the complete new one."""
     unknowns = stored.unknowns
-    with creating(path) as file:
-        file.attrs["schema"] = f"lpvobs/{KIND}/1"
+    with creating(path, KIND) as file:
         write_fields(file, fields(StoredEngine, stored))
+        write_inner(file, stored, None)
         found = _Calibrated(unknowns.names, unknowns.mean, unknowns.covariance, stored.prior_error)
         _write_left(write(file, "unknowns", found), unknowns)
         write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
-        write_group(file, "rows", rows(stored.rows, "row"))
-        write_group(file, "points", rows(stored.points, "row"))
         if stored.learned is not None:
             write_learned(file, stored.learned)
-        write(file, "provenance", stored.provenance)
 
 
 def _write_left(group: h5py.Group, unknowns: Unknowns) -> None:
@@ -238,9 +236,6 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
             **kept,
             unknowns=read_unknowns(file["unknowns"], air_path),
             prior_error=read(file["unknowns"], _Calibrated).prior_error,
-            rows=read_rows(file["rows"], EngineRow, "row"),
-            provenance=read(file["provenance"], Provenance),
-            points=read_rows(file["points"], ComponentPoint, "row"),
             learned=read_learned(file) if air_path.learns else None,
         )
 

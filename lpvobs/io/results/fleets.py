@@ -54,8 +54,8 @@ class StoredFleet:
 def write_fleet(fleet: StoredFleet) -> None:
     """Write a fleet; at any instant its file is absent, the old one, or the complete new one."""
     kept, found = fleet.kept, fleet.found
-    with hdf.creating(fleet.path) as file:
-        file.attrs["schema"], file.attrs["air_path"] = f"lpvobs/{KIND}/1", fleet.air_path
+    with hdf.creating(fleet.path, KIND) as file:
+        file.attrs["air_path"] = fleet.air_path
         layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
         hdf.write_group(file, "map", layout).attrs["axes"] = " ".join(fleet.axes)
         write(file, "sums", kept)

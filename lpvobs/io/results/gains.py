@@ -61,8 +61,7 @@ class _Bounds:
 
 def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
     """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
-    with hdf.creating(path) as file:
-        file.attrs["schema"] = f"lpvobs/{KIND}/1"
+    with hdf.creating(path, KIND) as file:
         write_gain_group(file, stored)
         mapping.write(file, "provenance", provenance)
 

@@ -76,9 +76,11 @@ def text(values: Sequence[str]) -> Any:
 
 
 @contextmanager
-def creating(target: Path) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file that takes the target's place, sealed, when the block ends without an error."""
+def creating(target: Path, kind: str = "") -> Iterator[h5py.File]:
+    """Yield a new HDF5 file, of a kind that `reading` knows, that takes the target's place, sealed, if the block has no error."""
     with changing(None, target) as file:
+        if kind:
+            file.attrs["schema"] = f"lpvobs/{kind}/1"
         yield file
 
 

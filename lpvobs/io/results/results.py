@@ -98,8 +98,7 @@ def write_result(
     further: Callable[[h5py.File], None] | None = None,
 ) -> None:
     """Write a new result, which appears whole; `further` adds groups to it before it takes its place."""
-    with creating(path) as file:
-        file.attrs["schema"] = f"lpvobs/{KIND}/1"
+    with creating(path, KIND) as file:
         file.attrs["air_path"] = air_path.name
         file.attrs["method"] = estimate.method
         _write_map(file, estimate, {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes})
