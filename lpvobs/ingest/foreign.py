@@ -10,12 +10,11 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.ingest import profiles, recordings, resample
-from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, SourceDone, TimeDone
+from lpvobs.ingest.record import SCHEMA, ChannelDone, Done, RasterDone, TimeDone
 from lpvobs.ingest.recording_apart import open_mat, open_mdf
 from lpvobs.ingest.recording_table import open_csv, open_parquet
 from lpvobs.ingest.recordings import ForeignRecording, find, nearest
-from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, TimeBase, forward, samples_of, time_base, time_column
-from lpvobs.io.safety.atomic import file_digest
+from lpvobs.ingest.repairs import MOST_BACKWARD, RecordedSamples, Source, forward
 from lpvobs.records import Array
 
 Opener = Callable[[Path, profiles.SourceRules], ForeignRecording]
@@ -37,11 +36,10 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     Raises DataError if a file cannot be read, a channel is missing, ambiguous or has no usable unit, or time runs backward.
     """
     opened = [open_recording(path, profile.source) for path in sources]
-    wanted = zip(opened, _find_all(opened, profile), strict=True)
-    read = [_read(recording, profile, names) for recording, names in wanted]
+    read = [Source(each, profile, names) for each, names in zip(opened, _find_all(opened, profile), strict=True)]
     samples = {}
     for name in profile.channels:
-        if parts := [pieces[name] for _, pieces in read if name in pieces]:
+        if parts := [source.samples[name] for source in read if name in source.samples]:
             samples[name] = _joined(name, parts, profile)
     start = float(min(item.time[0] for item in samples.values()))
     if profile.time.from_zero:
@@ -63,7 +61,7 @@ def ingest(sources: Sequence[Path], profile: profiles.Profile) -> Ingested:
     done = Done(
         schema=SCHEMA,
         description=profile.description,
-        sources=[source for source, _ in read],
+        sources=[source.done for source in read],
         time=TimeDone(profile.time.from_zero, start, profile.time.backward),
         raster=RasterDone(profile.raster.rate, profile.raster.gap, time.size),
         channels=channels,
@@ -105,24 +103,6 @@ def _refuse_twice(path: Path, names: Mapping[str, str]) -> None:
                 f"{path}: column '{full}' is used twice, for channel '{other}' and for '{name}', expected once; "
                 f"take one channel out of the profile, or compute it from the other one in [computed]"
             )
-
-
-def _read(
-    recording: ForeignRecording, profile: profiles.Profile, wanted: Mapping[str, str]
-) -> tuple[SourceDone, dict[str, RecordedSamples]]:
-    """Return what was done to a source, and its samples of each channel."""
-    clocks = {name: time_column(recording, profile, profile.channels[name]) for name in wanted}
-    columns = recording.read(list(dict.fromkeys([*wanted.values(), *filter(None, clocks.values())])))
-    bases: dict[str, TimeBase] = {}
-    samples = {}
-    for name, full in wanted.items():
-        clock = clocks[name] or full
-        if clock not in bases:
-            bases[clock] = time_base(recording, columns[clock], clock, bool(clocks[name]), profile)
-        samples[name] = samples_of(recording, full, columns[full], bases[clock], clock, name, profile)
-    repairs = {clock: base.repairs for clock, base in bases.items() if base.repairs}
-    digest = file_digest(recording.path)
-    return SourceDone(recording.path.name, digest, dict(recording.notes), repairs), samples
 
 
 def _joined(name: str, parts: Sequence[RecordedSamples], profile: profiles.Profile) -> RecordedSamples:

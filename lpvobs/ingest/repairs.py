@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from lpvobs.errors import DataError
 from lpvobs.ingest.guesses import refreshed
 from lpvobs.ingest.profiles import ChannelRules, Profile
-from lpvobs.ingest.record import ChannelDone, Repairs
+from lpvobs.ingest.record import ChannelDone, Repairs, SourceDone
 from lpvobs.ingest.recordings import Column, ForeignRecording, as_numbers, find, nearest
 from lpvobs.io.arrow import pa
 from lpvobs.io.logs.units import canonical, convert, is_broken
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Array
 
 DAY = 86400.0
@@ -103,64 +104,6 @@ class TimeBase:
     repairs: Mapping[str, int]
 
 
-def time_column(recording: ForeignRecording, profile: Profile, rules: ChannelRules) -> str | None:
-    """Return the full name of the column that holds a channel's time, None where the format keeps it with the channel."""
-    wanted = rules.time or profile.time.source
-    if not wanted:
-        return None
-    full = find(recording, [wanted], "time")
-    if full is None:
-        raise DataError(
-            f"{recording.path}: time column '{wanted}' is missing; {nearest(recording.heads, [wanted])}; "
-            f"correct source in the profile's [time]"
-        )
-    return full
-
-
-def time_base(recording: ForeignRecording, column: Column, name: str, is_clock: bool, profile: Profile) -> TimeBase:
-    """Return a time base in seconds with the rows that run forward."""
-    path = recording.path
-    time, repairs = _seconds(recording, column, name, profile) if is_clock else (column.time, {})
-    if time is None:
-        raise DataError(
-            f"{path}: this file format stores no time with the channels; name the time column with source in the profile's [time]"
-        )
-    finite = np.isfinite(time)
-    stamped = int(np.count_nonzero(finite))
-    if stamped < 2:
-        raise DataError(
-            f"{path}: time column '{name}' has {stamped} readable time stamps, expected at least two; check [time] in the profile"
-        )
-    keep = forward(time)
-    backward = np.flatnonzero(finite & ~keep)
-    if backward.size and profile.time.backward == "refuse":
-        raise DataError(
-            f"{path}: time column '{name}' repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row "
-            f'{backward[0]}); expected strictly increasing time; repair the file or set backward = "drop" in the profile\'s [time]'
-        )
-    if backward.size > MOST_BACKWARD * time.size:
-        raise DataError(
-            f"{path}: time column '{name}' repeats or runs backward at {backward.size} of {time.size} samples, expected at most "
-            f"{100 * MOST_BACKWARD:.0f} %; repair the file"
-        )
-    repairs |= {"backward": backward.size, "empty": time.size - stamped - repairs.get("unreadable", 0)}
-    return TimeBase(time, keep, {key: count for key, count in repairs.items() if count})
-
-
-def _seconds(recording: ForeignRecording, column: Column, name: str, profile: Profile) -> tuple[Array, dict[str, int]]:
-    """Return a clock column in seconds, and what in it was repaired."""
-    unit = profile.time.unit or recording.heads[name].unit
-    if not unit:
-        raise DataError(f"{recording.path}: time column '{name}' has no unit; set unit in the profile's [time]")
-    try:
-        found = stamps(column.data, unit, profile.source.decimal)
-    except ValueError as error:
-        raise DataError(
-            f"{recording.path}: time column '{name}': {error}; correct unit in the profile's [time]"
-        ) from None
-    return found.time, {"nights": found.nights, "unreadable": found.unreadable}
-
-
 @dataclass(frozen=True)
 class RecordedSamples:
     """One channel as recorded, in the unit of the log."""
@@ -170,55 +113,119 @@ class RecordedSamples:
     done: ChannelDone  # where it comes from and what was repaired
 
 
-def samples_of(
-    recording: ForeignRecording, full: str, column: Column, base: TimeBase, clock: str, name: str, profile: Profile
-) -> RecordedSamples:
-    """Return the channel `name` of a source: its column and time base, both with their full names, and the profile."""
-    rules, path, file_unit = profile.channels[name], recording.path, recording.heads[full].unit
-    try:
-        numbers = as_numbers(column.data, profile.source.decimal)
-    except ValueError as error:
-        raise DataError(f"{path}: channel '{name}' ('{full}') {error}; export it as numbers") from None
-    if numbers.values.size != base.time.size:
-        raise DataError(
-            f"{path}: channel '{name}' ('{full}') has {numbers.values.size} samples, but its time column has {base.time.size}; "
-            f"name the right time column with the key time in the profile's [channels.{name}]"
-        )
-    if numbers.values.size and numbers.unreadable == numbers.values.size:
-        raise DataError(
-            f"{path}: channel '{name}' ('{full}') holds text such as '{numbers.example[:20]}', expected numbers; check "
-            "decimal in [source]"
-        )
-    keep, late = base.keep, 0
-    if profile.source.polled:
-        mine, late = _in_turn(recording, full, clock, numbers.values)
-        keep = keep & mine
-    values, unit, repairs = _repaired(path, file_unit, numbers.values[keep], name, rules)
-    reading: Repairs = {"out_of_turn": late, "unreadable": numbers.unreadable, "example": numbers.example}
-    done = ChannelDone(
-        file=path.name,
-        source=full,
-        unit_in_file=file_unit,
-        unit_read_as=unit,
-        unit=rules.unit,
-        meaning=rules.meaning,
-        samples=int(np.count_nonzero(np.isfinite(values))),
-        repairs={key: count for key, count in [*reading.items(), *repairs.items()] if count},
-    )
-    return RecordedSamples(base.time[keep], values, done)
+class Source:
+    """A foreign recording as a profile reads it: its samples by channel, and what was done to it."""
 
+    def __init__(self, recording: ForeignRecording, profile: Profile, wanted: Mapping[str, str]):
+        # `wanted` are the channels with the full names of their columns
+        self.recording, self.profile, self.path = recording, profile, recording.path
+        clocks = {name: self._clock(profile.channels[name].time or profile.time.source) for name in wanted}
+        columns = recording.read(list(dict.fromkeys([*wanted.values(), *filter(None, clocks.values())])))
+        bases: dict[str, TimeBase] = {}
+        self.samples: dict[str, RecordedSamples] = {}
+        for name, full in wanted.items():
+            clock = clocks[name] or full
+            if clock not in bases:
+                bases[clock] = self._time_base(columns[clock], clock, bool(clocks[name]))
+            self.samples[name] = self._samples(name, full, columns[full], clock, bases[clock])
+        repairs = {clock: base.repairs for clock, base in bases.items() if base.repairs}
+        self.done = SourceDone(self.path.name, file_digest(self.path), dict(recording.notes), repairs)
 
-def _in_turn(recording: ForeignRecording, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:
-    """Return the rows in which a polled column is refreshed, and how often it changes in others."""
-    turns = [name for name in recording.heads if name != clock]
-    turn = turns.index(full)
-    late, changes = refreshed(values, turn, len(turns))
-    if late > 1 and late > TURNS_MISSED * changes:
-        raise DataError(
-            f"{recording.path}: column '{full}' has {late} of {changes} changes in rows of other columns, expected one "
-            f"refreshed column per row; add missing lines, or delete polled in [source] if it is not polled"
+    def _clock(self, wanted: str) -> str | None:
+        """Return the full name of the column that holds a channel's time, None where the format keeps it with the channel."""
+        full = find(self.recording, [wanted], "time") if wanted else None
+        if wanted and full is None:
+            raise DataError(
+                f"{self.path}: time column '{wanted}' is missing; {nearest(self.recording.heads, [wanted])}; "
+                f"correct source in the profile's [time]"
+            )
+        return full
+
+    def _time_base(self, column: Column, name: str, is_clock: bool) -> TimeBase:
+        """Return a time base in seconds with the rows that run forward."""
+        where, rules = f"{self.path}: time column '{name}'", self.profile.time
+        time, repairs = self._seconds(column, name, where) if is_clock else (column.time, {})
+        if time is None:
+            raise DataError(
+                f"{self.path}: this file format stores no time with the channels; name the time column with source in the "
+                "profile's [time]"
+            )
+        stamped = int(np.count_nonzero(np.isfinite(time)))
+        if stamped < 2:
+            raise DataError(
+                f"{where} has {stamped} readable time stamps, expected at least two; check [time] in the profile"
+            )
+        keep = forward(time)
+        backward = np.flatnonzero(np.isfinite(time) & ~keep)
+        if backward.size and rules.backward == "refuse":
+            raise DataError(
+                f"{where} repeats or runs backward {backward.size} times, first at {time[backward[0]]:.6g} s (row {backward[0]}); "
+                'expected strictly increasing time; repair the file or set backward = "drop" in the profile\'s [time]'
+            )
+        if backward.size > MOST_BACKWARD * time.size:
+            raise DataError(
+                f"{where} repeats or runs backward at {backward.size} of {time.size} samples, expected at most "
+                f"{100 * MOST_BACKWARD:.0f} %; repair the file"
+            )
+        repairs |= {"backward": backward.size, "empty": time.size - stamped - repairs.get("unreadable", 0)}
+        return TimeBase(time, keep, {key: count for key, count in repairs.items() if count})
+
+    def _seconds(self, column: Column, name: str, where: str) -> tuple[Array, dict[str, int]]:
+        """Return a clock column in seconds, and what in it was repaired."""
+        unit = self.profile.time.unit or self.recording.heads[name].unit
+        if not unit:
+            raise DataError(f"{where} has no unit; set unit in the profile's [time]")
+        try:
+            found = stamps(column.data, unit, self.profile.source.decimal)
+        except ValueError as error:
+            raise DataError(f"{where}: {error}; correct unit in the profile's [time]") from None
+        return found.time, {"nights": found.nights, "unreadable": found.unreadable}
+
+    def _samples(self, name: str, full: str, column: Column, clock: str, base: TimeBase) -> RecordedSamples:
+        """Return a channel from its column and time base."""
+        rules, file_unit = self.profile.channels[name], self.recording.heads[full].unit
+        where = f"{self.path}: channel '{name}' ('{full}')"
+        try:
+            numbers = as_numbers(column.data, self.profile.source.decimal)
+        except ValueError as error:
+            raise DataError(f"{where} {error}; export it as numbers") from None
+        if numbers.values.size != base.time.size:
+            raise DataError(
+                f"{where} has {numbers.values.size} samples, but its time column has {base.time.size}; "
+                f"name the right time column with the key time in the profile's [channels.{name}]"
+            )
+        if numbers.values.size and numbers.unreadable == numbers.values.size:
+            text = numbers.example[:20]
+            raise DataError(f"{where} holds text such as '{text}', expected numbers; check decimal in [source]")
+        keep, late = base.keep, 0
+        if self.profile.source.polled:
+            mine, late = self._in_turn(full, clock, numbers.values)
+            keep = keep & mine
+        values, unit, repairs = _repaired(self.path, file_unit, numbers.values[keep], name, rules)
+        reading: Repairs = {"out_of_turn": late, "unreadable": numbers.unreadable, "example": numbers.example}
+        done = ChannelDone(
+            file=self.path.name,
+            source=full,
+            unit_in_file=file_unit,
+            unit_read_as=unit,
+            unit=rules.unit,
+            meaning=rules.meaning,
+            samples=int(np.count_nonzero(np.isfinite(values))),
+            repairs={key: count for key, count in [*reading.items(), *repairs.items()] if count},
         )
-    return np.arange(values.size) % len(turns) == turn, late
+        return RecordedSamples(base.time[keep], values, done)
+
+    def _in_turn(self, full: str, clock: str, values: Array) -> tuple[NDArray[np.bool_], int]:
+        """Return the rows in which a polled column is refreshed, and how often it changes in others."""
+        turns = [name for name in self.recording.heads if name != clock]
+        turn = turns.index(full)
+        late, changes = refreshed(values, turn, len(turns))
+        if late > 1 and late > TURNS_MISSED * changes:
+            raise DataError(
+                f"{self.path}: column '{full}' has {late} of {changes} changes in rows of other columns, expected one "
+                f"refreshed column per row; add missing lines, or delete polled in [source] if it is not polled"
+            )
+        return np.arange(values.size) % len(turns) == turn, late
 
 
 def _repaired(path: Path, file_unit: str, raw: Array, name: str, rules: ChannelRules) -> tuple[Array, str, Repairs]:
