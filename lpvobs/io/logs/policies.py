@@ -3,10 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 
 from lpvobs.engines.channels import Channel, Pulsation, Sensor
-from lpvobs.errors import DataError
 from lpvobs.observer.readings import put_right
 from lpvobs.records import Defects, Piece
 
@@ -64,37 +62,17 @@ class Reading(LogPolicies):
         return put_right(pieces, self.sensors, self.narrowest, self.pulsation)
 
 
-class SlabCounts:
-    """What has been found in the slabs so far."""
-
-    def __init__(self) -> None:
-        self.samples, self.latest = 0, float("-inf")
-        self.defects = Defects(0)
-        self.refusals: list[DataError] = []
-
-    def add(self, found: Defects) -> None:
-        """Add what a slab lost; findings of a kind and channel are counted together."""
-        old = self.defects
-        findings = {(item.kind, item.channel): item for item in old.findings}
-        for item in found.findings:
-            known = findings.get((item.kind, item.channel), replace(item, samples=0))
-            findings[item.kind, item.channel] = replace(known, samples=known.samples + item.samples)
-        self.defects = Defects(
-            old.samples_read + found.samples_read,
-            dict(Counter(old.dropped) + Counter(found.dropped)),
-            old.dropped_rows + found.dropped_rows,
-            old.gaps + found.gaps,
-            old.repeated + found.repeated,
-            tuple(findings.values()),
-        )
-
-    def too_few(self, path: Path) -> DataError:
-        """Return what is wrong with a log of which next to nothing is left."""
-        lost = self.defects.dropped
-        worst = max(lost, key=lost.__getitem__, default="time")
-        kinds = sorted({finding.kind for finding in self.defects.findings if finding.channel == worst})
-        why = f" ({', '.join(kinds)})" if kinds else ""
-        return DataError(
-            f"{path}: {self.samples} of {self.defects.samples_read} samples are usable, expected at least two; "
-            f"channel '{worst}' makes more samples unusable than any other channel{why}; see `lpvobs inspect`"
-        )
+def together(one: Defects, other: Defects) -> Defects:
+    """Return what two parts of a log lost; findings of a kind and channel are counted together, from the first of them on."""
+    findings = {(item.kind, item.channel): item for item in one.findings}
+    for item in other.findings:
+        known = findings.get((item.kind, item.channel), replace(item, samples=0))
+        findings[item.kind, item.channel] = replace(known, samples=known.samples + item.samples)
+    return Defects(
+        one.samples_read + other.samples_read,
+        dict(Counter(one.dropped) + Counter(other.dropped)),
+        one.dropped_rows + other.dropped_rows,
+        one.gaps + other.gaps,
+        one.repeated + other.repeated,
+        tuple(findings.values()),
+    )

@@ -18,7 +18,7 @@ from lpvobs.engines.channels import Channel
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa
 from lpvobs.io.logs import parquet, plausibility
-from lpvobs.io.logs.policies import LogPolicies, SlabCounts
+from lpvobs.io.logs.policies import LogPolicies, together
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.safety.atomic import refuse_changed, state_of
 from lpvobs.records import Array, Defects, Log, Piece
@@ -53,7 +53,8 @@ class LogFile:
         self.schema = parquet.expect_channels(path, self.units)
         # which rows of each slab were used, eight in a byte, and what was found; complete once the pieces have been read
         self.kept: tuple[NDArray[np.uint8], ...] = ()
-        self.defects = Defects(0)
+        self.defects, self._samples, self._latest = Defects(0), 0, -np.inf
+        self._refusals: list[DataError] = []
 
     @cached_property
     def sha256(self) -> str:
@@ -66,50 +67,58 @@ class LogFile:
 
     def slabs(self, further: Sequence[str], most: int) -> Iterator["Slab"]:
         """Yield the usable samples of at most so many rows at a time; further channels stay in the table, as they are."""
-        self.kept = ()
-        seen = SlabCounts()
+        self.kept, self.defects, self._samples, self._latest = (), Defects(0), 0, -np.inf
+        self._refusals = []
         for table in parquet.tables_of(self.path, [*self.units, *further], most, self.threads):
             values = {name: parquet.column_of(self.path, table, name, unit) for name, unit in self.units.items()}
             time = values.pop("time")
-            rows = self._usable_rows(time, values, seen)
+            rows = self._usable_rows(time, values)
             mask = np.zeros(time.size, dtype=bool)
             mask[rows] = True
             self.kept += (np.packbits(mask),)
-            self.defects = seen.defects
             if rows.size:
-                piece = self._piece(time[rows], {name: column[rows] for name, column in values.items()}, seen)
-                self.defects = seen.defects
-                yield Slab(table, rows, piece)
-        self._refuse_poor(seen)
+                yield Slab(
+                    table, rows, self._piece(time[rows], {name: column[rows] for name, column in values.items()})
+                )
+        self._refuse_poor()
         _ = self.sha256  # before the last look at the file, so that it is that of the bytes that were read
         refuse_changed(self.path, self._state)
 
-    def _usable_rows(self, time: Array, values: Mapping[str, Array], seen: SlabCounts) -> NDArray[np.int64]:
+    def _usable_rows(self, time: Array, values: Mapping[str, Array]) -> NDArray[np.int64]:
         try:
             plausibility.refuse_implausible(self.path, values, self.channels)
         except DataError as refusal:
-            seen.add(Defects(time.size, dropped_rows=time.size))
-            seen.refusals.append(refusal)
-            return np.empty(0, dtype=np.int64)
-        rows, lost = plausibility.usable_rows(self.path, time, values, self.channels, self.policies, seen.latest)
-        seen.add(lost)
+            rows, lost = np.empty(0, dtype=np.int64), Defects(time.size, dropped_rows=time.size)
+            self._refusals.append(refusal)
+        else:
+            rows, lost = plausibility.usable_rows(self.path, time, values, self.channels, self.policies, self._latest)
+        self.defects = together(self.defects, lost)
         return rows
 
-    def _piece(self, time: Array, channels: dict[str, Array], seen: SlabCounts) -> Piece:
-        begins = np.diff(time, prepend=seen.latest) > self.policies.gap_limit
-        seen.add(Defects(0, gaps=int(np.count_nonzero(begins)) - (not np.isfinite(seen.latest))))
-        seen.samples += time.size
-        seen.latest = float(time[-1])
+    def _piece(self, time: Array, channels: dict[str, Array]) -> Piece:
+        begins = np.diff(time, prepend=self._latest) > self.policies.gap_limit
+        gaps = int(np.count_nonzero(begins)) - (not np.isfinite(self._latest))
+        self.defects = together(self.defects, Defects(0, gaps=gaps))
+        self._samples += time.size
+        self._latest = float(time[-1])
         channels |= dict.fromkeys(self.absent, np.full(time.size, np.nan))
         return Piece(time, channels, begins)
 
-    def _refuse_poor(self, seen: SlabCounts) -> None:
-        if not seen.defects.samples_read:
+    def _refuse_poor(self) -> None:
+        """Raise for a log of which next to nothing is left."""
+        found = self.defects
+        if not found.samples_read:
             raise DataError(f"{self.path}: the log has no rows, expected at least two rows; record or export it again")
-        if 2 * len(seen.refusals) > len(self.kept):
-            raise seen.refusals[0]
-        if seen.samples < 2:
-            raise seen.too_few(self.path)
+        if 2 * len(self._refusals) > len(self.kept):
+            raise self._refusals[0]
+        if self._samples < 2:
+            worst = max(found.dropped, key=found.dropped.__getitem__, default="time")
+            kinds = sorted({finding.kind for finding in found.findings if finding.channel == worst})
+            why = f" ({', '.join(kinds)})" if kinds else ""
+            raise DataError(
+                f"{self.path}: {self._samples} of {found.samples_read} samples are usable, expected at least two; "
+                f"channel '{worst}' makes more samples unusable than any other channel{why}; see `lpvobs inspect`"
+            )
 
 
 def lacking(path: Path, channels: Mapping[str, Channel]) -> list[str]:
