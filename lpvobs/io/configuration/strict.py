@@ -5,9 +5,8 @@ What the record does not know is refused with the nearest key that exists; what 
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from functools import reduce
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -51,16 +50,56 @@ def parse(text: str, path: Path) -> dict[str, Any]:
 
 def convert(path: Path, document: Mapping[str, Any], record: type[Record], example: str) -> Record:
     """Return a document as a record; `example` is a commented file that shows every key."""
-    _refuse_unknown(path, document, record, "", example)
     try:
-        converted = msgspec.convert(document, record)
-    except msgspec.ValidationError as error:
-        raise UsageError(f"{path}: {_in_words(error, document, record)}; correct this key") from None
+        converted: Record = _record(document, record, "", example)
     except ArithmeticError as error:  # two values, each possible, that cannot be divided or counted
         raise UsageError(f"{path}: a value is far too large or too small ({error}); correct the value") from None
-    for where, complaint in _out_of_bounds(converted, ""):
-        raise UsageError(f"{path}: {where} = {complaint}")
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from None
     return converted
+
+
+def _record(table: Mapping[str, Any], record: Any, where: str, example: str) -> Any:
+    """Return a table as a record; raises ValueError for a key that is unknown or missing, and for a value that cannot be."""
+    known, hints = {item.name: item for item in fields(record)}, get_type_hints(record, include_extras=True)
+    for key in table:
+        if key not in known:
+            import difflib
+
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
+            hint = f"did you mean '{near[0]}'?" if near else f"keys known here: {', '.join(known)}"
+            raise ValueError(f"unknown key '{where}{key}'; {hint}")
+    for key, wanted in known.items():
+        if key not in table and wanted.default is MISSING and wanted.default_factory is MISSING:
+            raise ValueError(f"key '{where}{key}' is missing; the commented file {example} explains it")
+    values = {key: _value(value, hints[key], f"{where}{key}", example) for key, value in table.items()}
+    try:
+        return record(**values)
+    except ValueError as error:  # values that do not go together
+        raise _wrong(where.removesuffix("."), error) from None
+
+
+def _value(value: Any, hint: Any, place: str, example: str) -> Any:
+    """Return a value as a type hint has it, the tables in it as records."""
+    said = getattr(hint, "__metadata__", ())
+    kind = hint.__origin__ if said else hint
+    inner, several = record_in(kind), get_origin(kind) is tuple
+    if is_mapping(kind) and isinstance(value, Mapping):
+        of = get_args(kind)[1]
+        return {name: _value(item, of, f"{place}.{name}", example) for name, item in value.items()}
+    if inner is not None and isinstance(value, list) and several:
+        return tuple(_value(item, inner, f"{place}[{number}]", example) for number, item in enumerate(value))
+    if inner is not None and isinstance(value, Mapping) and not several:
+        return _record(value, inner, f"{place}.", example)
+    try:
+        found = msgspec.convert(value, kind if inner is None else list if several else dict)
+    except msgspec.ValidationError as error:
+        raise _wrong(place, error) from None
+    for bounds in (item for item in said if isinstance(item, Within)):
+        for number in found if isinstance(found, tuple) else (found,):
+            if number is not None and (complaint := bounds.complaint(number)):
+                raise ValueError(f"{place} = {complaint}")
+    return found
 
 
 PLAIN = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a text"}
@@ -68,71 +107,11 @@ PLAIN |= {"object": "a table", "array": "a list", "null": "nothing"}
 """What TOML calls the types that msgspec names."""
 
 
-def _in_words(error: msgspec.ValidationError, document: Mapping[str, Any], record: type) -> str:
-    """Return what a value should be behind its place in the file; msgspec writes `[...]` for an entry of a table by name."""
-    raw, _, place = str(error).replace("`", "").partition(" - at $")
+def _wrong(place: str, error: Exception) -> ValueError:
+    """Return what is wrong at a place of the file; msgspec says behind it which item of a list it means."""
+    raw, _, within = str(error).replace("`", "").partition(" - at $")
     said = re.sub(r"\b(bool|int|float|str|object|array|null)\b", lambda found: PLAIN[found[0]], raw)
-    place = place.removeprefix(".")
-    table, by_name, _ = place.partition("[...]")
-    parts = table.split(".")
-    for name in reduce(lambda inner, part: inner.get(part, {}), parts, document) if by_name else ():
-        try:
-            msgspec.convert(_with_only(document, parts, name), record)
-        except msgspec.ValidationError as again:
-            if str(again) == str(error):
-                place = place.replace("[...]", f".{name}", 1)
-    return f"{place}: {said[:1].lower()}{said[1:]}".removeprefix(": ")
-
-
-def _with_only(document: Mapping[str, Any], parts: list[str], name: str) -> dict[str, Any]:
-    """Return a document with one entry alone in one of its tables."""
-    if not parts:
-        return {name: document[name]}
-    return {**document, parts[0]: _with_only(document[parts[0]], parts[1:], name)}
-
-
-def _out_of_bounds(record: Any, where: str) -> Iterator[tuple[str, str]]:
-    """Yield the place of every value, at any depth, that its record says cannot be, with the complaint."""
-    for name, hint in get_type_hints(type(record), include_extras=True).items():
-        value = getattr(record, name)
-        if is_dataclass(value):
-            yield from _out_of_bounds(value, f"{where}{name}.")
-        for bounds in (item for item in getattr(hint, "__metadata__", ()) if isinstance(item, Within)):
-            for number in value if isinstance(value, tuple) else (value,):
-                if number is not None and (complaint := bounds.complaint(number)):
-                    yield f"{where}{name}", complaint
-
-
-def _refuse_unknown(path: Path, document: Mapping[str, Any], record: type, where: str, example: str) -> None:
-    """Raise for the first key that the record does not have, at any depth."""
-    known = {item.name: item for item in fields(record)}
-    hints = get_type_hints(record)
-    for key, value in document.items():
-        if key not in known:
-            import difflib
-
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-            hint = f"did you mean '{near[0]}'?" if near else f"keys known here: {', '.join(known)}"
-            raise UsageError(f"{path}: unknown key '{where}{key}'; {hint}")
-        inner = record_in(hints[key])
-        if inner is None:
-            continue
-        for place, item in _tables(value, f"{where}{key}", is_mapping(hints[key])):
-            _refuse_unknown(path, item, inner, f"{place}.", example)
-    for key, wanted in known.items():
-        if key not in document and wanted.default is MISSING and wanted.default_factory is MISSING:
-            raise UsageError(f"{path}: key '{where}{key}' is missing; the commented file {example} explains it")
-
-
-def _tables(value: Any, where: str, by_name: bool) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the tables in a value with their places: the value itself, its entries by name, or those of a list."""
-    if isinstance(value, list):
-        entries = [(f"{where}[{number}]", item) for number, item in enumerate(value)]
-    elif by_name and isinstance(value, Mapping):
-        entries = [(f"{where}.{name}", item) for name, item in value.items()]
-    else:
-        entries = [(where, value)]
-    return [(place, item) for place, item in entries if isinstance(item, Mapping)]
+    return ValueError(f"{place}{within}: {said[:1].lower()}{said[1:]}; correct this key".removeprefix(": "))
 
 
 def is_mapping(hint: Any) -> bool:
