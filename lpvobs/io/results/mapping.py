@@ -7,7 +7,7 @@ has an axis, in a group of their own if it has a name, too. Fields without an it
 records without one are left to the caller.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -47,6 +47,11 @@ class Layout(Generic[Record]):
         """Return what a field is called in its group."""
         return self.items[key].name or key
 
+    def on(self, axes: Callable[[str, tuple[str, ...]], tuple[str, ...]]) -> "Layout[Record]":
+        """Return the layout with other axes, which a function says from the name of a field and its own ones."""
+        items = {key: replace(item, axes=axes(self.name(key), item.axes)) for key, item in self.items.items()}
+        return replace(self, items=items)
+
     @property
     def datasets(self) -> list[str]:
         """The fields that are datasets."""
@@ -58,14 +63,14 @@ class Layout(Generic[Record]):
         return [key for key in self.items if record_in(self.kind(key)) is not None]
 
 
-def layout_of(record: type[Record], renamed: Mapping[str, str] | None = None) -> Layout[Record]:
-    """Return the layout that a record's annotations say, axes under other names where there are some."""
-    layout, names = _layout_of(record), renamed or {}  # type: ignore[arg-type]
-    items = {
-        key: replace(item, axes=tuple(names.get(axis, axis) for axis in item.axes))
-        for key, item in layout.items.items()
-    }
-    return replace(layout, items=items)
+@cache
+def layout_of(record: Any) -> Layout[Any]:
+    """Return the layout that a record's annotations say."""
+    hints = get_type_hints(record, include_extras=True)
+    every = [(key, item) for key, hint in hints.items() for item in getattr(hint, "__metadata__", ())]
+    said = {key: item for key, item in every if isinstance(item, Item)}
+    plain = (key for key, kind in _hints(record).items() if record_in(kind) is None and not _is_array(kind))
+    return Layout(record, said, tuple(key for key in plain if key not in said))
 
 
 def fields(what: type[Record] | Layout[Record], record: object, labels: Labels | None = None) -> Contents:
@@ -86,7 +91,7 @@ def rows(records: Sequence[object], row: str, labels: Labels | None = None) -> C
     """Return the datasets of several records of one kind, one after the other along an axis; nothing for none."""
     if not records:
         return {}
-    layout = _rowwise(layout_of(type(records[0])), row)
+    layout = _rowwise(type(records[0]), row)
     columns = {key: [getattr(each, key) for each in records] for key in layout.datasets}
     return _fields(layout, columns, labels or {})
 
@@ -102,7 +107,7 @@ def write(
 
 def write_inner(group: h5py.Group, record: object, labels: Labels | None) -> None:
     """Write the records in a record that have groups of their own into its group."""
-    layout = layout_of(type(record))
+    layout = layout_of(type(record))  # type: ignore[arg-type]  # a class is hashable
     for key in layout.inner:
         value, item = getattr(record, key), layout.items[key]
         if item.name == ".":
@@ -137,7 +142,7 @@ def read_rows(group: h5py.Group | None, record: type[Record], row: str) -> tuple
     """Return the records along an axis; none where there is no group, or it has no such axis."""
     if group is None or row not in group:
         return ()
-    layout = _rowwise(layout_of(record), row)
+    layout = _rowwise(record, row)
     columns = [[_as_field(x, layout.kind(key)) for x in _loaded(group, layout, key, row)] for key in layout.datasets]
     return tuple(record(**dict(zip(layout.datasets, line, strict=True))) for line in zip(*columns, strict=True))
 
@@ -161,30 +166,18 @@ def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
 
 
 def _layout(what: type[Record] | Layout[Record]) -> Layout[Record]:
-    return what if isinstance(what, Layout) else layout_of(what)
+    return what if isinstance(what, Layout) else layout_of(what)  # type: ignore[arg-type]
 
 
-def _rowwise(layout: Layout[Record], row: str) -> Layout[Record]:
-    """Return a layout with an axis before those of each item, that of the axis itself excepted."""
-    items = {
-        key: item if layout.name(key) == row else replace(item, axes=(row, *item.axes))
-        for key, item in layout.items.items()
-    }
-    return replace(layout, items=items)
+def _rowwise(record: Any, row: str) -> Layout[Any]:
+    """Return the layout of a record with an axis before those of each item, that of the axis itself excepted."""
+    layout = layout_of(record)
+    return layout.on(lambda name, axes: axes if name == row else (row, *axes))
 
 
 @cache
 def _hints(record: Any) -> dict[str, Any]:
     return get_type_hints(record)
-
-
-@cache
-def _layout_of(record: Any) -> Layout[Any]:
-    hints = get_type_hints(record, include_extras=True)
-    every = [(key, item) for key, hint in hints.items() for item in getattr(hint, "__metadata__", ())]
-    said = {key: item for key, item in every if isinstance(item, Item)}
-    plain = (key for key, kind in _hints(record).items() if record_in(kind) is None and not _is_array(kind))
-    return Layout(record, said, tuple(key for key in plain if key not in said))
 
 
 def element_of(kind: Any) -> type:

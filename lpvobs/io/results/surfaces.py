@@ -41,7 +41,8 @@ OUTER = "share of outer estimated nodes inside their 90 % interval when fitted w
 
 def quadratic_layout(axes: Axes) -> Layout[Filled]:
     """Return how a filled map stands in a group, and Eq. (37) with it."""
-    return layout_of(Filled, dict(zip(("fuel", "speed"), axes, strict=True)))
+    names = dict(zip(("fuel", "speed"), axes, strict=True))
+    return layout_of(Filled).on(lambda _, own: tuple(names.get(axis, axis) for axis in own))
 
 
 def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled, outer_coverage: float) -> None:
