@@ -101,7 +101,7 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Head]:
         folder, _, own = name.rpartition("/")
         if reader.as_text(item.attrs.get("MATLAB_class")) == "char":
             if own in UNIT_FIELDS and item.dtype.kind == "u" and 0 < item.size <= LONGEST_UNIT:
-                units.setdefault(folder, "".join(map(_letter, item[()].ravel())))
+                units.setdefault(folder, item[()].ravel().astype("<u2").tobytes().decode("utf-16-le", errors="replace"))
         elif item.dtype.kind in "iufb" and item.dtype.itemsize <= 8 and item.size == max(item.shape, default=0) > 1:
             unit = "" if own in TIMES else reader.as_text(item.attrs.get("units", item.attrs.get("unit")))
             dotted = name.replace("/", ".")
@@ -115,11 +115,6 @@ def _hdf_heads(path: Path, notes: dict[str, str]) -> Iterator[Head]:
         folder, _, own = item.place.rpartition("/")
         beside = units.get(folder) if own not in TIMES else None
         yield item if beside is None else replace(item, unit=beside)
-
-
-def _letter(code: int) -> str:
-    """Return a character of MATLAB's text, which is UTF-16."""
-    return chr(code) if code < 0xD800 or 0xE000 <= code < 0x10000 else "\ufffd"
 
 
 if __name__ == "__main__":

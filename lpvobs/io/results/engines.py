@@ -18,7 +18,7 @@ from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
 from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_if_there, values, write, write_inner
-from lpvobs.io.results.provenance import Provenance, expect_constants
+from lpvobs.io.results.provenance import Provenance, expect_engine
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
 
@@ -227,11 +227,7 @@ def read_engine(path: Path, air_path: AirPath) -> StoredEngine:
     """Return a stored engine; raises DataError for anything else, and for one that was calibrated from other constants."""
     with reading(path, KIND, REMEDY) as file:
         kept = values(file, StoredEngine)
-        if kept["air_path"] != air_path.name:
-            raise DataError(
-                f"{path}: the file is for a {kept['air_path']} engine, but the configuration has a {air_path.name} engine; {REMEDY}"
-            )
-        expect_constants(path, "calibrated from", kept["constants"], air_path.engine_constants(), REMEDY)
+        expect_engine(path, "calibrated from", (kept["air_path"], kept["constants"]), air_path, REMEDY)
         return StoredEngine(
             **kept,
             unknowns=read_unknowns(file["unknowns"], air_path),

@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 
 from lpvobs.errors import DataError
-from lpvobs.io.results import hdf, mapping
-from lpvobs.io.results.provenance import Provenance, expect_constants
+from lpvobs.io.results import hdf, mapping, provenance
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.region import Region
@@ -59,11 +58,11 @@ class _Bounds:
     nonnegative_sums: tuple[tuple[str, str], ...]
 
 
-def write_gain(path: Path, stored: StoredGain, provenance: Provenance) -> None:
+def write_gain(path: Path, stored: StoredGain, made_by: provenance.Provenance) -> None:
     """Write a gain file; at any instant the target is absent, the old file, or the complete new one."""
     with hdf.creating(path, KIND) as file:
         write_gain_group(file, stored)
-        mapping.write(file, "provenance", provenance)
+        mapping.write(file, "provenance", made_by)
 
 
 def read_gain(path: Path) -> StoredGain:
@@ -90,12 +89,7 @@ def read_gain_group(parent: h5py.File) -> StoredGain:
 
 def expect_engine(path: Path, stored: StoredGain, config: "Config") -> None:
     """Raise DataError unless the gain is for the configured engine and temperatures; a printed one is proven at one temperature."""
-    if stored.air_path != config.air_path:
-        raise DataError(
-            f"{path}: the gain was made for a {stored.air_path} engine, but the configuration has a {config.air_path} "
-            f"engine; {REMEDY}"
-        )
-    expect_constants(path, "gain for", stored.engine, config.engine_path().engine_constants(), REMEDY)
+    provenance.expect_engine(path, "gain for", (stored.air_path, stored.engine), config.engine_path(), REMEDY)
     for name, (low, high) in stored.temperatures.items():
         if low < high and (low, high) != config.gain.temperatures.get(name):
             raise DataError(

@@ -11,18 +11,24 @@ from pathlib import Path
 import h5py
 
 from lpvobs import __version__
+from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
 
 Constants = Mapping[str, float]
 LIBRARIES = ("numpy", "scipy", "numba", "h5py", "pyarrow")
 
 
-def expect_constants(path: Path, what: str, found: Constants, configured: Constants, remedy: str) -> None:
-    """Raise DataError unless a stored gain or engine was made for the configured constants; `what` says so of the file."""
-    for name, value in configured.items():
-        if found.get(name) != value:
+def expect_engine(path: Path, what: str, made_for: tuple[str, Constants], engine: AirPath, remedy: str) -> None:
+    """Raise DataError unless a gain or engine was made for the configured kind and constants; `what` says so of the file."""
+    kind, constants = made_for
+    if kind != engine.name:
+        raise DataError(
+            f"{path}: {what} a {kind} engine, but the configuration has a {engine.name} engine; {remedy} from this configuration"
+        )
+    for name, value in engine.engine_constants().items():
+        if constants.get(name) != value:
             raise DataError(
-                f"{path}: {what} another engine: the constant {name} is {found.get(name)} in this file and {value:g} in the "
+                f"{path}: {what} another engine: the constant {name} is {constants.get(name)} in this file and {value:g} in the "
                 f"configuration; {remedy} from this configuration"
             )
 
