@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -48,12 +48,14 @@ def write_learned(file: h5py.File, learning: Learning) -> None:
     group = file.create_group(GROUP)
     group.attrs["logs"] = list(known.sources)
     for name, curve in known.curves.items():
-        axes: Contents = {axis: Field(nodes.values, nodes.unit, nodes.meaning) for axis, nodes in curve.axes.items()}
+        axes: Contents = {
+            axis: Field(nodes.values, Item(nodes.unit, nodes.meaning)) for axis, nodes in curve.axes.items()
+        }
         write_group(group, name, axes | fields(_layout(curve.name, curve.unit, curve.meaning, tuple(axes)), curve))
     every = np.arange(known.covariance.shape[0], dtype=np.int32)
     meaning = "relative deviation of every node of the curves, then of the numbers that have one"
-    plain: Contents = {name: Field(item.value, item.unit, item.meaning) for name, item in known.numbers.items()}
-    plain |= {axis: Field(every, "1", meaning) for axis in ALL}
+    plain: Contents = {name: Field(item.value, Item(item.unit, item.meaning)) for name, item in known.numbers.items()}
+    plain |= {axis: Field(every, Item("1", meaning)) for axis in ALL}
     write_group(group, "numbers", plain | fields(COVARIANCE, known))
     write(group, "healthy_errors", learning.healthy, {"balance": learning.balances})
 
@@ -213,13 +215,13 @@ def write_corrections(parent: h5py.Group, unknowns: Unknowns, mean: Array, error
     for component in unknowns.components:
         own = unknowns.places()[component.name]
         axes = {
-            name.replace("/", "_over_"): Field(nodes.values, nodes.unit, nodes.meaning)
+            name.replace("/", "_over_"): Field(nodes.values, Item(nodes.unit, nodes.meaning))
             for name, nodes in component.axes.items()
         }
         shape = tuple(nodes.values.size for nodes in component.axes.values())
-        correction = Field(mean[own].reshape(shape), component.unit, component.meaning, tuple(axes))
-        spread = Field(error[own].reshape(shape), component.unit, "standard error of it", tuple(axes))
-        shown: Contents = {**axes, "correction": correction, "standard_error": spread, "group": component.group}
+        item = Item(component.unit, component.meaning, tuple(axes))
+        shown: Contents = {**axes, "correction": Field(mean[own].reshape(shape), item), "group": component.group}
+        shown["standard_error"] = Field(error[own].reshape(shape), replace(item, meaning="standard error of it"))
         write_group(parent, component.name, shown)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.safety import atomic, seal
+from lpvobs.records import Item
 
 Attribute = str | int | float | np.number[Any]
 NO_YES = {0: "no", 1: "yes"}
@@ -21,13 +22,10 @@ DAMAGE = (LookupError, AttributeError, OSError, ValueError, TypeError, RuntimeEr
 
 @dataclass(frozen=True)
 class Field:
-    """A dataset to write: values, unit, meaning, and the names of its axes in the same group."""
+    """A dataset to write: its values, and what they are, with the names of their axes in the same group."""
 
     values: Any
-    units: str
-    long_name: str
-    axes: tuple[str, ...] = ()
-    attributes: Mapping[str, Any] | None = None
+    item: Item
 
 
 def write_group(parent: h5py.Group, name: str, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
@@ -38,18 +36,18 @@ def write_group(parent: h5py.Group, name: str, contents: Mapping[str, Field | At
 def write_fields(group: h5py.Group, contents: Mapping[str, Field | Attribute]) -> h5py.Group:
     """Write fields and attributes into an empty group or file, as `write_group` does."""
     fields = {key: field for key, field in contents.items() if isinstance(field, Field)}
-    scales = {axis for field in fields.values() for axis in field.axes}
+    scales = {axis for field in fields.values() for axis in field.item.axes}
     for key, field in fields.items():
         packed = "gzip" if _mostly_empty(field.values) else None
         dataset = group.create_dataset(key, data=field.values, compression=packed)
-        dataset.attrs["units"] = field.units
-        dataset.attrs["long_name"] = field.long_name
-        for attribute, value in (field.attributes or {}).items():
-            dataset.attrs[attribute] = value
+        dataset.attrs["units"], dataset.attrs["long_name"] = field.item.unit, field.item.meaning
+        if field.item.meanings:  # the CF attributes that say what small integers mean
+            dataset.attrs["flag_values"] = np.array(list(field.item.meanings), dtype=np.int8)
+            dataset.attrs["flag_meanings"] = " ".join(field.item.meanings.values())
         if key in scales:
             dataset.make_scale(key)
     for key, field in fields.items():
-        for dimension, axis in enumerate(field.axes):
+        for dimension, axis in enumerate(field.item.axes):
             group[key].dims[dimension].attach_scale(group[axis])
     for key, value in contents.items():
         if key not in fields:
@@ -61,13 +59,6 @@ def _mostly_empty(values: Any) -> bool | np.bool_:
     """Return whether a large array is mostly about nodes that no drive informs, which compress to nothing."""
     held = np.asarray(values)
     return held.size > 10_000 and (held.dtype.kind != "f" or 2 * np.count_nonzero(np.nan_to_num(held)) < held.size)
-
-
-def flags(meanings: Mapping[int, str]) -> dict[str, Any]:
-    """Return the CF attributes that say what small integers mean; nothing for no meanings."""
-    if not meanings:
-        return {}
-    return {"flag_values": np.array(list(meanings), dtype=np.int8), "flag_meanings": " ".join(meanings.values())}
 
 
 def text(values: Sequence[str]) -> Any:

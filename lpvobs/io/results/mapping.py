@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.io.configuration.strict import is_mapping, record_in
-from lpvobs.io.results.hdf import NO_YES, Attribute, Field, flags, text, write_group
+from lpvobs.io.results.hdf import NO_YES, Attribute, Field, text, write_group
 from lpvobs.records import Item
 
 Record = TypeVar("Record")
@@ -209,8 +209,10 @@ def _fields(layout: Layout[Any], columns: Mapping[str, Any], labels: Labels) -> 
         meanings = _meanings(item, element)
         dtype = item.stored or (np.int8 if meanings else np.dtype(element))
         shown = text(stored) if element is str else np.asarray(stored, dtype)
-        found[layout.name(key)] = Field(shown, item.unit, item.meaning, item.axes, flags(meanings))
-    sizes = {axis: size for each in found.values() for axis, size in zip(each.axes, each.values.shape, strict=False)}
+        found[layout.name(key)] = Field(shown, replace(item, meanings=meanings))
+    sizes = {
+        axis: size for each in found.values() for axis, size in zip(each.item.axes, each.values.shape, strict=False)
+    }
     axes: Contents = {}
     for axis, size in sizes.items():
         same = axis.removeprefix("other_")
@@ -223,7 +225,7 @@ def _axis(name: str, size: int, labels: Labels) -> Field:
     item = AXES[name]
     marks = labels.get(name, np.arange(size, dtype=np.int8 if item.meanings else np.int32))
     shown = text(list(marks)) if isinstance(next(iter(marks), 0), str) else np.asarray(marks)
-    return Field(shown, item.unit, item.meaning, (), flags(item.meanings))
+    return Field(shown, item)
 
 
 def _value(group: h5py.Group, layout: Layout[Any], key: str) -> Any:

@@ -69,7 +69,7 @@ def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:
         own["knot"].attrs["long_name"] = along
         own["deviation"].attrs["long_name"] = f"relative error of {effect.curve.carrier} for an amplitude of 1"
     acts = np.array([span.acts for span in effect.spans], dtype=np.int8)
-    hdf.write_fields(group, {"acts": hdf.Field(acts, "1", "on the log", ("log",), hdf.flags(hdf.NO_YES))})
+    hdf.write_fields(group, {"acts": hdf.Field(acts, Item("1", "on the log", ("log",), meanings=hdf.NO_YES))})
 
 
 def write_sensor_state(parent: h5py.Group, found: SensorState, gain: gains.StoredGain) -> None:

@@ -230,11 +230,11 @@ def write_doubts(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str]
     """
     write(file, "balance_agreement", found).attrs["doubts"] = "\n".join(doubts)
     axes = surfaces.axes_of(file)
-    mean = Field(reading, "kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1])
+    mean = Field(reading, Item("kg/s", "mean reading of the sensor in the cells around the node", tuple(axes)[::-1]))
     write_group(file, "readings", fields(surfaces.grid_layout(axes), grid) | {"reading": mean})
 
 
 def write_agreement(file: h5py.File, scatter: float, logs: tuple[disagreement.Agreement, ...]) -> None:
     """Write how far each log's own map is from the common one."""
-    between = Field(scatter, "kg/s", "standard deviation of a node between logs, beyond noise")
+    between = Field(scatter, Item("kg/s", "standard deviation of a node between logs, beyond noise"))
     write_group(file, "agreement", rows(logs, "log") | {"scatter": between})

@@ -52,7 +52,7 @@ def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled,
     fuel, speed = (axis.unit for axis in axes.values())
     powers = [f"/({fuel})^2", f"/({fuel})", f"/({speed})^2", f"/({speed})", f"/({fuel})/({speed})", ""]
     contents = fields(grid_layout(axes), grid) | fields(quadratic_layout(axes), fitted, {"coefficient": COEFFICIENTS})
-    group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, "1", OUTER)})
+    group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, Item("1", OUTER))})
     for name in ("coefficients", "coefficients_standard_error"):
         group[name].attrs["coefficient_units"] = text([f"kg/s{power}" for power in powers])
 
