@@ -24,6 +24,7 @@ SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
 NODE, LEAST = 1e-3, 0.01
 """[kg/s] of a node by itself, and the least share of it: vehicles of a kind are never alike to a bit."""
 SWEEPS = 2
+NODES = ("node", "other_node")
 
 
 @dataclass(frozen=True)
@@ -87,14 +88,9 @@ class TypeMap:
 
     kind: Annotated[str, Item("1", "kind of engine", name="type")]
     mean: Annotated[Array, Item("kg/s", "map of the type", ("node",), gaps=True)]
-    covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the errors of the type's map", ("node", "other_node"))]
+    covariance: Annotated[Array, Item("kg^2/s^2", "covariance of the errors of the type's map", NODES)]
     between: Annotated[
-        Array,
-        Item(
-            "kg^2/s^2",
-            "covariance of the differences between a vehicle's map and the type's map",
-            ("node", "other_node"),
-        ),
+        Array, Item("kg^2/s^2", "covariance of the differences between a vehicle's map and the type's map", NODES)
     ]
 
 

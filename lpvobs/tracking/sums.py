@@ -30,6 +30,7 @@ MODES = len(COEFFICIENTS) + 1
 """Number of the modes: Eq. (37), and in proportion to the flow."""
 TOLD = 1e-4
 """A direction of the engine's unknowns counts if it moves the rows by more than this share of their noise, squared and summed."""
+BALANCES, UNKNOWNS = ("balance", "other_balance"), ("unknown", "coordinate")
 LEAST_SHARE = 0.01
 """Of what the usual node has seen, from which a node tells its flow itself."""
 
@@ -39,20 +40,10 @@ class Basis:
     """How the rows of logs are weighed, and what of the engine counts; found once, from the first logs."""
 
     weights: Annotated[
-        Array,
-        Item(
-            "s/kg^2",
-            "inverse covariance of the errors that are independent between windows",
-            ("balance", "other_balance"),
-        ),
+        Array, Item("s/kg^2", "inverse covariance of the errors that are independent between windows", BALANCES)
     ]
     engine: Annotated[
-        Array,
-        Item(
-            "1",
-            "transformation from coordinates with prior N(0, 1) to the engine's unknowns",
-            ("unknown", "coordinate"),
-        ),
+        Array, Item("1", "transformation from coordinates with prior N(0, 1) to the engine's unknowns", UNKNOWNS)
     ]
     mean: Annotated[Array, Item("1", "prior mean of the engine's unknowns", ("unknown",))]
     flow: Annotated[Array, Item("kg/s", "air flow at the nodes", ("node",))]

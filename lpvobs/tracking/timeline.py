@@ -11,7 +11,7 @@ from the first log on, a step, a new slope. `Fleetwide` holds the variances, fou
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -26,6 +26,8 @@ is replaced when it reads 5 to 10 % wrong; levels are of the size of the flow's 
 YEAR = 365.25
 FLAT = 1e-3
 """Information before any log about what all days of a vehicle have in common, beside which one log has about 1e4."""
+MOST_VEHICLES = 40
+"""By name, that `fleetwide` finds its standard deviations from: more do not move them by the last factor."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +86,6 @@ class Timeline:
     G: Array  # (L k, L k)
     h: Array  # (L k,)
 
-    @cached_property
-    def _held(self) -> dict[tuple[object, ...], tuple[Array, Array, Array]]:
-        """The last answer of `_turned`, which the next question is mostly about again."""
-        return {}
-
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
         terms = (terms_of(event.kind, np.array(event.day), day) for event in events)
@@ -129,27 +126,24 @@ class Timeline:
     @lru_cache(maxsize=1)  # noqa: B019 what an event explains and its evidence are asked for one after the other
     def _factored(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
         """Return C, by mode the diagonal of D in F = V D, and V^T G and V^T h beside each other; see `_turned`."""
-        variances, turned, inner = self._turned(fleet, events)
+        variances, turned, inner = self._turned(fleet.uneasy(0.0), events)  # which leaves the walk
         size = np.sqrt(np.add.outer(fleet.daily, variances)).ravel()
         root = np.linalg.cholesky(np.eye(size.size) + size[:, None] * inner * size)
         return np.asarray(root), size, turned
 
-    def _turned(self, fleet: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
+    @lru_cache(maxsize=MOST_VEHICLES)  # noqa: B019 the search asks all vehicles in turn about the same events and walk
+    def _turned(self, walk: Fleetwide, events: tuple[Event, ...]) -> tuple[Array, Array, Array]:
         """Return the variances of what lasts along its axes V, (L,), V^T G and V^T h beside each other, and V^T G V, by mode.
 
         What lasts is the same in all modes, and what passes turns with it, so the axes stay while its sizes change.
         """
-        key = (fleet.walk, events)
-        if key not in self._held:
-            L, k = self.day.size, MODES
-            variances, V = np.linalg.eigh(self.over_time(fleet, events, self.day, self.day))
-            rows = (V.T @ self.G.reshape(L, -1)).reshape(L, k, L, k)
-            inner = (V.T @ rows.transpose(2, 0, 1, 3).reshape(L, -1)).reshape(L, L, k, k).transpose(2, 1, 3, 0)
-            right = (V.T @ self.h.reshape(L, k)).T.reshape(-1, 1)
-            turned = np.concatenate([rows.transpose(1, 0, 2, 3).reshape(self.G.shape), right], axis=1)
-            self._held.clear()
-            self._held[key] = np.maximum(variances, 0.0), turned, inner.reshape(self.G.shape)
-        return self._held[key]
+        L, k = self.day.size, MODES
+        variances, V = np.linalg.eigh(self.over_time(walk, events, self.day, self.day))
+        rows = (V.T @ self.G.reshape(L, -1)).reshape(L, k, L, k)
+        inner = (V.T @ rows.transpose(2, 0, 1, 3).reshape(L, -1)).reshape(L, L, k, k).transpose(2, 1, 3, 0)
+        right = (V.T @ self.h.reshape(L, k)).T.reshape(-1, 1)
+        turned = np.concatenate([rows.transpose(1, 0, 2, 3).reshape(self.G.shape), right], axis=1)
+        return np.maximum(variances, 0.0), turned, inner.reshape(self.G.shape)
 
 
 def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
@@ -179,8 +173,6 @@ FACTORS = (3.0, 3.0, 1.7, 1.3)
 """By which the standard deviations are moved up and down, one after the other, as long as the likelihood grows."""
 LEAST = 1e-3
 """Below it a standard deviation is none."""
-MOST_VEHICLES = 40
-"""By name, that they are found from: more do not move them by the last factor."""
 
 
 @dataclass(frozen=True)
