@@ -4,8 +4,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,40 +64,17 @@ def second(time: float | None) -> str:
 
 @dataclass(frozen=True)
 class Phrase:
-    """The words for one parameter: `{}` is its size, `{name}` the first half of the identifier, `[a|b]` for values above, below."""
+    """The words for one parameter of an effect, as `phrases.toml` explains them."""
 
     words: str
-    times: float = 1.0  # factor on the difference from `null`, for the unit that the words name
-    null: float = 0.0  # the value of no effect
+    times: float = 1.0
+    null: float = 0.0
 
 
+PHRASES = msgspec.toml.decode(
+    files("lpvobs.report").joinpath("phrases.toml").read_bytes(), type=dict[str, dict[str, Phrase]]
+)
 MOST_TIMES = 4  # intervals that are told
-BY_KIND = {
-    "factor": Phrase("{name} is {} % [higher|lower]", 100.0, 1.0),
-    "gain": Phrase("{name} reads {} % [high|low]", 100.0, 1.0),
-    "offset kg/s": Phrase("{name} reads {} g/s too [much|little]", 1e3),
-    "offset Pa": Phrase("{name} reads {} Pa too [much|little]"),
-    "offset %": Phrase("{name} reads {} % of its range too [much|little]"),
-    "curve": Phrase("{name} is {} % [higher|lower]", 100.0),
-    "lag": Phrase("{name} [lags|leads] with a time constant of {} s"),
-    "delay": Phrase("{name} reads {} s [late|early]"),
-}
-"""By the second half of the identifier, with the unit where it decides."""
-BY_IDENTIFIER = {
-    "maf.drift": Phrase("the MAF's gain [rises|falls] by {} % an hour", 3.6e5),
-    "maf.temperature": Phrase("the MAF's gain [rises|falls] by {} % per kelvin", 100.0),
-    "leak.intake": Phrase("the intake leaks through {} mm^2[| less]", 1e6),
-    "leak.inlet": Phrase("air gets in behind the MAF through {} mm^2[| less]", 1e6),
-    "egr.leak": Phrase("the EGR valve leaks through {} mm^2[| less]", 1e6),
-    "egr.area": Phrase("the EGR passage is {} % [wider|narrower]", 100.0, 1.0),
-    "compressor.flow": Phrase("the compressor passes {} % [more|less] air", 100.0, 1.0),
-    "turbine.efficiency": Phrase("the turbine is {} % [more|less] efficient", 100.0, 1.0),
-    "compressor.curve": Phrase("the compressor passes {} % [more|less] air", 100.0),
-    "egr.curve": Phrase("the EGR passage is {} % [wider|narrower]", 100.0),
-    "turbine.curve": Phrase("the turbine is {} % [more|less] efficient", 100.0),
-    "throttle.curve": Phrase("the throttle passes {} % [more|less] air", 100.0),
-    "exhaust.restriction": Phrase("the exhaust's back pressure is {} % [higher|lower]", 100.0, 1.0),
-}
 
 
 def headline(
@@ -160,7 +139,8 @@ def _what(effect: Mapping[str, Any]) -> str:
     of, _, kind = name.partition(".")
     parameters = effect["parameters"]
     unit = next(iter(parameters.values()))["unit"]
-    phrase = BY_IDENTIFIER.get(name) or BY_KIND.get(kind) or BY_KIND.get(f"{kind} {unit}")
+    kinds = PHRASES["kind"]
+    phrase = PHRASES["identifier"].get(name) or kinds.get(kind) or kinds.get(f"{kind} {unit}")
     if phrase is None or len(parameters) != 1:
         return f"effect {name} acts with {', '.join(_plain(key, value) for key, value in parameters.items())}"
     (parameter,) = parameters.values()
