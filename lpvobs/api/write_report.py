@@ -20,11 +20,11 @@ from lpvobs.io.results.results import StoredResult
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.content import load
-from lpvobs.report.discovered import contents, sentences
+from lpvobs.report.discovered import sentences
 from lpvobs.report.engines import CalibrateOutput, told
-from lpvobs.report.gates import Verdict, enforce, judge, parse_gate, write_junit
-from lpvobs.report.names import distinct
-from lpvobs.report.outputs import RegionMean, ReportOutput, report_output
+from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
+from lpvobs.report.outputs import RegionMean, ReportOutput
+from lpvobs.report.reported import report_output
 
 
 def write_report(
@@ -87,22 +87,19 @@ def make_report(
     paths = [as_path(result), *as_paths(further)]
     with ExitStack() as claims:
         page, suite = (None if each is None else claims.enter_context(writing(each, paths)) for each in (html, junit))
-        loaded = load(paths)
-        results = tuple(zip(distinct([item.path for item in loaded.results]), loaded.results, strict=True))
-        found = [(name, item) for (name, _), item in zip(results, loaded.discovered, strict=True)]
+        report = load(paths)
         fits = [
             fit
-            for name, item in results
-            for log in item.logs
-            if log.sha256 in loaded.paths
-            for fit in fits_of(name, item, loaded.paths[log.sha256])
+            for name, stored in report.named
+            for log in stored.logs
+            if log.sha256 in report.paths
+            for fit in fits_of(name, stored, report.paths[log.sha256])
         ]
-        content = report_output(results, [contents(discovered) for _, discovered in found], fits)
+        report = replace(report, fits=tuple(fits))
+        content = report_output(report)
         if region is not None:
-            content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in results])
+            content = replace(content, regions=[_mean_over(name, item.path, region) for name, item in report.named])
         if page is not None:
-            from lpvobs.report.content import gather
-
             try:
                 from lpvobs.report.page import page as made
             except ValueError as error:  # matplotlib reads the variable as it is loaded
@@ -111,11 +108,14 @@ def make_report(
                     f"matplotlib: {said}; unset the variable MPLBACKEND, which the page does not need"
                 ) from None
             with replacing(page) as temporary:
-                temporary.write_text(made(gather(loaded, fits), content.regions), encoding="utf-8")
+                temporary.write_text(made(report, content.regions), encoding="utf-8")
         verdicts = judge(conditions, content.logs, content.results)
         if suite is not None:
+            from lpvobs.report.junit import write_junit
+
             write_junit(suite, verdicts, content.refused)
-    return Reported(results, tuple(sentences(found)), content, verdicts)
+    told = sentences([(view.name, view.discovered) for view in report.results])
+    return Reported(tuple(report.named), tuple(told), content, verdicts)
 
 
 def _mean_over(name: str, path: Path, region: Mapping[str, tuple[float, float]]) -> RegionMean:
@@ -156,8 +156,10 @@ def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     stored = read_engine(path, config_of(text, path).engine_path())
     found = told(stored, str(path))
     if html is not None:
-        from lpvobs.report.engine_page import engine_page
+        from lpvobs.report.page import rendered
 
         with writing(html, [path]) as target, replacing(target) as temporary:
-            temporary.write_text(engine_page(path.name, stored, found), encoding="utf-8")
+            temporary.write_text(
+                rendered("engine.html.j2", name=path.name, stored=stored, found=found), encoding="utf-8"
+            )
     return found

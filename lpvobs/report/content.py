@@ -15,10 +15,10 @@ from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
 from lpvobs.io.logs.policies import LogPolicies
-from lpvobs.io.logs.reading import References, read_log, read_references
+from lpvobs.io.logs.reading import read_log, read_references
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.results.hdf import is_hdf5
-from lpvobs.io.results.results import REMEDY, LogSummary, StoredResult, read_result
+from lpvobs.io.results.results import REMEDY, StoredResult, read_result
 from lpvobs.io.results.surfaces import Surface
 from lpvobs.maps.excitation import excitation
 from lpvobs.maps.grid import Grid
@@ -27,74 +27,6 @@ from lpvobs.records import Array, Log
 from lpvobs.report.discovered import Discovered, read_discovered
 from lpvobs.report.fit import ResidualFit
 from lpvobs.report.names import cycle_title, distinct, paper_error
-
-LoadedLog = tuple[Log, References | None]
-"""A log that at least one of the results was made from; no references where it was recorded without truth."""
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """Results in the order given, each with what was found on it, and the logs in the order given."""
-
-    results: tuple[StoredResult, ...]
-    discovered: tuple[tuple[Discovered, ...], ...]
-    logs: tuple[LoadedLog, ...]
-    paths: Mapping[str, Path]  # of the logs, by the digest of each
-
-
-def load(paths: Sequence[Path]) -> Loaded:
-    """Return the results and logs in files, told apart by content; the first is a result.
-
-    Raises DataError if a file cannot be used, or a log belongs to none of the results.
-    """
-    first, *further = paths
-    for path in further:
-        if not path.is_file():
-            raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
-    inner = [path for path in further if is_hdf5(path)]
-    results = tuple(read_result(path) for path in (first, *inner))
-    for result in results:
-        air_path_of(result)
-    logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
-    return Loaded(
-        results=results,
-        discovered=tuple(read_discovered(result.path) for result in results),
-        logs=tuple(_load_log(path, digest, results) for digest, path in logs.items()),
-        paths=logs,
-    )
-
-
-def air_path_of(result: StoredResult) -> type[AirPath]:
-    """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor.
-
-    Raises DataError if the result is for an engine that this version does not know.
-    """
-    if result.air_path not in ENGINES:
-        raise DataError(
-            f"{result.path}: the result is for an engine of kind '{result.air_path}', expected one of {', '.join(ENGINES)}; "
-            f"read the file with the version of lpvobs that wrote it"
-        )
-    return ENGINES[result.air_path].air_path
-
-
-def _load_log(path: Path, digest: str, results: Sequence[StoredResult]) -> LoadedLog:
-    owner = next((result for result in results if any(log.sha256 == digest for log in result.logs)), None)
-    if owner is None:
-        raise DataError(
-            f"{path}: none of the given results was made from this log (SHA-256 {digest[:12]}...); "
-            f"expected a log that `lpvobs estimate` read, unchanged; leave this log out, or run `lpvobs estimate` on it first"
-        )
-    log = read_log(path, air_path_of(owner).channels, _policies(owner))
-    return log, read_references(path, log.rows)
-
-
-def _policies(result: StoredResult) -> LogPolicies:
-    """Return the policies that the log was read with when the result was made."""
-    try:
-        return msgspec.convert(tomllib.loads(result.provenance.config).get("policies", {}), LogPolicies)
-    except (ValueError, AttributeError, RecursionError, msgspec.MsgspecError) as error:
-        raise DataError(f"{result.path}: the configuration in this file is damaged ({error}); {REMEDY}") from None
-
 
 SEEN = 0.1
 """[s], how long a drive must inform a node for the fit to the references to show a value there."""
@@ -134,18 +66,36 @@ class Drive:
 
 @dataclass(frozen=True)
 class ResultView:
-    """One result: its name on the page, what is stored, the maps to draw, what was found on it."""
+    """One result: its name on the page, what is stored, what was found on it, and the maps to draw."""
 
     name: str
     stored: StoredResult
-    discovered: tuple[Discovered, ...]
-    estimated: SurfaceView
-    extrapolated: SurfaceView | None
+    discovered: tuple[Discovered, ...] = ()
 
     @property
     def axes(self) -> tuple[MapAxis, MapAxis]:
         """The map's inputs: fuel, speed."""
-        return self.estimated.axes
+        return air_path_of(self.stored).axes
+
+    @property
+    def estimated(self) -> SurfaceView:
+        """The map as it was estimated."""
+        return self._surface(self.stored.theta, np.zeros(self.stored.grid.shape, dtype=bool))
+
+    @property
+    def extrapolated(self) -> SurfaceView | None:
+        """The map with its empty nodes filled, None where it has not been extrapolated."""
+        fitted = self.stored.extrapolation
+        return None if fitted is None else self._surface(fitted.delta_W_c, fitted.support == 2)
+
+    def _surface(self, values: Array, filled: NDArray[np.bool_]) -> SurfaceView:
+        doubtful = doubtful_nodes(self.stored.supported, self.stored.standard_error)
+        return SurfaceView(self.stored.grid, self.axes, values, filled, doubtful)
+
+    @property
+    def errors(self) -> SurfaceView:
+        """The standard error of every estimated node."""
+        return SurfaceView(self.stored.grid, self.axes, self.stored.standard_error, ~self.stored.supported)
 
     @property
     def deviation(self) -> Array:
@@ -159,7 +109,6 @@ class Corrected:
     """What one result does to one log."""
 
     result: ResultView
-    summary: LogSummary
     # (N,) [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given
     estimate: Array | None
 
@@ -168,50 +117,114 @@ class Corrected:
 class CycleView:
     """One log with the results that were made from it; `drive` is None where the log was not given."""
 
-    log: str
-    sha256: str
     title: str
     axes: tuple[MapAxis, MapAxis]
     drive: Drive | None
     corrections: tuple[Corrected, ...]
-
-    @property
-    def printed(self) -> bool:
-        """Whether the paper prints an error for this cycle, and the log knows its own."""
-        return any(
-            each.summary.metrics is not None and paper_error(each.result.stored.air_path, self.log) is not None
-            for each in self.corrections
-        )
+    printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
 
 
 @dataclass(frozen=True)
 class Report:
-    """All that a page shows."""
+    """All that a page shows: results in the order given, and the logs that were given, by the digest of each."""
 
     results: tuple[ResultView, ...]
-    cycles: tuple[CycleView, ...]
+    paths: Mapping[str, Path]
+    drives: Mapping[str, Drive]
     fits: tuple[ResidualFit, ...] = ()  # how well the results follow the logs that were given
 
+    @property
+    def named(self) -> list[tuple[str, StoredResult]]:
+        """The results as stored, each under a name of its own."""
+        return [(view.name, view.stored) for view in self.results]
 
-def gather(loaded: Loaded, fits: Sequence[ResidualFit] = ()) -> Report:
-    """Return the content of the page for results and the logs that belong to them."""
-    names = distinct([result.path for result in loaded.results])
-    views = [_view(*item) for item in zip(names, loaded.results, loaded.discovered, strict=True)]
-    given = {log.sha256: (log, references, loaded.paths[log.sha256]) for log, references in loaded.logs}
-    summaries = {log.sha256: log.name for view in views for log in view.stored.logs}
-    cycles = tuple(_cycle(digest, name, views, given.get(digest)) for digest, name in summaries.items())
-    return Report(tuple(views), cycles, tuple(fits))
+    @property
+    def cycles(self) -> list[CycleView]:
+        """Every log that made one of the results."""
+        logs = {log.sha256: log.name for view in self.results for log in view.stored.logs}
+        return [self._cycle(digest, name) for digest, name in logs.items()]
+
+    def _cycle(self, digest: str, name: str) -> CycleView:
+        drive, corrections, printed = self.drives.get(digest), [], False
+        made = [(view, log) for view in self.results for log in view.stored.logs if log.sha256 == digest]
+        for view, log in made:
+            grid, theta = view.stored.grid, view.stored.theta
+            estimate = None if drive is None else grid.interpolate(theta, drive.fuel, drive.speed)
+            corrections.append(Corrected(view, estimate))
+            printed |= log.metrics is not None and paper_error(view.stored.air_path, name) is not None
+        return CycleView(cycle_title(name), made[0][0].axes, drive, tuple(corrections), printed)
+
+    @property
+    def best_fits(self) -> list[ResidualFit]:
+        """The balance that follows each log best."""
+        ordered = sorted(self.fits, key=lambda fit: -(fit.rms or 0.0))
+        return list({(fit.result, fit.log): fit for fit in ordered}.values())
 
 
-def _view(name: str, stored: StoredResult, discovered: tuple[Discovered, ...]) -> ResultView:
-    axes = air_path_of(stored).axes
-    doubtful = doubtful_nodes(stored.supported, stored.standard_error)
-    estimated = SurfaceView(stored.grid, axes, stored.theta, np.zeros(stored.grid.shape, dtype=bool), doubtful)
-    fitted = stored.extrapolation
-    extrapolated = None
-    if fitted is not None:
-        extrapolated = SurfaceView(stored.grid, axes, fitted.delta_W_c, fitted.support == 2, doubtful)
-    return ResultView(name, stored, discovered, estimated, extrapolated)
+def load(paths: Sequence[Path]) -> Report:
+    """Return what a page shows of the results and logs in files, told apart by content; the first is a result.
+
+    Raises DataError if a file cannot be used, or a log belongs to none of the results.
+    """
+    first, *further = paths
+    for path in further:
+        if not path.is_file():
+            raise DataError(f"{path}: no such file; name result files, or logs from which these results were made")
+    inner = [path for path in further if is_hdf5(path)]
+    results = [read_result(path) for path in (first, *inner)]
+    for result in results:
+        air_path_of(result)
+    logs = {digest: path for path in further if path not in inner for digest in [log_digest(path)]}
+    discovered = [read_discovered(result.path) for result in results]
+    names = distinct([result.path for result in results])
+    drives = {digest: _drive(path, digest, results) for digest, path in logs.items()}
+    return Report(tuple(map(ResultView, names, results, discovered)), logs, drives)
+
+
+def air_path_of(result: StoredResult) -> type[AirPath]:
+    """Return the class of the result's engine, for what holds for all engines of its kind: channels, axes, the sensor.
+
+    Raises DataError if the result is for an engine that this version does not know.
+    """
+    if result.air_path not in ENGINES:
+        raise DataError(
+            f"{result.path}: the result is for an engine of kind '{result.air_path}', expected one of {', '.join(ENGINES)}; "
+            f"read the file with the version of lpvobs that wrote it"
+        )
+    return ENGINES[result.air_path].air_path
+
+
+def _drive(path: Path, digest: str, results: Sequence[StoredResult]) -> Drive:
+    owner = next((result for result in results if any(log.sha256 == digest for log in result.logs)), None)
+    if owner is None:
+        raise DataError(
+            f"{path}: none of the given results was made from this log (SHA-256 {digest[:12]}...); "
+            f"expected a log that `lpvobs estimate` read, unchanged; leave this log out, or run `lpvobs estimate` on it first"
+        )
+    air_path = air_path_of(owner)
+    log = read_log(path, air_path.channels, _policies(owner))
+    references = read_references(path, log.rows)
+    fuel, speed = (log[axis.channel] for axis in air_path.axes)
+    reference = None if references is None else references.delta_W_c
+    return Drive(
+        time=log.time,
+        fuel=fuel,
+        speed=speed,
+        measured=log[air_path.sensor],
+        segments=log.segments,
+        reference=reference,
+        true_flow=None if references is None else references.W_c,
+        ingest=stored_record(path),
+        surface=None if reference is None else _reference_surface(air_path, owner.grid, log, reference),
+    )
+
+
+def _policies(result: StoredResult) -> LogPolicies:
+    """Return the policies that the log was read with when the result was made."""
+    try:
+        return msgspec.convert(tomllib.loads(result.provenance.config).get("policies", {}), LogPolicies)
+    except (ValueError, AttributeError, RecursionError, msgspec.MsgspecError) as error:
+        raise DataError(f"{result.path}: the configuration in this file is damaged ({error}); {REMEDY}") from None
 
 
 def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArray[np.bool_]:
@@ -225,36 +238,6 @@ def doubtful_nodes(supported: NDArray[np.bool_], standard_error: Array) -> NDArr
     if not supported.any():
         return supported
     return np.asarray(supported & (beside <= 1) & (standard_error > np.median(standard_error[supported])))
-
-
-def _cycle(
-    digest: str, name: str, views: Sequence[ResultView], given: tuple[Log, References | None, Path] | None
-) -> CycleView:
-    pairs = [(view, log) for view in views for log in view.stored.logs if log.sha256 == digest]
-    first = pairs[0][0].stored
-    drive = None if given is None else _drive(air_path_of(first), first.grid, *given)
-    estimates = [
-        None if drive is None else view.stored.grid.interpolate(view.stored.theta, drive.fuel, drive.speed)
-        for view, _ in pairs
-    ]
-    corrections = tuple(Corrected(*pair, estimate) for pair, estimate in zip(pairs, estimates, strict=True))
-    return CycleView(name, digest, cycle_title(name), pairs[0][0].axes, drive, corrections)
-
-
-def _drive(air_path: type[AirPath], grid: Grid, log: Log, references: References | None, path: Path) -> Drive:
-    fuel, speed = (log[axis.channel] for axis in air_path.axes)
-    reference = None if references is None else references.delta_W_c
-    return Drive(
-        time=log.time,
-        fuel=fuel,
-        speed=speed,
-        measured=log[air_path.sensor],
-        segments=log.segments,
-        reference=reference,
-        true_flow=None if references is None else references.W_c,
-        ingest=stored_record(path),
-        surface=None if reference is None else _reference_surface(air_path, grid, log, reference),
-    )
 
 
 def _reference_surface(air_path: type[AirPath], grid: Grid, log: Log, reference: Array) -> SurfaceView | None:

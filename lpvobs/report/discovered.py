@@ -14,11 +14,11 @@ from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.mapping import read_if_there, read_rows
 from lpvobs.io.results.refinements import read_structure
 from lpvobs.io.results.results import KIND, REMEDY
-from lpvobs.report.spoken import chance, in_words, second, with_interval
+from lpvobs.report.spoken import in_words, with_interval
 from lpvobs.report.tables import Table, grams, percent
 
-GROUPS = {"refinement": "refine", "trace": "trace"}
-MOST_RANKED = 12
+GROUPS = {"refine": "refinement", "trace": "trace"}
+"""Where the outcome of a verb is in the file."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def read_discovered(path: Path) -> tuple[Discovered, ...]:
                 left=read_if_there(file[name].get("leftover"), Leftover),
                 structure=read_structure(file[name]),
             )
-            for name, verb in GROUPS.items()
+            for verb, name in GROUPS.items()
             if name in file
         )
 
@@ -82,11 +82,6 @@ def sentences(results: Sequence[tuple[str, Sequence[Discovered]]]) -> list[str]:
     return [f"{name}: {sentence(item)}" for name, found in results for item in found]
 
 
-def contents(found: Sequence[Discovered]) -> dict[str, Mapping[str, Any]]:
-    """Return what was found on one result as plain content, by the name of its group."""
-    return {name: item.content for name, verb in GROUPS.items() for item in found if item.verb == verb}
-
-
 def where(left: Leftover | None) -> str:
     """Return in words when, where and how fast a residual is, and what it follows."""
     if left is None:
@@ -100,22 +95,6 @@ def where(left: Leftover | None) -> str:
         f"{left.fuel[1]:g}, speed {left.speed[0]:g} to {left.speed[1]:g} (units of the map's axes), with {left.times_noise:.1f} "
         f"times the power of the median cell.{slow} The residual correlates with {follows}."
     )
-
-
-def effect_rows(found: Discovered) -> Table:
-    """Return the effects found and those that the model had."""
-    header = ["effect", "status", "parameter", "value", "5 %", "95 %", "unit", "onset s", "end s"]
-    header += ["share explained", "p-value", "cannot be told from"]
-    rows = []
-    for label, key in (("found", "effects"), ("in the model", "known_effects")):
-        for effect in found.content.get(key, []):
-            for name, p in effect["parameters"].items():
-                sizes = [*with_interval(p["value"], *p["ci90"]), p["unit"]]
-                times = [second(effect[edge]) for edge in ("onset", "end")]
-                explained = percent(effect["explained"], 1)
-                alike = ", ".join(effect["indistinguishable"]) or "-"
-                rows.append([effect["id"], label, name, *sizes, *times, explained, chance(effect["p_value"]), alike])
-    return header, rows
 
 
 def candidate_rows(content: Mapping[str, Any]) -> Table:
@@ -142,65 +121,3 @@ def error_rows(content: Mapping[str, Any], refined: bool) -> Table:
         rows.append(row)
     header = ["held-out residual, g/s rms", "judged on", "before"]
     return header + (["after", "ratio", "5 %", "95 %"] if refined else []), rows
-
-
-def ranking_rows(found: Discovered) -> Table:
-    """Return the best candidates of the first round."""
-    header = ["candidate alone", "size", "unit", "evidence", "unevenness"]
-    return header, [
-        [item.id, f"{item.value:.4g}", item.unit, f"{item.gain:.1f}", f"{item.unevenness:.1f}"]
-        for item in found.ranking[:MOST_RANKED]
-    ]
-
-
-def whiteness_rows(found: Discovered) -> Table:
-    """Return the tests of whiteness by balance, before and after; no rows where the file does not have both."""
-    seen, structure = found.portrait, found.structure
-    header = ["balance", "blocks", "effective blocks before", "after", "portmanteau p-value before", "after"]
-    header += ["periodogram distance before", "after", "limit"]
-    if seen is None or set(structure) != {"before", "after"}:
-        return header, []
-    before, after = structure["before"], structure["after"]
-    rows = []
-    for b, name in enumerate(seen.balances):
-        row = [name, str(seen.blocks), *(f"{seen.effective[i, b]:.0f}" for i in (0, 1))]
-        row += [f"{each.p_values[b]:.2g}" for each in (before, after)]
-        row += [f"{each.periodogram_distance[b]:.3f}" for each in (before, after)]
-        rows.append([*row, f"{after.periodogram_band:.3f}"])
-    return header, rows
-
-
-def balance_rows(found: Discovered) -> Table:
-    """Return the error of every balance before and after by log; no rows where the engine's logs are not judged that way."""
-    header = ["log", "balance", "before B", "after A", "healthy N", "(B - A) / (B - N)"]
-    header += ["median before", "median after"]
-    rows = []
-    for part in found.content["logs"]:
-        for item in part.get("balances", []):
-            recovered = "-" if item["recovered"] is None else f"{item['recovered']:.2f}"
-            errors = [percent(item[key], 1) for key in ("before", "after", "healthy")]
-            usual = [percent(item[key], 1) for key in ("usual_before", "usual_after")]
-            rows.append([part["log"], item["balance"], *errors, recovered, *usual])
-    return header, rows
-
-
-def day_rows(found: Discovered) -> Table:
-    """Return what differs from the healthy day and is no fault; no rows where that is not told."""
-    header = ["log", "level of the day", "value", "usual difference between days", "unit"]
-    return header, [
-        [part["log"], item["name"], f"{item['value']:+.3g}", f"{item['usual']:.3g}", item["unit"]]
-        for part in found.content["logs"]
-        for item in part.get("day_to_day", [])
-    ]
-
-
-def lost_rows(found: Discovered) -> Table:
-    """Return what missing channels take away; no rows where none is missing."""
-    header = ["log", "missing channels", "balances lost", "effects that can no longer be told apart"]
-    rows = []
-    for part in found.content["logs"]:
-        if "missing" in part:
-            lost = part["missing"]
-            groups = "; ".join(", ".join(group) for group in lost["same_place"])
-            rows.append([part["log"], ", ".join(lost["channels"]), ", ".join(lost["balances"]) or "-", groups or "-"])
-    return header, rows

@@ -7,9 +7,10 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from lpvobs.engines.curves import LearnedCurve
+from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import StoredEngine
 from lpvobs.kinds import Count, Finite
+from lpvobs.records import Array
 from lpvobs.report.tables import Table, percent
 
 
@@ -80,26 +81,28 @@ class CalibrateOutput:
 
 def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> CalibrateOutput:
     """Return what is said of a calibrated engine."""
-    error = stored.error
-    determined = stored.determined()
+    mean, error, determined = stored.unknowns.mean, stored.error, stored.determined()
     curves = {} if stored.learned is None else stored.learned.known.curves
-    benches = {row.point for row in stored.rows if row.point >= 0}
+    corrections: list[tuple[str, str, Array, Array, float | None]] = [
+        (component.name, component.unit, mean[own], error[own], float(np.median(stored.prior_error[own])))
+        for component, own in zip(stored.unknowns.components, stored.unknowns.places().values(), strict=True)
+    ]
+    corrections += [(name, of.unit, of.values, of.relative_error * of.values, None) for name, of in curves.items()]
     return CalibrateOutput(
         engine=out,
-        points=len(benches),
+        points=len({row.point for row in stored.rows if row.point >= 0}),
         inputs=tuple(stored.provenance.inputs_sha256),
         rows=tuple(_fit(stored, kind, left) for kind, left in stored.left.items()),
         components=tuple(
             ComponentOutput(
-                component=component.name,
-                unit=component.unit,
-                largest=float(np.abs(stored.unknowns.mean[own]).max()),
-                standard_error=float(np.median(error[own])),
-                before=float(np.median(stored.prior_error[own])),
+                component=name,
+                unit=unit,
+                largest=float(np.abs(values).max()),
+                standard_error=float(np.median(errors)),
+                before=before,
             )
-            for component, own in zip(stored.unknowns.components, stored.unknowns.places().values(), strict=True)
-        )
-        + tuple(_curve(name, curve) for name, curve in curves.items()),
+            for name, unit, values, errors, before in corrections
+        ),
         amplitudes=stored.amplitudes,
         constants={
             name: ConstantOutput(deviation=value, standard_error=float(error[i]), determined=determined[name])
@@ -107,12 +110,6 @@ def told(stored: StoredEngine, out: str, plan: Sequence[PlannedPoint] = ()) -> C
         },
         plan=plan,
     )
-
-
-def _curve(name: str, curve: LearnedCurve) -> ComponentOutput:
-    error = float(np.median(curve.relative_error * curve.values))
-    largest = float(np.abs(curve.values).max())
-    return ComponentOutput(component=name, unit=curve.unit, largest=largest, standard_error=error, before=None)
 
 
 def _fit(stored: StoredEngine, kind: str, left: float) -> RowsOutput:
@@ -139,3 +136,9 @@ def calibration_tables(found: CalibrateOutput) -> list[Table]:
         rows = [[*(f"{x:.5g}" for x in item.point.values()), f"{100 * item.after:.3g} %"] for item in found.plan]
         tables.append(([*header, "then unknown"], rows))
     return [(["flow", "rows", "as configured", "held out", "left over"], fit), *tables] if fit else tables
+
+
+def determined(stored: StoredEngine, component: Component) -> float:
+    """Return the share of a correction's nodes that the data determined: at most half of the prior's error is left."""
+    own = stored.unknowns.places()[component.name]
+    return float(np.mean(stored.error[own] < 0.5 * stored.prior_error[own]))

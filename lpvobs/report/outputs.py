@@ -5,18 +5,48 @@ The JSON Schemas in `schemas` are made of these records. A field that may be UNS
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
-import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.results import LogSummary, StoredResult
+from lpvobs.io.results.results import LogSummary
 from lpvobs.kinds import Count, Finite, Fraction, KgPerS, Refused, Seconds, Sha
 from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import Filled
 from lpvobs.report.fit import ResidualFit
-from lpvobs.report.names import paper_error
+
+TRUTH, GIVEN = "a log with reference channels", "the log as an argument"
+SOUGHT = "a run of trace or refine on the result"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a gate may ask of a log, or of a result."""
+
+    meaning: str
+    needs: str  # what there must be, or the metric is missing
+    unit: str
+    words: tuple[str, ...]  # its values, where it is no number
+
+
+def metric(meaning: str, needs: str = "", unit: str = "1", words: tuple[str, ...] = ()) -> Meta:
+    """Return what makes the field of a record a metric; its JSON Schema says the same."""
+    said = meaning[0].upper() + meaning[1:] + (f" [{unit}]" if unit in ("s", "kg/s") else "")
+    return Meta(
+        description=f"{said}; null without {needs}." if needs else f"{said}.",
+        extra={"metric": Metric(meaning, needs, unit, words)},
+    )
+
+
+def metrics_of(record: type) -> dict[str, Metric]:
+    """Return the metrics among the fields of a record."""
+    hints = get_type_hints(record, include_extras=True)
+    found = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {
+        name: item.extra["metric"] for name, items in found.items() for item in items if getattr(item, "extra", None)
+    }
+
 
 StoredOutcome = Annotated[Mapping[str, Any], Meta(extra_json_schema={"$ref": "#/$defs/StoredOutcome"})]
 
@@ -30,31 +60,34 @@ class LogOutput:
     found: Annotated[
         Mapping[str, Count], Meta(description="Number of stuck, saturated and spiked samples, by kind and channel.")
     ]
-    samples: Count
-    samples_read: Count
-    dropped_rows: Count
-    gaps: Count
-    repeated: Count
-    duration: Seconds
-    share_certified: Fraction
+    samples: Annotated[Count, metric("number of samples that the estimate used")]
+    samples_read: Annotated[Count, metric("number of samples in the file")]
+    dropped_rows: Annotated[Count, metric("number of samples that were dropped because of defects")]
+    gaps: Annotated[Count, metric("number of pauses in the recording that split the log")]
+    repeated: Annotated[Count, metric("number of samples whose time repeats or runs backward")]
+    duration: Annotated[Seconds, metric("duration that the samples cover", unit="s")]
+    share_certified: Annotated[Fraction, metric("share of the samples where the observer is proven stable")]
     balance_ratio: Annotated[
-        float,
-        Meta(
-            description="Difference of the balances, divided by what noise and tolerances allow; about 1 or less is right."
-        ),
+        float, metric("difference of the balances on this log, divided by what noise and tolerances allow")
     ]
-    mean_relative_error: Fraction
-    share_left_out: Fraction
-    rms_ratio: Fraction
-    rmse: KgPerS | None
-    bias: KgPerS | None
-    visited_cells: Count | None
-    compared_samples: Count | None
-    floor_mean_relative_error: Fraction
-    floor_rms_ratio: Fraction
+    mean_relative_error: Annotated[Fraction, metric("mean of |estimate - reference| / |reference|", TRUTH)]
+    share_left_out: Annotated[
+        Fraction, metric("share of the samples that mean_relative_error leaves out because of a small reference", TRUTH)
+    ]
+    rms_ratio: Annotated[Fraction, metric("rms of estimate - reference, divided by the rms of the reference", TRUTH)]
+    rmse: Annotated[KgPerS | None, metric("rms of estimate - reference", TRUTH, "kg/s")]
+    bias: Annotated[KgPerS | None, metric("mean of estimate - reference", TRUTH, "kg/s")]
+    visited_cells: Annotated[
+        Count | None, metric("number of map cells with samples that were compared with the reference", TRUTH)
+    ]
+    compared_samples: Annotated[Count | None, metric("number of samples that were compared with the reference", TRUTH)]
+    floor_mean_relative_error: Annotated[
+        Fraction, metric("mean_relative_error of the bilinear map that fits the reference best", TRUTH)
+    ]
+    floor_rms_ratio: Annotated[Fraction, metric("rms_ratio of the bilinear map that fits the reference best", TRUTH)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Coefficients:
     """Of Eq. (37): kg/s over the map's axes."""
 
@@ -103,19 +136,22 @@ class ReportedLog(LogOutput):
 
     result: str
     method: str
-    paper_mean_relative_error: Fraction
+    paper_mean_relative_error: Annotated[
+        Fraction, metric("mean_relative_error that the paper prints for this cycle", "a cycle of the paper")
+    ]
     fit: Annotated[
-        Fraction, Meta(description="Fit of the balance that predicts the reading best; null if the log was not given.")
+        Fraction,
+        metric("1 - |reading - prediction| / |reading - mean reading|, for the balance that predicts best", GIVEN),
     ]
     lags_outside: Annotated[
-        Fraction, Meta(description="Share of lags at which the residual's autocorrelation is outside the 99 % band.")
+        Fraction,
+        metric(
+            "share of 25 lags at which the autocorrelation of the residual of `fit` is outside the 99 % band", GIVEN
+        ),
     ]
     input_lags_outside: Annotated[
         Fraction,
-        Meta(
-            description="Share of lags at which the residual's correlation with an input is outside the 99 % band; "
-            "largest of all inputs."
-        ),
+        metric("share of 51 lags at which the residual of `fit` and one input correlate beyond the 99 % band", GIVEN),
     ]
 
 
@@ -143,15 +179,26 @@ class ReportedResult:
     file: str
     method: str
     map: MapCounts
-    nodes_estimated: Count
-    standard_error: Annotated[KgPerS | None, Meta(description="Median standard error of the estimated nodes.")]
+    nodes_estimated: Annotated[Count, metric("number of map nodes that were estimated")]
+    standard_error: Annotated[
+        KgPerS | None,
+        metric("median standard error of the estimated nodes", "a method that computes standard errors", "kg/s"),
+    ]
     balance_agreement: Annotated[
-        float, Meta(description="Difference of the balances over all logs, divided by what noise and tolerances allow.")
+        float,
+        metric(
+            "difference of the balances over all logs, divided by what is allowed; about 1 or less is right",
+            "two balances",
+        ),
     ]
     verdict: Annotated[
-        str | None, Meta(description="Verdict of trace, or of refine if trace has not run; null if neither has run.")
+        str | None,
+        metric("verdict of trace, or of refine if trace has not run", SOUGHT, "-", ("none", "effect", "unexplained")),
     ]
-    residual: Annotated[KgPerS | None, Meta(description="Rms of the held-out residual from that run.")]
+    residual: Annotated[
+        KgPerS | None,
+        metric("rms of the held-out residual; after refine, with the found effects in the model", SOUGHT, "kg/s"),
+    ]
     extrapolation: QuadraticOutput | None
     gain: ReportedGain
     trace: StoredOutcome | UnsetType = UNSET
@@ -194,15 +241,10 @@ def log_fields(log: LogSummary) -> dict[str, Any]:
 
 def quadratic_fields(fitted: Filled) -> dict[str, Any]:
     """Return the fields of `QuadraticOutput` for a quadratic."""
-    names = [field.name for field in fields(Coefficients)]
-    value, error = (
-        Coefficients(**dict(zip(names, each.tolist(), strict=True)))
-        for each in (fitted.coefficients, fitted.standard_error)
-    )
     return {
         "method": fitted.method,
-        "coefficients": value,
-        "coefficients_standard_error": error,
+        "coefficients": Coefficients(*fitted.coefficients.tolist()),
+        "coefficients_standard_error": Coefficients(*fitted.standard_error.tolist()),
         "lack_of_fit": fitted.lack_of_fit,
         "nodes": fitted.nodes,
     }
@@ -225,72 +267,3 @@ def state_bound_output(stored: StoredGain) -> StateBoundOutput | None:
     """Return the proven bound of a gain; None where there is none."""
     bound = stored.gain.bound
     return None if bound is None else StateBoundOutput(**{name: value.tolist() for name, value in vars(bound).items()})
-
-
-def report_output(
-    results: Sequence[tuple[str, StoredResult]],
-    found: Sequence[Mapping[str, Any]] = (),
-    fits: Sequence[ResidualFit] = (),
-) -> ReportOutput:
-    """Return the object of `report --json` for named results; `found` is what `trace` and `refine` said of each."""
-    every = [
-        _result_output(name, result, each)
-        for (name, result), each in zip(results, found or [{}] * len(results), strict=True)
-    ]
-    logs = [
-        ReportedLog(
-            result=name,
-            method=result.method,
-            paper_mean_relative_error=paper_error(result.air_path, log.name),
-            **_best_fit([each for each in fits if (each.result, each.log) == (name, log.name)]),
-            **log_fields(log),
-        )
-        for name, result in results
-        for log in result.logs
-    ]
-    refused = [f"{name}: {line}" for name, result in results for line in result.refused]
-    return ReportOutput(
-        logs=logs,
-        map=every[0].map,
-        extrapolation=every[0].extrapolation,
-        results=every,
-        regions=(),
-        fits=fits,
-        refused=refused,
-    )
-
-
-def _best_fit(fits: Sequence[ResidualFit]) -> dict[str, Any]:
-    if not fits:
-        return dict.fromkeys(("fit", "lags_outside", "input_lags_outside"))
-    best = min(fits, key=lambda item: item.rms or 0.0)
-    return {
-        "fit": best.fit,
-        "lags_outside": best.lags_outside,
-        "input_lags_outside": max(best.outside.values(), default=0.0),
-    }
-
-
-def _result_output(name: str, result: StoredResult, found: Mapping[str, Any]) -> ReportedResult:
-    fitted, nodes = result.extrapolation, int(result.supported.sum())
-    errors = result.standard_error[result.supported]
-    sought = found.get("trace") or found.get("refinement") or {"verdict": None, "error": {}}
-
-    return ReportedResult(
-        result=name,
-        file=str(result.path),
-        method=result.method,
-        map=MapCounts(
-            cells=result.grid.size,
-            estimated=nodes,
-            extrapolated=0 if fitted is None else int((fitted.support == 2).sum()),
-        ),
-        nodes_estimated=nodes,
-        standard_error=float(np.median(errors)) if errors.size and (errors > 0.0).all() else None,
-        balance_agreement=result.balance_agreement,
-        verdict=sought["verdict"],
-        residual=sought["error"].get("after", sought["error"].get("before")),
-        extrapolation=None if fitted is None else QuadraticOutput(**quadratic_fields(fitted)),
-        gain=ReportedGain(**gain_fields(result.gain), smallest_pivot=result.gain.gain.certificate.smallest_pivot),
-        **found,
-    )

@@ -54,13 +54,10 @@ def _mark_judged(axes: Axes, track: Track) -> None:
 
 
 def _mark_effects(axes: Axes, found: Sequence[Mapping[str, Any]]) -> None:
-    first = True
-    for effect in found:
-        for edge in ("onset", "end"):
-            if effect[edge] is not None:
-                label = "onset, end" if first else None
-                axes.axvline(effect[edge], color=INK, linestyle="--", linewidth=1.0, label=label)
-                first = False
+    times = [effect[edge] for effect in found for edge in ("onset", "end") if effect[edge] is not None]
+    for number, time in enumerate(times):
+        label = "onset, end" if number == 0 else None
+        axes.axvline(time, color=INK, linestyle="--", linewidth=1.0, label=label)
 
 
 @drawn(3.4)
@@ -75,8 +72,7 @@ def component_curve(figure: Figure, surface: Mapping[str, Any]) -> None:
     label = f"{surface['inputs'][1]} = {second[row]:.3g} {surface['units'][1]}"
     axes.plot(first, more, color=AFTER, label=label)
     axes.axhline(0.0, color=INK, linewidth=0.7)
-    axes.set_xlabel(f"{surface['inputs'][0]} [{surface['units'][0]}]")
-    axes.set_ylabel("deviation from the model [%]")
+    axes.set(xlabel=f"{surface['inputs'][0]} [{surface['units'][0]}]", ylabel="deviation from the model [%]")
     axes.grid(visible=True)
     figure.legend(loc="outside upper left")
 
@@ -90,8 +86,7 @@ def ranking_bars(figure: Figure, ranking: Sequence[Ranked]) -> None:
     place = np.arange(len(shown))[::-1]
     axes.barh(place, [item.gain for item in shown], color=AFTER, height=0.7)
     axes.set_yticks(place, [label_of(item.id) for item in shown])
-    axes.set_xscale("log")
-    axes.set_xlabel("evidence: half the decrease of the sum of squares, in noise variances")
+    axes.set(xscale="log", xlabel="evidence: half the decrease of the sum of squares, in noise variances")
     axes.grid(visible=True, axis="x")
 
 
@@ -116,48 +111,42 @@ def partial_residual(figure: Figure, seen: Partial) -> None:
 @drawn(4.6)
 def spectra(figure: Figure, seen: Portrait) -> None:
     """Draw the spectral density of every balance's residual in units of its noise, before and after."""
-    for b, axes in _panels(figure, seen.balances):
+    for b, axes in _panels(figure, seen.balances, xlabel="frequency [Hz]", ylabel="density [1/Hz]"):
         for label, colour, density in zip(LABELS, COLOURS, seen.spectrum[:, b], strict=True):
             axes.loglog(seen.frequency, np.maximum(density, 1e-12), color=colour, label=label, linewidth=1.0)
-        axes.set_xlabel("frequency [Hz]")
-        axes.set_ylabel("density [1/Hz]")
 
 
 @drawn(4.6)
 def autocorrelations(figure: Figure, seen: Portrait, structure: Mapping[str, Whiteness]) -> None:
     """Draw the autocorrelation of every balance's block sums, before and after, with the band of white noise."""
     lag = seen.block * np.arange(1, LAGS + 1)
-    for b, axes in _panels(figure, seen.balances):
+    for b, axes in _panels(figure, seen.balances, xlabel="lag [s]", ylabel="autocorrelation"):
         band = structure["after"].band[b]
         axes.fill_between(lag, -band, band, **WHITE)
         for label, colour, shift in zip(LABELS, COLOURS, (-0.12, 0.12), strict=True):
             values = structure[label].autocorrelation[b]
             axes.vlines(lag + shift * seen.block, 0.0, values, color=colour, linewidth=2.5, label=label)
         axes.axhline(0.0, color=INK, linewidth=0.6)
-        axes.set_xlabel("lag [s]")
-        axes.set_ylabel("autocorrelation")
 
 
 @drawn(4.6)
 def periodograms(figure: Figure, seen: Portrait, structure: Mapping[str, Whiteness]) -> None:
     """Draw the cumulated periodogram of every balance's block sums, before and after, with the band of white noise."""
     share, band = np.linspace(0.0, 1.0, seen.cumulated.shape[2] + 1), structure["after"].periodogram_band
-    for b, axes in _panels(figure, seen.balances):
+    for b, axes in _panels(figure, seen.balances, xlabel="share of the frequencies", ylabel="share of the power"):
         axes.fill_between(share, share - band, share + band, **WHITE)
         for label, colour, power in zip(LABELS, COLOURS, seen.cumulated[:, b], strict=True):
             axes.plot(share, np.concatenate([[0.0], power]), color=colour, label=label)
         axes.set_ylim(0.0, 1.0)
-        axes.set_xlabel("share of the frequencies")
-        axes.set_ylabel("share of the power")
 
 
-def _panels(figure: Figure, balances: Sequence[str]) -> Iterator[tuple[int, Axes]]:
+def _panels(figure: Figure, balances: Sequence[str], **labels: str) -> Iterator[tuple[int, Axes]]:
     """Yield the number and the small panel of every balance, to be drawn in."""
     columns = 2
     panels = np.atleast_1d(figure.subplots(-(-len(balances) // columns), columns, sharex=True)).ravel()
     for b, balance in enumerate(balances):
         yield b, panels[b]
-        panels[b].set_title(balance)
+        panels[b].set(title=balance, **labels)
         panels[b].grid(visible=True)
     for spare in panels[len(balances) :]:
         spare.set_visible(False)
@@ -198,8 +187,7 @@ def cross_correlations(figure: Figure, seen: Portrait) -> None:
         beyond = np.argwhere((np.abs(values) > limit) & (limit > 0.0))
         if beyond.size:
             axes.plot(lag[beyond[:, 1]], beyond[:, 0], ".", color="#000000", markersize=2.5)
-        axes.set_title(label)
-        axes.set_xlabel("delay of the residual [s]")
+        axes.set(title=label, xlabel="delay of the residual [s]")
     panels[0].set_yticks(np.arange(len(seen.signals)), [label_of(signal) for signal in seen.signals], fontsize=7.5)
     panels[0].invert_yaxis()
     figure.colorbar(image, ax=panels, label="correlation", pad=0.015)

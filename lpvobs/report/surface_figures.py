@@ -14,7 +14,7 @@ from lpvobs.maps.excitation import Plan
 from lpvobs.records import Array
 from lpvobs.report import figures
 from lpvobs.report.content import SurfaceView
-from lpvobs.report.svg import INK, drawn
+from lpvobs.report.svg import drawn
 
 CUTS = 3  # cuts through a map along each of its axes
 SURE = 1.645  # standard errors on either side of a 90 % interval
@@ -54,21 +54,20 @@ def surface_view(figure: Figure, surface: SurfaceView, limit: float) -> None:
 @drawn()
 def cuts(figure: Figure, surface: SurfaceView, deviation: Array) -> None:
     """Draw the map along a few speeds and a few fuel quantities with 90 % intervals, [g/s]; extrapolated parts are dashed."""
-    grid = surface.grid
     known = np.isfinite(surface.values) & ~surface.filled
-    left, right = figure.subplots(1, 2, sharey=True)
-    fuel, speed = surface.axes
-    for j, look in zip(_spread(known.sum(1)), LOOKS, strict=False):
-        text = f"{grid.speed[j]:g} {speed.unit}"
-        _line(left, grid.fuel, surface.values[j], deviation[j], surface.filled[j], text, look)
-    for i, look in zip(_spread(known.sum(0)), LOOKS, strict=False):
-        text = f"{grid.fuel[i]:g} {fuel.unit}"
-        _line(right, grid.speed, surface.values[:, i], deviation[:, i], surface.filled[:, i], text, look)
-    for axes, axis in ((left, fuel), (right, speed)):
-        axes.set_xlabel(f"{axis.meaning} [{axis.unit}]")
+    fuel, speed = zip(surface.axes, (surface.grid.fuel, surface.grid.speed), strict=True)
+    lines = np.stack([surface.values, deviation, known])  # (3, p_2, p_1)
+    panes = figure.subplots(1, 2, sharey=True)
+    for axes, (along, at), (across, places), cut in (
+        (panes[0], fuel, speed, lines),
+        (panes[1], speed, fuel, lines.transpose(0, 2, 1)),
+    ):
+        for k, look in zip(_spread(cut[2].sum(1)), LOOKS, strict=False):
+            _line(axes, at, cut[:, k], f"{places[k]:g} {across.unit}", look)
+        axes.set_xlabel(f"{along.meaning} [{along.unit}]")
         axes.grid(visible=True)
         axes.legend()
-    left.set_ylabel("sensor error [g/s]")
+    panes[0].set_ylabel("sensor error [g/s]")
 
 
 LOOKS = ((figures.ESTIMATE, "o"), (figures.READING, "s"), (figures.TRUTH, "^"))
@@ -82,13 +81,13 @@ def _spread(counts: Array) -> list[int]:
     return [int(i) for i in picked]
 
 
-def _line(
-    axes: Axes, at: Array, values: Array, deviation: Array, filled: NDArray[np.bool_], text: str, look: tuple[str, str]
-) -> None:
+def _line(axes: Axes, at: Array, cut: Array, text: str, look: tuple[str, str]) -> None:
+    """Draw values, their standard errors and where they are estimated, shape (3, N)."""
     colour, mark = look
-    own = np.where(filled, np.nan, values)
+    values, deviation, known = cut
     axes.plot(at, figures.GRAMS * values, color=colour, linestyle="--", linewidth=0.8)
-    axes.plot(at, figures.GRAMS * own, color=colour, marker=mark, markersize=3.5, label=text)
+    own = np.where(known > 0.0, figures.GRAMS * values, np.nan)
+    axes.plot(at, own, color=colour, marker=mark, markersize=3.5, label=text)
     low, high = (figures.GRAMS * (values + sign * SURE * deviation) for sign in (-1.0, 1.0))
     axes.fill_between(at, low, high, color=colour, alpha=0.15, linewidth=0.0)
 
@@ -104,12 +103,10 @@ def change_map(figure: Figure, surface: SurfaceView, changed: NDArray[np.bool_])
 @drawn()
 def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
     """Draw a heat map of how long to drive in each cell, [s]; the cells that pay best are framed and numbered."""
-    axes = figure.add_subplot()
     u, n = surface.grid.fuel, surface.grid.speed
-    left = np.where(plan.time > 0.0, plan.time, np.nan)
-    top = float(np.nanmax(left)) if np.isfinite(left).any() else 1.0
-    image = axes.pcolormesh(u, n, left, cmap=figures.SEQUENTIAL, norm=LogNorm(min(1.0, 0.1 * top), top))
-    figure.colorbar(image, ax=axes, label="time to drive in the cell [s]", pad=0.015)
+    top = float(np.nanmax(plan.time, initial=0.0)) or 1.0
+    scale = LogNorm(min(1.0, 0.1 * top), top)
+    axes = figures.cell_map(figure, surface, plan.time, scale, "time to drive in the cell [s]")
     for number, (row, column) in enumerate(plan.cells, 1):
         corner, size = (u[column], n[row]), (u[column + 1] - u[column], n[row + 1] - n[row])
         axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=figures.READING, linewidth=1.8))
@@ -123,5 +120,3 @@ def plan_map(figure: Figure, surface: SurfaceView, plan: Plan) -> None:
             color="#000000",
             bbox={"facecolor": "#ffffff", "edgecolor": "none", "pad": 0.8, "alpha": 0.85},
         )
-    figures.label_axes(axes, surface.axes)
-    axes.grid(visible=True, color=INK)

@@ -65,7 +65,9 @@ def from_pages():
 def from_reports():
     """Yield the place, kind and text of every paragraph that stands in the HTML pages of `report`."""
     for path in sorted((ROOT / "lpvobs" / "report" / "templates").glob("*.j2")):
-        for paragraph in re.findall(r"<p\b[^>]*>(.*?)</p>", path.read_text(encoding="utf-8"), flags=re.DOTALL):
+        text = path.read_text(encoding="utf-8")
+        captions = re.findall(r"{% call figure\(.*?%}(.*?){% endcall %}", text, flags=re.DOTALL)
+        for paragraph in (*re.findall(r"<(?:p|li)\b[^>]*>(.*?)</(?:p|li)>", text, flags=re.DOTALL), *captions):
             yield (
                 path.name,
                 "page",

@@ -8,21 +8,25 @@ import numpy as np
 import pytest
 
 from lpvobs.engines.base import MapAxis
-from lpvobs.report.courses import NOTHING, course_data
+from lpvobs.report.courses import NOTHING, course, course_data, traces
 
 AXES = (MapAxis("u_delta", "mg/cycle", "fuel"), MapAxis("n_e", "rpm", "engine speed"))
 
 
-def told(name="map", columns=20_000):
+def drive(name="map", columns=20_000):
     time = np.linspace(0.0, 1000.0, columns)
     measured = 0.02 + 0.01 * np.sin(time / 40.0)
     measured[columns // 2] = 0.5  # a spike of one sample
     estimate = np.where((time > 200.0) & (time < 400.0), np.nan, 1e-3)
-    drive = SimpleNamespace(
+    seen = SimpleNamespace(
         time=time, measured=measured, true_flow=None, reference=None, fuel=20.0 + 0.0 * time, speed=time
     )
     correction = SimpleNamespace(result=SimpleNamespace(name=name), estimate=estimate)
-    return str(course_data(SimpleNamespace(corrections=(correction, correction), axes=AXES), drive))
+    return time, list(traces(SimpleNamespace(corrections=(correction, correction), axes=AXES), seen))
+
+
+def told(**of):
+    return str(course_data(*drive(**of)))
 
 
 def values(trace):
@@ -43,3 +47,10 @@ def test_no_extreme_is_lost_and_gaps_stay_gaps():
 
 def test_a_name_is_never_markup():
     assert "</script" not in told(name="</script><b>")
+
+
+def test_the_figure_shows_the_same_traces_and_a_name_is_no_markup():
+    text = course("t0", "signals over time", *drive(name="</svg><b>", columns=2000))
+    for name in ("reading", "corrected by", "map", "u_delta", "mass air flow [g/s]", "engine speed [rpm]"):
+        assert name in text
+    assert "<b>" not in text

@@ -1,21 +1,14 @@
 """The residual in words and tables: verdict first, nothing named that was not proven."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
 from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
-from lpvobs.report.discovered import (
-    Discovered,
-    candidate_rows,
-    effect_rows,
-    error_rows,
-    ranking_rows,
-    sentence,
-    sentences,
-    whiteness_rows,
-)
+from lpvobs.report.discovered import Discovered, candidate_rows, error_rows, sentence, sentences
+from lpvobs.report.page import rendered
 from lpvobs.report.residual_figures import ranking_bars
 
 LAG = {
@@ -79,14 +72,46 @@ def test_tables_have_every_log_and_what_was_held_out(refined):
     assert [row[0] for row in rows] == ["all logs", "all logs held out", "a", "b"]
     assert rows[3][1] == "unseen log"
     assert all(len(row) == len(header) for row in rows)
-    header, rows = effect_rows(refined)
-    assert rows[0][0] == "maf.lag"
-    assert "< 1e-16" in rows[0]
-    assert len(rows[0]) == len(header)
-    assert ranking_rows(refined)[1][0][0] == "maf.lag"
-    assert not whiteness_rows(refined)[1]  # nothing was stored
-    assert not effect_rows(replace(refined, content=content("none")))[1]
-    assert not ranking_rows(replace(refined, ranking=()))[1]
+
+
+def tables(found):
+    """Return the tables of the page by the first word of their caption: the cells of every row."""
+    text = rendered("residual.html.j2", result="r", name="d0", found=found)
+    found = {}
+    for caption, table in re.findall(r"<caption><span>(\w+)(.*?)</table>", text, re.DOTALL):
+        head, *rows = [
+            re.findall(r"<t[hd][^>]*>([^<]*)<", row) for row in re.findall(r"<tr>.*?</tr>", table, re.DOTALL)
+        ]
+        assert all(len(row) == len(head) for row in rows)
+        found[caption] = rows
+    return found
+
+
+def test_the_page_has_the_tables_that_say_something(refined):
+    found = tables(refined)
+    (lag,) = found["Effects"]
+    assert lag[:7] == ["maf.lag", "found", "tau", "0.08035", "0.07966", "0.08103", "s"]
+    assert lag[7:] == ["120.4", "-", "63.0 %", "&lt; 1e-16", "maf.delay"]
+    assert found["Candidates"] == [["maf.lag", "0.08", "s", "120.0", "1.1"]]
+    assert set(found) == {"Effects", "Residual", "Candidates"}  # nothing else was stored
+    assert "Effects" not in tables(replace(refined, content=content("none")))
+    assert "Candidates" not in tables(replace(refined, ranking=()))
+
+
+def test_what_a_log_alone_can_say_stands_on_the_page(refined):
+    told = content("effect", [LAG])
+    told["known_effects"] = [LAG | {"id": "maf.gain"}]
+    balance = {"balance": "filling", "before": 0.1, "after": 0.05, "healthy": None, "recovered": None}
+    told["logs"][0] |= {
+        "balances": [balance | {"usual_before": 0.1, "usual_after": 0.2}],
+        "day_to_day": [{"name": "fuel", "value": 0.012, "usual": 0.01, "unit": "1"}],
+        "missing": {"channels": ["T_ic"], "balances": [], "same_place": [["maf.lag", "maf.delay"], ["a", "b"]]},
+    }
+    found = tables(replace(refined, content=told))
+    assert [row[:2] for row in found["Effects"]] == [["maf.lag", "found"], ["maf.gain", "in the model"]]
+    assert found["Balances"] == [["a", "filling", "10.0 %", "5.0 %", "-", "-", "10.0 %", "20.0 %"]]
+    assert found["Differences"] == [["a", "fuel", "+0.012", "0.01", "1"]]
+    assert found["What"] == [["a", "T_ic", "-", "maf.lag, maf.delay; a, b"]]
 
 
 def test_bars_are_drawn_for_what_has_evidence(refined):

@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 import pytest
 
 from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.report.gates import METRICS, OF_RESULT, Gate, enforce, judge, junit_xml, parse_gate, write_junit
+from lpvobs.report.gates import METRICS, OF_RESULT, Gate, enforce, judge, parse_gate
+from lpvobs.report.junit import junit_xml, write_junit
 from lpvobs.report.outputs import ReportedLog, ReportedResult
 
 

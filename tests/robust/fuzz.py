@@ -146,7 +146,7 @@ def read(path: Path) -> None:
     from lpvobs.io.logs.reading import read_log, read_references
     from lpvobs.io.results.gains import read_gain
     from lpvobs.report.content import load
-    from lpvobs.report.outputs import report_output
+    from lpvobs.report.reported import report_output
 
     if path.suffix in (".csv", ".mat", ".mdf", ".mf4"):
         read_foreign(path)
@@ -161,8 +161,7 @@ def read(path: Path) -> None:
     elif path.suffix == ".gain":
         check_again(read_gain(path))
     else:
-        loaded = load([path])
-        report_output([(item.path.stem, item) for item in loaded.results])
+        report_output(load([path]))
 
 
 def read_foreign(path: Path) -> None:
