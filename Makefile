@@ -65,7 +65,7 @@ SIMULATION := $(CORE) $(wildcard lpvobs/simulation/*.py lpvobs/simulation/*/*.py
 SYNTHESIS  := $(CORE) $(wildcard lpvobs/engines/*.py lpvobs/engines/*/*.py lpvobs/synthesis/*.py)
 ESTIMATION := $(SYNTHESIS) $(wildcard lpvobs/maps/*.py lpvobs/observer/*.py)
 DISCOVERY  := $(wildcard lpvobs/discovery/*.py)
-REPORTING  := $(wildcard lpvobs/report/*.py lpvobs/report/templates/*)
+REPORTING  := $(wildcard lpvobs/report/*.* lpvobs/report/templates/*)
 
 $(LOGS)/%.parquet: $(CONFIG) $(SIMULATION) | $(VENV)/.ready
 	@mkdir -p $(@D)

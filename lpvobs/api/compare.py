@@ -180,7 +180,7 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
 
 def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOutput) -> None:
     from lpvobs.report.content import view_of
-    from lpvobs.report.surface_figures import change_map
+    from lpvobs.report.figures import change_map
 
     nodes = {(node.speed, node.fuel) for node in found.significant}
     changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])

@@ -105,23 +105,16 @@ class ResultView:
 
 
 @dataclass(frozen=True)
-class Corrected:
-    """What one result does to one log."""
-
-    result: ResultView
-    # (N,) [kg/s], the map along the drive, NaN where it was not estimated; None where the log was not given
-    estimate: Array | None
-
-
-@dataclass(frozen=True)
 class CycleView:
-    """One log with the results that were made from it; `drive` is None where the log was not given."""
+    """One log with the results that were made from it; without `drive` and estimates where the log was not given."""
 
     title: str
-    axes: tuple[MapAxis, MapAxis]
-    drive: Drive | None
-    corrections: tuple[Corrected, ...]
+    results: tuple[ResultView, ...]
     printed: bool  # whether the paper prints an error for this cycle, and the log knows its own
+    drive: Drive | None = None
+    estimates: tuple[
+        Array, ...
+    ] = ()  # (N,) [kg/s] of each result, the map along the drive, NaN where it was not estimated
 
 
 @dataclass(frozen=True)
@@ -145,14 +138,14 @@ class Report:
         return [self._cycle(digest, name) for digest, name in logs.items()]
 
     def _cycle(self, digest: str, name: str) -> CycleView:
-        drive, corrections, printed = self.drives.get(digest), [], False
         made = [(view, log) for view in self.results for log in view.stored.logs if log.sha256 == digest]
-        for view, log in made:
-            grid, theta = view.stored.grid, view.stored.theta
-            estimate = None if drive is None else grid.interpolate(theta, drive.fuel, drive.speed)
-            corrections.append(Corrected(view, estimate))
-            printed |= log.metrics is not None and paper_error(view.stored.air_path, name) is not None
-        return CycleView(cycle_title(name), made[0][0].axes, drive, tuple(corrections), printed)
+        views = tuple(view for view, _ in made)
+        printed = any(log.metrics and paper_error(view.stored.air_path, name) is not None for view, log in made)
+        if (drive := self.drives.get(digest)) is None:
+            return CycleView(cycle_title(name), views, printed)
+        maps = ((view.stored.grid, view.stored.theta) for view in views)
+        estimates = tuple(grid.interpolate(theta, drive.fuel, drive.speed) for grid, theta in maps)
+        return CycleView(cycle_title(name), views, printed, drive, estimates)
 
     @property
     def best_fits(self) -> list[ResidualFit]:

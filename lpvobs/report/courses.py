@@ -37,8 +37,8 @@ class TimeTrace(NamedTuple):
 def traces(cycle: CycleView, drive: Drive) -> Iterator[TimeTrace]:
     """Yield flows and errors [g/s] of a log, and the map's two inputs."""
     flow, error = "mass air flow [g/s]", "sensor error [g/s]"
-    several = len(cycle.corrections) > 1
-    known = [(each.result.name, each.estimate) for each in cycle.corrections if each.estimate is not None]
+    several = len(cycle.results) > 1
+    known = [(view.name, estimate) for view, estimate in zip(cycle.results, cycle.estimates, strict=True)]
     yield TimeTrace("reading", flow, False, GRAMS * drive.measured)
     for name, estimate in known:
         corrected = GRAMS * (drive.measured - estimate)
@@ -49,7 +49,7 @@ def traces(cycle: CycleView, drive: Drive) -> Iterator[TimeTrace]:
         yield TimeTrace(f"map {name}" if several else "map", error, False, GRAMS * estimate)
     if drive.reference is not None:
         yield TimeTrace("true error", error, True, GRAMS * drive.reference)
-    for axis, values in zip(cycle.axes, (drive.fuel, drive.speed), strict=True):
+    for axis, values in zip(cycle.results[0].axes, (drive.fuel, drive.speed), strict=True):
         yield TimeTrace(axis.channel, f"{axis.meaning} [{axis.unit}]", False, values)
 
 

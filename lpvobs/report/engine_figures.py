@@ -9,8 +9,7 @@ from lpvobs.engines.curves import LearnedCurve, Nodes
 from lpvobs.engines.unknowns import Component
 from lpvobs.io.results.engines import ComponentPoint, StoredEngine
 from lpvobs.records import Array
-from lpvobs.report.figures import ESTIMATE, GRAMS, READING
-from lpvobs.report.surface_figures import SURE
+from lpvobs.report.figures import ESTIMATE, GRAMS, READING, SURE
 from lpvobs.report.svg import INK, drawn
 
 HEIGHT = 3.0

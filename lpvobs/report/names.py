@@ -1,26 +1,26 @@
-"""How cycles and methods are called where a person reads them, and what the paper reports for them."""
+"""Words that are a table beside the code: how cycles, methods and effects are called; and what the paper reports for a cycle."""
 
+from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
+
+import msgspec
 
 from lpvobs.engines.registry import ENGINES
 
-CYCLES = {
-    "etc": "ETC surrogate",
-    "etc_part1": "ETC surrogate, part 1",
-    "ftp75": "FTP75",
-    "ftp75_cold": "FTP75 cold transient",
-    "nedc": "NEDC",
-    "whtc": "WHTC",
-    "wltc": "WLTC",
-}
-SURROGATE = "ETC surrogate"
 
-METHODS = {
-    "observer": "default settings",
-    "published": "published settings",
-    "ekf": "extended Kalman filter",
-    "batch": "batch least squares",
-}
+@dataclass(frozen=True)
+class Phrase:
+    """Words for one parameter of an effect, or for its course, as `phrases.toml` explains them."""
+
+    words: str
+    times: float = 1.0
+    null: float = 0.0
+
+
+PHRASES = msgspec.toml.decode(
+    files("lpvobs.report").joinpath("phrases.toml").read_bytes(), type=dict[str, dict[str, Phrase]]
+)
 
 
 def cycle_title(log: str) -> str:
@@ -35,14 +35,14 @@ def cycle_title(log: str) -> str:
     >>> cycle_title("road_17")
     'road_17'
     """
-    if known := _cycle_of(log):
-        return CYCLES[known] if known == log else f"{CYCLES[known]} ({log})"
-    return f"{SURROGATE} ({log})" if log.startswith("etc") else log
+    known = _cycle_of(log) or ("etc" if log.startswith("etc") else log)
+    title = PHRASES["cycle"].get(known, Phrase(log)).words
+    return title if known == log else f"{title} ({log})"
 
 
 def method_title(method: str) -> str:
     """Return what a method is for a reader who does not know its identifier."""
-    return METHODS.get(method, f"method {method}")
+    return PHRASES["method"].get(method, Phrase(f"method {method}")).words
 
 
 def paper_error(air_path: str, log: str) -> float | None:
@@ -59,5 +59,5 @@ def distinct(paths: list[Path]) -> list[str]:
 
 def _cycle_of(log: str) -> str | None:
     """Return the longest cycle name that the log's name is, or begins with before `_` or `-`."""
-    fits = [name for name in CYCLES if log == name or log.startswith((f"{name}_", f"{name}-"))]
+    fits = [name for name in PHRASES["cycle"] if log == name or log.startswith((f"{name}_", f"{name}-"))]
     return max(fits, key=len, default=None)

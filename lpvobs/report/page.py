@@ -20,7 +20,6 @@ from lpvobs.report import (
     names,
     residual_figures,
     spoken,
-    surface_figures,
     tables,
 )
 from lpvobs.report.content import Report, ResultView
@@ -29,8 +28,7 @@ from lpvobs.report.outputs import RegionMean
 _NOT_SHOWN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 """What names from files may hold and a page may not: controls, letters that turn the direction of others, halves of letters."""
 
-SAID = courses, discovered, engines, fleets, names, spoken, tables
-DRAWN = engine_figures, figures, residual_figures, surface_figures
+ASKED = courses, discovered, engine_figures, engines, figures, fleets, names, residual_figures, spoken, tables
 """What the templates call by name."""
 
 
@@ -70,7 +68,7 @@ def rendered(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {module.__name__.rpartition(".")[2]: module for module in SAID + DRAWN}
+    environment.globals |= {module.__name__.rpartition(".")[2]: module for module in ASKED}
     environment.globals |= {"ENGINES": ENGINES, "version": __version__}
     environment.filters |= {
         "percent": tables.percent,

@@ -3,11 +3,8 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +13,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.maps.joint import NORMAL_90, combined
 from lpvobs.observer.balance_agreement import DISAGREE
 from lpvobs.records import Array
+from lpvobs.report.names import PHRASES
 
 LEAST_CHANCE = 1e-16
 
@@ -62,18 +60,6 @@ def second(time: float | None) -> str:
     return "-" if time is None else f"{time:.1f}"
 
 
-@dataclass(frozen=True)
-class Phrase:
-    """The words for one parameter of an effect, as `phrases.toml` explains them."""
-
-    words: str
-    times: float = 1.0
-    null: float = 0.0
-
-
-PHRASES = msgspec.toml.decode(
-    files("lpvobs.report").joinpath("phrases.toml").read_bytes(), type=dict[str, dict[str, Phrase]]
-)
 MOST_TIMES = 4  # intervals that are told
 
 
@@ -182,13 +168,7 @@ def _on_course(course: str, by: Mapping[str, Any], begin: str) -> str:
     if course == "intermittent":
         times = ", ".join(f"{max(a, 0.0):.0f} to {b:.0f} s" for a, b in by["intervals"][:MOST_TIMES])
         return f" in {len(by['intervals'])} intervals: {times}{', ...' if len(by['intervals']) > MOST_TIMES else ''}"
-    return {
-        "ramp": f", growing{begin or ' from the start'} on",
-        "saturating": f", building up{begin or ' from the start'} with a time constant of {by['time_constant']:.3g} s",
-        "hysteresis": f" from when {by['input']} exceeds {by['high']:.4g} until it falls below {by['low']:.4g}",
-        "lagged": f" in full where {by['input']}, delayed by {by['time_constant']:.3g} s, is {by['high']:.4g}, and "
-        f"zero at {by['low']:.4g}",
-    }[course]
+    return PHRASES["course"][course].words.format(begin=begin or " from the start", **by)
 
 
 def _instead(effect: Mapping[str, Any]) -> str:

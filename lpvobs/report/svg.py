@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Concatenate, ParamSpec
 
 import matplotlib as mpl
-from markupsafe import Markup
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
@@ -46,13 +45,13 @@ def _without_formulas(figure: Figure) -> None:
                 getattr(axis, f"set_{which}_formatter")(_Power(labelOnlyBase=old.labelOnlyBase))
 
 
-def drawn(height: float = 4.5) -> Callable[[Draw[P]], Callable[Concatenate[str, str, P], Markup]]:
+def drawn(height: float = 4.5) -> Callable[[Draw[P]], Callable[Concatenate[str, str, P], str]]:
     """Turn functions that draw into an empty figure of a height [inch] into such that return it as an `<svg>` element."""
     # Instead of the figure they take its name, of letters, digits and hyphens and unique on the page, and `alt`, which says
     # what the figure shows for those who cannot see it.
 
-    def turned(draw: Draw[P]) -> Callable[Concatenate[str, str, P], Markup]:
-        def as_svg(name: str, alt: str, /, *content: P.args, **options: P.kwargs) -> Markup:
+    def turned(draw: Draw[P]) -> Callable[Concatenate[str, str, P], str]:
+        def as_svg(name: str, alt: str, /, *content: P.args, **options: P.kwargs) -> str:
             stream = io.StringIO()
             with warnings.catch_warnings(), mpl.rc_context(STYLE | {"svg.hashsalt": name}):
                 # letters stay letters: the reader's fonts draw them
@@ -63,7 +62,7 @@ def drawn(height: float = 4.5) -> Callable[[Draw[P]], Callable[Concatenate[str, 
                 _without_formulas(figure)
                 metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
                 FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)  # type: ignore[no-untyped-call]
-            return Markup(clean(stream.getvalue(), name, alt))  # every name in it was escaped when it was drawn
+            return clean(stream.getvalue(), name, alt)
 
         return update_wrapper(as_svg, draw)
 

@@ -21,8 +21,8 @@ def drive(name="map", columns=20_000):
     seen = SimpleNamespace(
         time=time, measured=measured, true_flow=None, reference=None, fuel=20.0 + 0.0 * time, speed=time
     )
-    correction = SimpleNamespace(result=SimpleNamespace(name=name), estimate=estimate)
-    return time, list(traces(SimpleNamespace(corrections=(correction, correction), axes=AXES), seen))
+    result = SimpleNamespace(name=name, axes=AXES)
+    return time, list(traces(SimpleNamespace(results=(result, result), estimates=(estimate, estimate)), seen))
 
 
 def told(**of):
