@@ -24,7 +24,7 @@ sys.path.append(str(ROOT / "build" / "rival"))
 from common import RESULTS, machine  # noqa: E402
 
 import lpvobs  # noqa: E402
-from lpvobs.api.closed_loop import close  # noqa: E402
+from lpvobs.api.trace import close  # noqa: E402
 from lpvobs.io.logs.parquet import channel_units, write_log  # noqa: E402
 from lpvobs.records import Array  # noqa: E402
 

@@ -26,28 +26,12 @@ if TYPE_CHECKING:
     from lpvobs.api.write_report import write_report
 
 __version__ = "0.1.0"
-__all__ = [
-    "calibrate",
-    "compare",
-    "draft_profile",
-    "estimate",
-    "export",
-    "export_unit",
-    "extrapolate",
-    "ingest_log",
-    "inspect",
-    "read_map",
-    "refine",
-    "simulate",
-    "simulate_bench",
-    "synth_gain",
-    "trace",
-    "track",
-    "verify",
-    "write_report",
-]
 ELSEWHERE = {"draft_profile": "ingest_log", "simulate_bench": "simulate"}
 """Modules of `lpvobs.api` for functions that are not in one of their own name."""
+__all__ = [
+    "calibrate", "compare", "draft_profile", "estimate", "export", "export_unit", "extrapolate", "ingest_log", "inspect",
+    "read_map", "refine", "simulate", "simulate_bench", "synth_gain", "trace", "track", "verify", "write_report",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -11,14 +11,13 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from lpvobs.api.export import SOURCES
-from lpvobs.api.files import File, as_path, writing
+from lpvobs.api.files import File, as_path, write_text
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import config_of
 from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
-from lpvobs.io.safety.atomic import replacing
 from lpvobs.kinds import Count, KgPerS
 from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
@@ -186,8 +185,7 @@ def _draw(figure: File, maps: Sequence[File], change: Surface, found: CompareOut
     changed = np.array([[(n, u) in nodes for u in change.y.nodes] for n in change.x.nodes])
     view = view_of(change, np.zeros(changed.shape, dtype=bool))
     drawn = change_map("change", f"{found.second} minus {found.first}", view, changed)
-    with writing(figure, maps) as path, replacing(path) as temporary:
-        temporary.write_text(drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), encoding="utf-8")
+    write_text(figure, drawn.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg"', 1), maps)
 
 
 def expect_gates(found: CompareOutput, gates: Sequence[str]) -> None:

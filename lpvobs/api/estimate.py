@@ -12,7 +12,7 @@ from msgspec import Meta
 from lpvobs.api import fleet, known_engine, verify
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
-from lpvobs.api.jobs import processors
+from lpvobs.api.jobs import Workers, processors
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
@@ -22,7 +22,6 @@ from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
-from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
@@ -121,12 +120,11 @@ def estimate(
     with writing(out, [config, *paths, given, calibrated]) as target:
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
-        workplace = workplace_for(method, len(paths), jobs, scheduler)
+        workers = workers_for(method, len(paths), jobs, scheduler)
         known = used_engine(configuration, calibrated, method)
         before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
         stored = gain_for(configuration, paths, given, method, before.air_path)
-        told = shown(progress)
-        done = estimate_logs(configuration, text, stored, paths, target, method, told, workplace, known, before)
+        done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers, known)
     return replace(done, engine=calibrated)
 
 
@@ -152,32 +150,27 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
 
 
 def estimate_logs(
-    config: Config,
+    before: known_engine.KnownEngine,
     config_text: str,
     stored: gains.StoredGain,
     paths: Sequence[Path],
     out: Path,
     method: str,
     progress: Progress,
-    workplace: fleet.Workplace | None = None,
+    workers: Workers | None = None,
     engine: engines.CalibratedEngine | None = None,
-    before: known_engine.KnownEngine | None = None,
 ) -> fleet.Estimated:
-    """Estimate the map from logs and write the result; raises as `estimate` does."""
-    # `before` is what is known of the engine, by default what `engine` and the logs say. References are read after the map
-    # is final.
+    """Estimate the map of an engine from logs and write the result; raises as `estimate` does."""
+    # References are read after the map is final.
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     names = finding.log_names(paths)
     gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    before = before or known_engine.engine_before(config, paths, None if engine is None else engine.stored)
-    air_path = before.air_path
     if method == "observer":
-        place = workplace or fleet.Workplace()
-        joint = None if air_path.learns else engine
-        done = fleet.estimate_fleet(config, config_text, gain, paths, out, place, progress, air_path, joint)
+        joint = None if before.air_path.learns else engine
+        done = fleet.estimate_fleet(before, config_text, gain, paths, out, workers or Workers(), progress, joint)
     else:
-        done = _one_after_another(config, gain, paths, method, progress, air_path)
+        done = _one_after_another(before, gain, paths, method, progress)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
     if engine is not None:
@@ -185,7 +178,7 @@ def estimate_logs(
     provenance = Provenance(inputs, config_text)
     found, doubts = done.estimate, done.doubts
     seen = found.theta, found.covariance, found.supported
-    says = headline(found.grid, air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
+    says = headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
 
     def further(file: h5py.File) -> None:
         file.attrs["headline"] = says
@@ -195,10 +188,10 @@ def estimate_logs(
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
 
-    results.write_result(out, air_path, done.estimate, done.summaries, stored, provenance, further)
+    results.write_result(out, before.air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
     if method == "observer":
-        from lpvobs.api.healthy import learn_healthy  # loads the search for effects
+        from lpvobs.api.search_start import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)
@@ -206,16 +199,16 @@ def estimate_logs(
 
 
 def _one_after_another(
-    config: Config, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress, air_path: AirPath
+    before: known_engine.KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
-    grid = config.grid()
+    config, air_path = before.config, before.air_path
     logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
     logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
     progress(0.5)
-    estimate = _estimate(config, air_path, grid, gain, contents(logs), method)
+    estimate = _estimate(before, gain, contents(logs), method)
     fleet.refuse_empty(estimate)
     engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
     doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
@@ -235,8 +228,8 @@ def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
     return watched.sums
 
 
-def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> fleet.Workplace:
-    """Return where logs are done: here by default if they are few, else in one process per processor."""
+def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workers:
+    """Return who does the logs: here by default if they are few, else in one process per processor."""
     if jobs is not None and scheduler is not None:
         raise UsageError(
             "--jobs starts processes on this machine, but --scheduler uses workers on other machines; drop one of the two options"
@@ -249,7 +242,7 @@ def workplace_for(method: str, logs: int, jobs: int | None, scheduler: str | Non
         raise UsageError(f"--jobs {jobs}: expected a number of processes of at least 1")
     if jobs is None:
         jobs = processors() if logs >= MANY else 1
-    return fleet.Workplace(jobs, scheduler)
+    return Workers(jobs, scheduler)
 
 
 def gain_for(
@@ -268,9 +261,8 @@ def gain_for(
     return stored
 
 
-def _estimate(
-    config: Config, air_path: AirPath, grid: Grid, gain: StateGain, logs: Sequence[Log], method: str
-) -> MapEstimate:
+def _estimate(before: known_engine.KnownEngine, gain: StateGain, logs: Sequence[Log], method: str) -> MapEstimate:
+    config, air_path, grid = before.config, before.air_path, before.config.grid()
     settings = config.estimate
     if method == "published":
         return estimate_published(air_path, grid, gain, logs, config.published, settings)

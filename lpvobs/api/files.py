@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.safety.atomic import claimed, is_same
+from lpvobs.io.safety.atomic import claimed, is_same, replacing
 from lpvobs.records import Log
 
 File: TypeAlias = str | os.PathLike[str]
@@ -90,6 +90,12 @@ def writing(out: File, read: Iterable[File | None]) -> Iterator[Path]:
             raise UsageError(f"{path}: this file is also an input and would be overwritten; name another file to write")
     with claimed(path):
         yield path
+
+
+def write_text(out: File, text: str, read: Iterable[File | None]) -> None:
+    """Write a text file as a whole; raises as `writing` does."""
+    with writing(out, read) as target, replacing(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from lpvobs.api.doubts import Doubts, doubts_of
 from lpvobs.api.files import Progress, refuse_copies, within
 from lpvobs.api.jobs import Workers
+from lpvobs.api.known_engine import KnownEngine
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import Suspects
 from lpvobs.errors import DataError
-from lpvobs.io.configuration.config import Config
 from lpvobs.io.logs.finding import log_names
 from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
@@ -40,14 +40,6 @@ OPENING, OPENING_SECONDS = 4, 1800.0
 """Logs, first by name, and [s] of each, that show where the engine is linearised: they are gone through more than once."""
 OPENING_SHARE, PARTS_SHARE = 0.3, 0.6
 """Shares of the progress for these, and for the parts of all logs; the rest compares the map with references."""
-
-
-@dataclass(frozen=True)
-class Workplace:
-    """Where and how tasks run: processes on this machine, or the address of a Dask scheduler."""
-
-    jobs: int = 1
-    scheduler: str | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -100,6 +92,13 @@ class LogOutcome(Generic[Left]):
     whole: bool = True
 
 
+def in_order(read: Callable[[str], StoredPart], found: Mapping[str, str]) -> Iterator[LogInformation]:
+    """Yield the parts in the order of their digests, each under the name that its log has now."""
+    for sha256 in sorted(found):
+        part = read(sha256).part
+        yield replace(part, run=replace(part.run, name=found[sha256]))
+
+
 @dataclass(frozen=True)
 class MetricsTask:
     """A final map to compare with the references of one log."""
@@ -111,59 +110,68 @@ class MetricsTask:
     kept: tuple[NDArray[np.uint8], ...]
 
 
+def begun(before: KnownEngine, gain: StateGain, workers: Workers, engine: CalibratedEngine | None) -> PartTask:
+    """Return what every log needs to be gone through, the engine being as it is known before them, or as it was calibrated."""
+    config, air_path = before.config, before.air_path
+    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
+    if engine is not None:
+        point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
+    grid, suspects = config.grid(), config.kind.suspects
+    return PartTask(Path(), point, grid, gain, config.reading, frozenset(), workers.alone, suspects)
+
+
 def estimate_fleet(
-    config: Config,
+    before: KnownEngine,
     config_text: str,
     gain: StateGain,
     paths: Sequence[Path],
     out: Path,
-    workplace: Workplace,
+    workers: Workers,
     progress: Progress,
-    air_path: AirPath,
     engine: CalibratedEngine | None = None,
 ) -> Estimated:
     """Return the map of all logs that can be used.
 
-    Parts of several logs wait beside `out`, for a run with the same configuration. The air path has what it learned from the
-    logs; `engine` is what is known of it beyond the configuration. Raises UsageError for two logs of the same bytes; DataError
-    if no log can be used, or they inform no node.
+    Parts of several logs wait beside `out`, for a run with the same configuration. The engine has what it learned from the logs;
+    `engine` is what is known of it beyond the configuration. Raises UsageError for two logs of the same bytes; DataError if no
+    log can be used, or they inform no node.
     """
     refuse_copies(paths)
+    config, air_path = before.config, before.air_path
     grid, names = config.grid(), log_names(paths)
-    known = air_path.knowledge()
-    learned = "" if known is None else known.digest()
-    learned += "" if engine is None else engine.sha256
-    with Workers(min(workplace.jobs, len(paths)), workplace.scheduler) as workers:
-        point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
-        if engine is not None:
-            point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
-        alone, suspects = workplace == Workplace(), config.kind.suspects
-        task = PartTask(Path(), point, grid, gain, config.reading, frozenset(), alone, suspects)
+    with workers:
+        task = begun(before, gain, workers, engine)
         task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
-        key = run_key(config_text + learned + repr(sorted(task.point.deviation.items())), gain)
-        store = _Store(PartsFolder(out, key, StoredPart) if len(paths) > 1 else None)
+        made_with = config_text + learned_digest(air_path) + ("" if engine is None else engine.sha256)
+        key = run_key(made_with + repr(sorted(task.point.deviation.items())), gain)
+        folder, held = PartsFolder(out, key, StoredPart), dict[str, StoredPart]()
+        several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
+        keep: Callable[[StoredPart], None] = folder.keep if several else partial(_hold, held)
+        read: Callable[[str], StoredPart] = folder.read if several else held.__getitem__
         for outcome in outcomes.values():
             if outcome.stored is not None:
-                store.keep(outcome.stored)
-        opened, task = {each.sha256 for each in outcomes.values()}, replace(task, done=store.done())
+                keep(outcome.stored)
+        opened = {each.sha256 for each in outcomes.values()}
+        task = replace(task, done=folder.found() if several else frozenset())
         tasks = {path: replace(task, path=path) for path in paths if path not in outcomes}
         done = OPENING_SHARE + PARTS_SHARE
-        outcomes |= outcomes_of(workers, part_of, tasks, store.keep, within(progress, OPENING_SHARE, done))
+        outcomes |= outcomes_of(workers, part_of, tasks, keep, within(progress, OPENING_SHARE, done))
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
-            store.remove()
+            if several:
+                folder.remove()
             raise DataError("; ".join(refusals))
         called = {sha256: names[path] for sha256, path in found.items()}
-        estimate, solution = merged(grid, store.parts(called), task.point)
+        estimate, solution = merged(grid, in_order(read, called), task.point)
         refuse_empty(estimate)
-        sums = ((names[path], store.read(sha256).balances) for sha256, path in sorted(found.items()))
+        sums = ((names[path], read(sha256).balances) for sha256, path in sorted(found.items()))
         doubts = doubts_of(config, judged(air_path, task.point.settings, task.point.known), estimate, sums)
         scatter = float("nan")
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
-            scatter, agreement = agreements(solution, store.parts(called), config.estimate.prior_map)
-        metrics = _metrics(workers, air_path, estimate, found, store, within(progress, done, 0.1 * done + 0.9))
+            scatter, agreement = agreements(solution, in_order(read, called), config.estimate.prior_map)
+        metrics = _metrics(workers, air_path, estimate, found, read, within(progress, done, 0.1 * done + 0.9))
     runs, ratios = estimate.runs, doubts.ratios
     summaries = {found[run.sha256]: summary_of(run, metrics[run.sha256], ratios[run.name]) for run in runs}
     compared_with_all = {item.name: item for item in agreement}
@@ -177,6 +185,16 @@ def estimate_fleet(
         scatter=scatter,
         agreement=tuple(compared_with_all[names[path]] for path in used if names[path] in compared_with_all),
     )
+
+
+def _hold(held: dict[str, StoredPart], stored: StoredPart) -> None:
+    held[stored.sha256] = stored
+
+
+def learned_digest(air_path: AirPath) -> str:
+    """Return a digest of what an engine has learned, nothing of one that learns nothing."""
+    known = air_path.knowledge()
+    return "" if known is None else known.digest()
 
 
 def linearised(
@@ -282,44 +300,14 @@ def _metrics(
     air_path: AirPath,
     estimate: MapEstimate,
     found: dict[str, Path],
-    store: "_Store",
+    read: Callable[[str], StoredPart],
     progress: Progress,
 ) -> dict[str, Metrics | None]:
     units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
     known = [sha256 for sha256, path in found.items() if has_references(path)]
-    tasks = [MetricsTask(found[log], estimate.grid, estimate.theta, units, store.read(log).kept) for log in known]
+    tasks = [MetricsTask(found[log], estimate.grid, estimate.theta, units, read(log).kept) for log in known]
     metrics: dict[str, Metrics | None] = dict.fromkeys(found)
     for count, (number, result) in enumerate(workers.finished(compared, tasks), 1):
         metrics[known[number]] = result
         progress(count / len(tasks))
     return metrics
-
-
-class _Store:
-    """Where parts wait: in a folder, or a single one in memory."""
-
-    def __init__(self, folder: PartsFolder[StoredPart] | None):
-        self.folder = folder
-        self.held: dict[str, StoredPart] = {}
-
-    def done(self) -> frozenset[str]:
-        return self.folder.found() if self.folder else frozenset()
-
-    def keep(self, stored: StoredPart) -> None:
-        if self.folder:
-            self.folder.keep(stored)
-        else:
-            self.held[stored.sha256] = stored
-
-    def read(self, sha256: str) -> StoredPart:
-        return self.folder.read(sha256) if self.folder else self.held[sha256]
-
-    def parts(self, found: Mapping[str, str]) -> Iterator[LogInformation]:
-        """Yield the parts in the order of their digests, each under the name that its log has now."""
-        for sha256 in sorted(found):
-            part = self.read(sha256).part
-            yield replace(part, run=replace(part.run, name=found[sha256]))
-
-    def remove(self) -> None:
-        if self.folder:
-            self.folder.remove()

@@ -40,6 +40,11 @@ class Workers:
         self.jobs, self.scheduler = jobs, scheduler
         self._pool: ProcessPoolExecutor | None = None
 
+    @property
+    def alone(self) -> bool:
+        """Whether this process does everything."""
+        return self.jobs == 1 and self.scheduler is None
+
     def __enter__(self) -> "Workers":
         return self
 

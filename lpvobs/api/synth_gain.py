@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from msgspec import Meta
 
 from lpvobs.api import files, known_engine
 from lpvobs.api.files import File, Files
+from lpvobs.api.verify import problem_of
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven, UsageError
@@ -21,7 +21,6 @@ from lpvobs.kinds import Finite
 from lpvobs.observer import log_run, parts, smoothing
 from lpvobs.records import Array
 from lpvobs.report.outputs import GainOutput
-from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import GainSettings, Region
 
@@ -103,7 +102,8 @@ def make_gain(
         gain = synthesise(problem, cascade=settings.cascade, decay=settings.decay)
     except NotProven as refusal:
         raise NotProven(f"{refusal}; {_what_is_feasible(problem, settings)}") from None
-    return _stored("synthesised", air_path, settings.outputs, gain, bounds, settings.temperatures), digests
+    made = ("synthesised", *_made_for(air_path), settings.outputs, gain, bounds, settings.temperatures)
+    return gains.StoredGain(*made), digests
 
 
 def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
@@ -139,12 +139,8 @@ def make_published_gain(config: Config, column: str | None = None) -> gains.Stor
     temperatures = {name: (T, T) for name, T in config.published.temperatures.items()}
     region = _region(air_path, rho | dict(air_path.rate_bounds(temperatures)), ())
     gain = certify_fixed_gain(problem_of(air_path, printed.outputs, region), printed.L, printed.epsilon)
-    return _stored(f"{printed.source}, proven on Table 1, {column}", air_path, printed.outputs, gain, {}, temperatures)
-
-
-def problem_of(air_path: AirPath, outputs: tuple[str, ...], region: Region) -> GainProblem:
-    """Return the data of Theorem 1 for an engine."""
-    return GainProblem(partial(air_path.system, outputs=outputs), region, len(outputs))
+    origin = f"{printed.source}, proven on Table 1, {column}"
+    return gains.StoredGain(origin, *_made_for(air_path), printed.outputs, gain, {}, temperatures)
 
 
 def log_bounds(
@@ -192,13 +188,6 @@ def _region(air_path: AirPath, ranges: Mapping[str, tuple[float, float]], sums: 
     return Region(names, tuple(map(float, lower)), tuple(map(float, upper)), sums)
 
 
-def _stored(
-    origin: str,
-    air_path: AirPath,
-    outputs: tuple[str, ...],
-    gain: Gain,
-    bounds: Mapping[str, Array],
-    temperatures: Mapping[str, tuple[float, float]],
-) -> gains.StoredGain:
-    constants = dict(air_path.engine_constants())
-    return gains.StoredGain(origin, air_path.name, constants, air_path.state_names, outputs, gain, bounds, temperatures)
+def _made_for(air_path: AirPath) -> tuple[str, dict[str, float], tuple[str, ...]]:
+    """Return kind, constants and states of the engine of a gain, as it keeps them."""
+    return air_path.name, dict(air_path.engine_constants()), air_path.state_names

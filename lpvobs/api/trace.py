@@ -1,12 +1,33 @@
-"""`trace`: what the model of a result lacks."""
+"""`trace`: what the model of a result lacks, by the closed loop that `refine` shares: from result and logs to effects."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from lpvobs.api.closed_loop import Traced, close
-from lpvobs.api.files import File, Files, Progress, as_path, shown, some_logs, updating
-from lpvobs.discovery.outcome import Outcome
-from lpvobs.io.results.results import update
+import h5py
+import numpy as np
+
+from lpvobs.api.files import File, Files, LogAt, Progress, as_path, contents, shown, some_logs, updating, usable
+from lpvobs.api.known_engine import KnownEngine, known_engine
+from lpvobs.api.search_start import Start, healthy_drive, known_from, nothing_known, search_start
+from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.known_effects import KnownEffect, Span
+from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
+from lpvobs.discovery.portrait import portrait
+from lpvobs.discovery.refine import Refinement, refine
+from lpvobs.discovery.thresholds import SLOWEST
+from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.errors import DataError, UsageError
+from lpvobs.io.results import refinements
+from lpvobs.io.results.gains import StoredGain
+from lpvobs.io.results.hdf import reading, write_group
+from lpvobs.io.results.mapping import read_if_there, rows, write
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, update
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Refused
+from lpvobs.records import Log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,6 +36,19 @@ class TraceOutput(Outcome):
 
     map_frozen: bool
     refused: Refused
+
+
+@dataclass(frozen=True)
+class Traced:
+    """What came of `trace` or `refine`."""
+
+    found: Trace
+    map_frozen: bool  # whether the map stood; otherwise it was estimated together with the effects
+    refused: tuple[str, ...]  # why logs were left out, one line each
+
+    def output(self, refined: bool) -> TraceOutput:
+        """Return what is printed; what follows from the error after only where refined."""
+        return TraceOutput(**vars(self.found.output(refined)), map_frozen=self.map_frozen, refused=self.refused)
 
 
 def trace(
@@ -54,3 +88,198 @@ def trace(
         closed = close(path, paths, (), freeze_map, shown(progress), calibrated=calibrated)
         update(closed.stored, closed.write_trace)
     return closed.traced
+
+
+POOLED, POOLED_UNSEEN = "(all logs)", "(all logs held out)"
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The closed loop on logs: the stored model, what came of it, and whether the map stood."""
+
+    stored: StoredResult
+    engine: KnownEngine
+    start: Start
+    used: tuple[LogAt, ...]
+    refused: tuple[str, ...]
+    refinement: Refinement
+    frozen: bool
+
+    @property
+    def logs(self) -> tuple[Log, ...]:
+        """What was learned from."""
+        return contents(self.used)
+
+    @property
+    def traced(self) -> Traced:
+        """What the verb tells."""
+        return Traced(self.refinement.trace, self.frozen, self.refused)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Relative deviation of each constant of the refined model from the configured one."""
+        return self.start.total(self.refinement.beta)
+
+    @property
+    def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
+        """The error before and after by log, and pooled."""
+        trace = self.refinement.trace
+        found = {POOLED: (trace.comparison, False)}
+        if trace.held_out is not None:
+            found[POOLED_UNSEEN] = (trace.held_out, True)
+        return found | {part.log: (part.comparison, part.own is None) for part in trace.logs}
+
+    def content(self, refined: bool) -> str:
+        """Return the contract's object as JSON text."""
+        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.logs)
+        return json.dumps(plain(StoredOutcome(**found, logs_used=logs, map_frozen=self.frozen)))
+
+    def write_trace(self, file: h5py.File) -> None:
+        """Write `/trace` in place of the one that is there."""
+        if "trace" in file:
+            del file["trace"]
+        group = file.create_group("trace")
+        group.attrs["json"] = self.content(refined=False)
+        refinements.write_comparison(group, self.comparisons)
+        refinements.write_structure(group, self._structure, self.refinement.before.problem.model.balances)
+        self._write_pictures(group)
+
+    @property
+    def _structure(self) -> dict[str, Whiteness]:
+        return {"before": self.refinement.whiteness_before, "after": self.refinement.whiteness_after}
+
+    def _write_pictures(self, group: h5py.Group) -> None:
+        found = self.refinement
+        refinements.write_portrait(group, portrait(found, self.logs))
+        if found.trace.ranking:
+            write_group(group, "ranking", rows(found.trace.ranking, "candidate"))
+        if found.trace.left is not None:
+            write(group, "leftover", found.trace.left)
+
+    def write(self, file: h5py.File, effects: Sequence[KnownEffect]) -> None:
+        """Write `/refinement` with the effects as the map is estimated beside them."""
+        found = self.refinement
+        stored = refinements.StoredRefinement(
+            effects=tuple(self._with_earlier(effect) for effect in effects),
+            constants=self.constants,
+            deviations=found.beta_deviation,
+            map_stood=self.frozen,
+            json=self.content(refined=True),
+        )
+        balances = found.before.problem.model.balances
+        refinements.write_refinement(file, stored, self.comparisons, self._structure, balances)
+        self._write_pictures(file["refinement"])
+
+    def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
+        """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
+        earlier = {log.sha256: log.name for log in self.stored.logs} if self.frozen else {}
+        earlier |= {span.sha256: span.log for other in self.refinement.known_effects for span in other.spans}
+        told = {span.sha256 for span in effect.spans}
+        without = [Span(name, digest, np.inf, np.inf) for digest, name in earlier.items() if digest not in told]
+        return replace(effect, spans=effect.spans + tuple(without))
+
+
+def close(
+    path: Path,
+    learn: Sequence[Path],
+    judge: Sequence[Path],
+    freeze_map: bool | None,
+    progress: Progress,
+    anew: bool = False,
+    calibrated: Path | None = None,
+) -> Closed:
+    """Return what logs hold that the model of a result lacks.
+
+    The error alone is judged on the logs of `judge`; a log that cannot be used is left out and named. None for `freeze_map`:
+    the map stands on logs that did not make it, and is estimated jointly on those that did. `anew` is whether a map would be
+    made that replaces the stored one, `calibrated` an engine to start from in place of the one that the result was made with.
+
+    Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not,
+    and nothing says what holds, or if a log is there twice.
+    """
+    stored = read_result(path)
+    engine = known_engine(stored, calibrated)
+    with reading(path, KIND, REMEDY) as file:
+        refined = read_if_there(file.get("refinement"), refinements.StoredRefinement)
+    (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
+    logs, hold_out = contents(used), contents(unseen)
+    _refuse_copies([*logs, *hold_out])
+    frozen = _stands(stored, logs, anew) if freeze_map is None else freeze_map
+    if anew and not frozen:
+        expect_cascade(path, stored.gain)
+    model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
+    grid, prior_map = engine.config.grid(), engine.config.estimate.prior_map
+    if frozen:
+        _expect_made_with(stored, calibrated)
+        before = known_from(stored, model, prior_map, engine.calibrated)
+    else:
+        before = nothing_known(model, grid, prior_map, engine.calibrated)
+    start = search_start(model, before, refined, logs)
+    known = () if refined is None else refined.effects
+    healthy = healthy_drive(path) if frozen else None
+    found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
+    if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
+        _refuse_slow(logs)
+    return Closed(stored, engine, start, used, refused + refused_unseen, found, frozen)
+
+
+def expect_cascade(path: Path, gain: StoredGain) -> None:
+    """Raise DataError for a result whose gain lets the sensor correct the state: its map cannot be estimated beside effects."""
+    if gain.gain.L[:, -1].any():
+        raise DataError(
+            f"{path}: this map was made with the gain '{gain.origin}', whose last column is not zero; such a gain cannot estimate "
+            f"map and effects together; estimate the map with the default method first, or give --freeze-map"
+        )
+
+
+def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
+    """Raise UsageError where a map that stands was estimated with another engine."""
+    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
+        raise UsageError(
+            f"{stored.path}: this map was not estimated with {calibrated}; a stored map can only be kept with its own engine; "
+            f"drop --engine, estimate the map with this engine, or give --free-map"
+        )
+
+
+def _refuse_slow(logs: Sequence[Log]) -> None:
+    """Raise where a residual without a name, or with a formula, may be what slow sampling leaves of fast transients."""
+    for log in logs:
+        step = float(np.median(np.diff(log.time)))
+        if step > SLOWEST:
+            raise DataError(
+                f"log {log.name}: with one sample every {step:.3g} s, unknown causes cannot be told from fast transients; "
+                f"record at least 20 samples a second"
+            )
+
+
+def _refuse_copies(logs: Sequence[Log]) -> None:
+    """Raise for two logs of the same bytes, or of the same name."""
+    for log, other in ((log, other) for i, log in enumerate(logs) for other in logs[:i]):
+        if log.sha256 == other.sha256:
+            raise UsageError(
+                f"logs {log.name} and {other.name} have the same content, so this drive would count twice; leave one log out"
+            )
+        if log.name == other.name:
+            raise UsageError(
+                f"log {log.name}: two logs have this name, but a result tells logs apart by name; rename one of the files"
+            )
+
+
+def _stands(stored: StoredResult, logs: Sequence[Log], anew: bool) -> bool:
+    """Return whether the map stands on these logs; `anew` where a map would be made that replaces the stored one."""
+    made = [any(log.sha256 == own.sha256 for own in stored.logs) for log in logs]
+    if all(made):
+        if anew and len(logs) < len(stored.logs):
+            names = ", ".join(log.name for log in stored.logs)
+            raise UsageError(
+                f"{stored.path}: this map was estimated from the logs {names}, but some of them are not named; name all of them, "
+                "or give --free-map to estimate a map from the named logs alone"
+            )
+        return False
+    if any(made):
+        names = ", ".join(log.name for log, own in zip(logs, made, strict=True) if own)
+        raise UsageError(
+            f"{stored.path}: this map was estimated from {names}, but not from the other named logs; give --freeze-map to "
+            "keep the map, or --free-map to estimate it again"
+        )
+    return True

@@ -8,17 +8,18 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from lpvobs.api.estimate import gain_for, used_engine, workplace_for
+from lpvobs.api.estimate import gain_for, used_engine, workers_for
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, writing
-from lpvobs.api.fleet import LogOutcome, PartTask, Workplace, gone_through, linearised, outcomes_of, part_of
+from lpvobs.api.fleet import LogOutcome, PartTask, begun, gone_through, learned_digest, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
-from lpvobs.api.known_engine import engine_before
+from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
+from lpvobs.io.results.engines import CalibratedEngine
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
@@ -146,9 +147,9 @@ def track(
             state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
-            workplace = workplace_for("observer", len(whose) if long else 1, jobs, scheduler)
-            adding = _Adding(configuration, text, state, target, workplace)
-            sums, more, reused = adding.to(sums, whose, _point(configuration, calibrated), every, shown(progress))
+            workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
+            adding = _Adding(*_known(configuration, calibrated), text, state, target, workers)
+            sums, more, reused = adding.to(sums, whose, every, shown(progress))
             refused += more
         if sums is None:
             raise DataError("; ".join(refused))
@@ -195,19 +196,17 @@ def _other(path: Path) -> DataError:
     )
 
 
-def _point(config: Config, engine: Path | None) -> Point:
-    """Return where the engine is linearised at first; raises UsageError for curves that every log would learn anew."""
+def _known(config: Config, engine: Path | None) -> tuple[KnownEngine, CalibratedEngine | None]:
+    """Return what is known of the engine before the logs; raises UsageError for curves that every log would learn anew."""
     start = used_engine(config, engine, "observer")
-    air_path = engine_before(config, (), None if start is None else start.stored).air_path
+    before = engine_before(config, (), None if start is None else start.stored)
+    air_path = before.air_path
     if air_path.learns and air_path.knowledge() is None:
         raise UsageError(
             f"air_path = '{air_path.name}': the curves of this engine must not be learned from the fleet's own logs, because they "
             f"would hide sensor drift; learn them once with `lpvobs calibrate --healthy LOG`, and give --engine"
         )
-    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
-    if start is None or air_path.learns:
-        return point
-    return replace(point, deviation=start.stored.deviation, known=start.stored.unknowns)
+    return before, None if air_path.learns else start
 
 
 def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
@@ -255,34 +254,32 @@ def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
 class _Adding:
     """How logs are added to a fleet."""
 
-    config: Config
+    known: KnownEngine
+    engine: CalibratedEngine | None
     text: str
     gain: StateGain
     out: Path
-    workplace: Workplace
+    workers: Workers
 
     def key(self, point: Point) -> str:
         """Return a digest of all that the sums of a log depend on beside it."""
         known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-        learned = point.air_path.knowledge()
-        taught = "" if learned is None else learned.digest()
+        taught = learned_digest(point.air_path)
         return run_key(self.text + taught + repr((sorted(point.deviation.items()), known)), self.gain)
 
     def to(
-        self, before: FleetSums | None, whose: Sequence[_Whose], point: Point, every: str, progress: Progress
+        self, before: FleetSums | None, whose: Sequence[_Whose], every: str, progress: Progress
     ) -> tuple[FleetSums | None, list[str], int]:
         """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
         whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
-        with Workers(min(self.workplace.jobs, len(whose)), self.workplace.scheduler) as workers:
-            alone, suspects = self.workplace == Workplace(), self.config.kind.suspects
-            grid, reading = self.config.grid(), self.config.reading
-            task = PartTask(Path(), point, grid, self.gain, reading, frozenset(), alone, suspects)
+        with self.workers as workers:
+            task = begun(self.known, self.gain, workers, self.engine)
             if before is None:
-                basis, task, refused = self.begun(workers, task, whose, progress)
+                basis, task, refused = _weighed_by(workers, task, whose, progress)
                 if basis is None:
                     return None, refused, 0
             else:
-                basis, task = before.basis, replace(task, point=replace(point, deviation=before.deviation))
+                basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
                 if before.key != self.key(task.point):
                     raise _other(self.out)
             key = self.key(task.point)
@@ -303,29 +300,28 @@ class _Adding:
         fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
         return fleet, refused, len(task.done.intersection(usable))
 
-    def begun(
-        self, workers: Workers, task: PartTask, whose: Sequence[_Whose], progress: Progress
-    ) -> tuple[Basis | None, PartTask, list[str]]:
-        """Return how rows are weighed and the task where the engine is linearised, after the first logs; else why there is none."""
-        opening = [each.path for logs in _first(whose) for each in logs]
-        others = [each.path for each in whose if each.path not in opening]
-        task, outcomes = linearised(workers, task, [*opening, *others], progress)
-        while True:
-            usable = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
-            first = _first(usable)
-            missing = [each.path for logs in first for each in logs if each.path not in outcomes]
-            if not missing:
-                break
-            outcomes |= outcomes_of(
-                workers, part_of, {path: replace(task, path=path) for path in missing}, None, progress
-            )
-        if not first:
-            return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        stored = [[outcomes[each.path].stored for each in logs] for logs in first]
-        parts = [[each.part for each in logs if each is not None] for logs in stored]
-        solutions = [merged(task.grid, logs, task.point)[1] for logs in parts]
-        totals = [added_up(task.grid, each.layout, logs) for each, logs in zip(solutions, parts, strict=True)]
-        return basis_of(task.grid, solutions, totals, task.point.unknowns), task, []
+
+def _weighed_by(
+    workers: Workers, task: PartTask, whose: Sequence[_Whose], progress: Progress
+) -> tuple[Basis | None, PartTask, list[str]]:
+    """Return how rows are weighed and the task where the engine is linearised, after the first logs; else why there is none."""
+    opening = [each.path for logs in _first(whose) for each in logs]
+    others = [each.path for each in whose if each.path not in opening]
+    task, outcomes = linearised(workers, task, [*opening, *others], progress)
+    while True:
+        usable = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
+        first = _first(usable)
+        missing = [each.path for logs in first for each in logs if each.path not in outcomes]
+        if not missing:
+            break
+        outcomes |= outcomes_of(workers, part_of, {path: replace(task, path=path) for path in missing}, None, progress)
+    if not first:
+        return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
+    stored = [[outcomes[each.path].stored for each in logs] for logs in first]
+    parts = [[each.part for each in logs if each is not None] for logs in stored]
+    solutions = [merged(task.grid, logs, task.point)[1] for logs in parts]
+    totals = [added_up(task.grid, each.layout, logs) for each, logs in zip(solutions, parts, strict=True)]
+    return basis_of(task.grid, solutions, totals, task.point.unknowns), task, []
 
 
 def _first(whose: Sequence[_Whose]) -> list[list[_Whose]]:

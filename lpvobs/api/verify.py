@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from lpvobs.api.files import File, as_path
+from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError, NotProven
 from lpvobs.io.results.gains import StoredGain, expect_engine, read_gain
 from lpvobs.report.outputs import StateBoundOutput
 from lpvobs.synthesis.certificate import Certificate, check, prove_bound
 from lpvobs.synthesis.problem import GainProblem
+from lpvobs.synthesis.region import Region
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +60,11 @@ def expect_proven(gain: File, certificate: Certificate) -> None:
         )
 
 
+def problem_of(air_path: AirPath | type[AirPath], outputs: tuple[str, ...], region: Region) -> GainProblem:
+    """Return the data of Theorem 1 for an engine."""
+    return GainProblem(partial(air_path.system, outputs=outputs), region, len(outputs))
+
+
 def check_again(stored: StoredGain) -> Certificate:
     """Prove a stored gain again, from its numbers alone; raises DataError for another engine, or numbers that do not fit."""
     if stored.air_path not in ENGINES:
@@ -70,7 +77,7 @@ def check_again(stored: StoredGain) -> Certificate:
             f"gain: its parameters {', '.join(gain.region.names)} and outputs {', '.join(stored.outputs)} do not fit an engine of "
             f"kind {stored.air_path}; make the gain again with `lpvobs synth-gain`"
         )
-    problem = GainProblem(partial(known.system, outputs=stored.outputs), gain.region, len(stored.outputs))
+    problem = problem_of(known, stored.outputs, gain.region)
     found = check(problem, gain.L, gain.P, gain.Q, gain.eps_1, gain.eps_2)
     reason = "" if gain.bound is None else prove_bound(problem, gain.L, gain.bound)
     return replace(found, proven=False, reason=reason) if found.proven and reason else found

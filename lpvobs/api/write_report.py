@@ -1,27 +1,34 @@
 """`report`: results or a calibrated engine, and the logs that belong to them, as tables, page and verdicts on gates."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
+import numpy as np
 
-from lpvobs.api.files import File, Files, as_path, as_paths, writing
-from lpvobs.api.fitted import fits_of
-from lpvobs.errors import UsageError
+from lpvobs.api.files import File, Files, as_path, as_paths, write_text, writing
+from lpvobs.api.known_engine import known_engine
+from lpvobs.api.search_start import known_from, search_start
+from lpvobs.discovery.imbalances import imbalances_at, scenes_with
+from lpvobs.discovery.known_effects import term_on
+from lpvobs.discovery.residual import lay_out
+from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import config_of
-from lpvobs.io.results.engines import KIND, REMEDY, read_engine
+from lpvobs.io.results import engines
 from lpvobs.io.results.fleets import StoredFleet, read_fleet
 from lpvobs.io.results.hdf import is_hdf5, reading
-from lpvobs.io.results.mapping import read
+from lpvobs.io.results.mapping import read, read_if_there
 from lpvobs.io.results.provenance import Provenance
-from lpvobs.io.results.results import StoredResult
+from lpvobs.io.results.refinements import StoredRefinement
+from lpvobs.io.results.results import KIND, REMEDY, StoredResult
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.content import load
 from lpvobs.report.discovered import sentences
 from lpvobs.report.engines import CalibrateOutput, told
+from lpvobs.report.fit import ResidualFit, fit_along
 from lpvobs.report.gates import Verdict, enforce, judge, parse_gate
 from lpvobs.report.outputs import RegionMean, ReportOutput
 from lpvobs.report.reported import report_output
@@ -143,23 +150,51 @@ def report_fleet(fleet: File, *, html: File | None = None) -> StoredFleet:
     if html is not None:
         from lpvobs.report.fleet_page import fleet_page
 
-        with writing(html, [path]) as target, replacing(target) as temporary:
-            temporary.write_text(fleet_page(path.stem, stored), encoding="utf-8")
+        write_text(html, fleet_page(path.stem, stored), [path])
     return stored
 
 
 def report_engine(engine: File, *, html: File | None = None) -> CalibrateOutput:
     """Return what is known of a calibrated engine, and write its page if asked for; raises DataError if the file is none."""
     path = as_path(engine)
-    with reading(path, KIND, REMEDY) as file:
+    with reading(path, engines.KIND, engines.REMEDY) as file:
         text = read(file["provenance"], Provenance).config
-    stored = read_engine(path, config_of(text, path).engine_path())
+    stored = engines.read_engine(path, config_of(text, path).engine_path())
     found = told(stored, str(path))
     if html is not None:
         from lpvobs.report.page import rendered
 
-        with writing(html, [path]) as target, replacing(target) as temporary:
-            temporary.write_text(
-                rendered("engine.html.j2", name=path.name, stored=stored, found=found), encoding="utf-8"
-            )
+        write_text(html, rendered("engine.html.j2", name=path.name, stored=stored, found=found), [path])
     return found
+
+
+def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit]:
+    """Yield the fit of every balance that predicts the reading; none where the method of the map does not tell of the engine."""
+    # The prediction is the flow past the sensor by the balance, with the constants that were found, plus the map: y - e.
+    engine = known_engine(stored)
+    model = engine.residual_model()
+    log = engine.read(path)
+    with reading(stored.path, KIND, REMEDY) as file:
+        refined = read_if_there(file.get("refinement"), StoredRefinement)
+    try:
+        known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
+        start = search_start(model, known, refined, [log])
+        problem = lay_out(start.model, stored.grid, start.prior, [log])
+    except DataError:  # another method, or too short: the other tables say so
+        return
+    terms = [term_on(effect, problem, [log]) for effect in (() if refined is None else refined.effects)]
+    at = np.zeros(len(problem.covariance))
+    left = imbalances_at(problem, scenes_with(problem, terms, at), at)
+    left = left if left.shape[1] == problem.K else 0.5 * (left[:, : problem.K] + left[:, problem.K :])
+    fuel, speed = (problem.along(axis.channel) for axis in engine.air_path.axes)
+    mean = np.where(stored.supported, start.prior.mean.reshape(stored.grid.shape), np.nan)
+    theta = stored.grid.interpolate(mean, fuel, speed)
+    measured = problem.along(engine.air_path.sensor)
+    inputs = problem.inputs()
+    for balance, e, slope, shown in zip(model.balances, left, problem.by_reading, problem.shown, strict=True):
+        if np.any(slope != 0.0):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                predicted = np.where(shown, measured - (e / slope - theta), np.nan)
+            found = fit_along((name, log.name, balance), problem.time, measured, predicted, inputs)
+            if found is not None:
+                yield replace(found, log=next(own.name for own in stored.logs if own.sha256 == log.sha256))

@@ -11,24 +11,24 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.estimate import estimate
 from lpvobs.api.extrapolate import extrapolate
 from lpvobs.api.simulate import simulate
 from lpvobs.api.trace import trace
+from lpvobs.api.verify import problem_of
 from lpvobs.engines.registry import ENGINES
 from lpvobs.errors import DataError
-from lpvobs.io.configuration.config import Config, load_config
+from lpvobs.io.configuration.config import load_config
 from lpvobs.io.logs.parquet import write_log
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.gains import StoredGain, read_gain, write_gain
 from lpvobs.io.results.provenance import Provenance, versions
-from lpvobs.io.results.results import StoredResult, read_result
+from lpvobs.io.results.results import read_result
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import evaluate, fit
 from lpvobs.records import Array
 from lpvobs.simulation.cycles import shipped_folder
 from lpvobs.synthesis.certificate import Certificate, Gain, check
-from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
 
 
@@ -104,9 +104,8 @@ METHODS = {"observer": 2e-4, "batch": 1e-9}
 noise, which costs 1.5e-4; without that, rounding is left."""
 
 
-def shipped_config() -> tuple[Config, str]:
-    """Return the example of the engine's configuration as shipped."""
-    return load_config(shipped_folder("configs") / KIND.example)
+EXAMPLE = shipped_folder("configs") / KIND.example
+"""The example of the engine's configuration, as shipped."""
 
 
 def units() -> Iterator[CaseOutput]:
@@ -155,7 +154,7 @@ def quadratic() -> Iterator[CaseOutput]:
 
 def published() -> Iterator[CaseOutput]:
     """Yield the proof of the paper's own L of Eq. (38) on Table 1, and that the proof can fail."""
-    config, _ = shipped_config()
+    config, _ = load_config(EXAMPLE)
     path, known = config.engine_path(), _known()["published"]
     still = path.rate_bounds({name: (T, T) for name, T in config.published.temperatures.items()})
     for column, rho in PRINTED.bounds.items():
@@ -172,20 +171,20 @@ def published() -> Iterator[CaseOutput]:
 
 def default_gain() -> Iterator[CaseOutput]:
     """Yield the proof of a shipped gain with all states as outputs on the hull of Table 1, temperatures moving."""
-    gain, known = _shipped_gain(), _known()["default"]
-    again = _proof(tuple(known["outputs"]), gain.region, gain.L, known, (gain.eps_1, gain.eps_2))
-    yield row("shipped gain: Theorem 1 proven", "exact arithmetic", 1.0, float(again.proven), 0.0)
-    yield row("shipped gain: number of vertices", "two to the power of seven", 128.0, float(again.vertices), 0.0)
+    proof = _shipped_gain().certificate
+    yield row("shipped gain: Theorem 1 proven", "exact arithmetic", 1.0, float(proof.proven), 0.0)
+    yield row("shipped gain: number of vertices", "two to the power of seven", 128.0, float(proof.vertices), 0.0)
 
 
 def chain() -> Iterator[CaseOutput]:
     """Yield the map of a drive by formula, through files and back: log, gain, estimate, extrapolation, result."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        config, text = shipped_config()
-        stored, log = _files(folder, config, text)
+        gain, log = _files(folder)
         for method, tolerance in METHODS.items():
-            result = _estimated(folder, config, text, stored, log, method)
+            estimate(EXAMPLE, log, folder / "map.h5", gain=gain, method=method)
+            extrapolate(folder / "map.h5")
+            result = read_result(folder / "map.h5")
             error = (result.theta - known_map(result.grid))[result.supported]
             yield row(
                 f"known map, method {method}: 100 nodes or more", "by construction", 1.0, float(error.size >= 100), 0.0
@@ -196,12 +195,11 @@ def chain() -> Iterator[CaseOutput]:
             rmse = summary.metrics.rmse if summary.metrics else float("nan")
             what = f"known map, method {method}: rmse along the drive"
             yield row(what, "by construction", 0.0, rmse, tolerance, "kg/s")
-        yield from _damage(folder)
+        yield from _damage(gain)
 
 
-def _damage(folder: Path) -> Iterator[CaseOutput]:
+def _damage(path: Path) -> Iterator[CaseOutput]:
     """Yield that one changed byte in a gain is noticed."""
-    path = folder / "gain.h5"
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
@@ -218,16 +216,15 @@ def loop() -> Iterator[CaseOutput]:
     # With it every kernel has been compiled: what runs after a self-test does not wait for the compiler.
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        config, clean, faulty = folder / "config.toml", folder / "clean.parquet", folder / "faulty.parquet"
-        config.write_text(shipped_config()[1], encoding="utf-8")
+        clean, faulty = folder / "clean.parquet", folder / "faulty.parquet"
         (folder / "effect.toml").write_text(f'[[effect]]\nid = "maf.gain"\nfactor = {FACTOR}\n', encoding="utf-8")
         # 0 to 70 km/h and back, twice
         speeds = [f"{t},{35.0 * (1.0 - np.cos(np.pi * t / 20.0)):.2f}" for t in range(81)]
         (folder / "cycle.csv").write_text("\n".join(["time_s,speed_kmh", *speeds]), encoding="utf-8")
-        simulate(config, str(folder / "cycle.csv"), clean, rate=20.0)
-        simulate(config, str(folder / "cycle.csv"), faulty, rate=20.0, seed=2, effects=folder / "effect.toml")
-        stored, _ = _files(folder, *shipped_config())
-        estimate_logs(*shipped_config(), stored, [clean], folder / "map.h5", "observer", lambda done: None)
+        simulate(EXAMPLE, str(folder / "cycle.csv"), clean, rate=20.0)
+        simulate(EXAMPLE, str(folder / "cycle.csv"), faulty, rate=20.0, seed=2, effects=folder / "effect.toml")
+        gain, _ = _files(folder)
+        estimate(EXAMPLE, clean, folder / "map.h5", gain=gain)
         found = trace(folder / "map.h5", faulty).found
         sizes = {finding.id: finding.parameters for finding in found.findings}
         case, alone = "a simulated sensor that reads 20 % high", float([*sizes] == ["maf.gain"])
@@ -262,9 +259,9 @@ def _known() -> dict[str, Any]:
 
 
 def _proof(
-    outputs: tuple[str, ...], region: Region, L: Any, known: dict[str, Any], epsilon: tuple[float, float]
+    outputs: tuple[str, ...], region: Region, L: Array, known: dict[str, Any], epsilon: tuple[float, float]
 ) -> Certificate:
-    problem = GainProblem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
+    problem = problem_of(KIND.air_path, outputs, region)
     return check(problem, L, np.array(known["P"]), np.array(known["Q"]), *epsilon)
 
 
@@ -272,14 +269,13 @@ def _shipped_gain() -> Gain:
     known = _known()["default"]
     region = Region(tuple(known["names"]), tuple(known["lower"]), tuple(known["upper"]))
     L, P, Q = (np.array(known[name]) for name in ("L", "P", "Q"))
-    outputs = tuple(known["outputs"])
-    problem = GainProblem(partial(KIND.air_path.system, outputs=outputs), region, len(outputs))
-    proof = check(problem, L, P, Q, known["eps_1"], known["eps_2"])
-    return Gain(L, P, Q, known["eps_1"], known["eps_2"], region, proof)
+    epsilon = known["eps_1"], known["eps_2"]
+    return Gain(L, P, Q, *epsilon, region, _proof(tuple(known["outputs"]), region, L, known, epsilon))
 
 
-def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
-    """Write the log and the gain; return the gain as it is read back, and the log's path."""
+def _files(folder: Path) -> tuple[Path, Path]:
+    """Write the gain and the log; return their paths."""
+    config, text = load_config(EXAMPLE)
     path, grid = config.engine_path(), config.grid()
     channels = DRIVE(config.engine, partial(bilinear, grid, known_map(grid)))
     write_log(folder / "known.parquet", channels, UNITS)
@@ -287,11 +283,4 @@ def _files(folder: Path, config: Config, text: str) -> tuple[StoredGain, Path]:
     constants = dict(path.engine_constants())
     made = StoredGain("shipped", path.name, constants, path.state_names, outputs, _shipped_gain(), {})
     write_gain(folder / "gain.h5", made, Provenance({}, text))
-    return read_gain(folder / "gain.h5"), folder / "known.parquet"
-
-
-def _estimated(folder: Path, config: Config, text: str, stored: StoredGain, log: Path, method: str) -> StoredResult:
-    out = folder / f"{method}.h5"
-    estimate_logs(config, text, stored, [log], out, method, lambda done: None)
-    extrapolate(out)
-    return read_result(out)
+    return folder / "gain.h5", folder / "known.parquet"

@@ -15,7 +15,8 @@ from repository import DIESEL
 
 import lpvobs
 from lpvobs.api import jobs
-from lpvobs.api.fleet import Workplace, estimate_fleet
+from lpvobs.api.fleet import estimate_fleet
+from lpvobs.api.known_engine import learned_engine
 from lpvobs.engines.diesel.lpv import Diesel
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import load_config
@@ -49,14 +50,14 @@ def logs(setting, tmp_path_factory):
     return sorted(folder.iterdir())
 
 
-def estimated(setting, logs, out, workplace, progress=lambda _: None):
+def estimated(setting, logs, out, workers, progress=lambda _: None):
     config, text, gain = setting
-    return estimate_fleet(config, text, gain, logs, out, workplace, progress, config.engine_path())
+    return estimate_fleet(learned_engine(config, ()), text, gain, logs, out, workers, progress)
 
 
 @pytest.fixture(scope="module")
 def alone(setting, logs, tmp_path_factory):
-    return estimated(setting, logs, tmp_path_factory.mktemp("alone") / "r.h5", Workplace())
+    return estimated(setting, logs, tmp_path_factory.mktemp("alone") / "r.h5", jobs.Workers())
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +116,7 @@ def test_a_worker_that_dies_is_said_in_one_line():
 
 
 def test_processes_give_the_map_of_one_process(setting, logs, alone, tmp_path):
-    same(estimated(setting, logs, tmp_path / "r.h5", Workplace(jobs=2)), alone)
+    same(estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(2)), alone)
 
 
 @pytest.mark.slow
@@ -191,7 +192,7 @@ def test_a_worker_that_is_killed_half_way_changes_no_bit(setting, logs, alone, c
         if len(seen) == 2:  # two of eight logs are done, the others wait or are being worked on
             workers[0].kill()
 
-    found = estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress)
+    found = estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(scheduler=address), progress)
     assert workers[0].wait(timeout=30) == -signal.SIGKILL
     assert workers[1].poll() is None
     assert len(seen) >= LOGS
@@ -255,7 +256,7 @@ def test_a_scheduler_that_goes_away_and_comes_back_gets_what_is_left(setting, lo
         if len(seen) == 2:
             again()
 
-    same(estimated(setting, logs, tmp_path / "r.h5", Workplace(scheduler=address), progress), alone)
+    same(estimated(setting, logs, tmp_path / "r.h5", jobs.Workers(scheduler=address), progress), alone)
     assert len(seen) >= LOGS
 
 

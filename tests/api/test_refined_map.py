@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.refined_map import expect_cascade
+from lpvobs.api.trace import expect_cascade
 from lpvobs.engines.constants import scaled
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from repository import DIESEL
 
-from lpvobs.api.search_start import LEAST_LEFT, Known, free_start, known_from, nominal_start
+from lpvobs.api.search_start import LEAST_LEFT, Known, known_from, nothing_known, search_start
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.residual import MapPrior, free_map
+from lpvobs.discovery.residual import MapPrior
 from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
@@ -47,7 +47,7 @@ def known(prior):
 
 
 def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model, prior, known):
-    start = nominal_start(model, known, None, [log("2")])
+    start = search_start(model, known, None, [log("2")])
     assert start.model.constants.constants.V_d == pytest.approx(1.001 * model.constants.constants.V_d)
     np.testing.assert_array_equal(start.model.covariance, known.covariance)
     assert start.prior is prior
@@ -55,7 +55,7 @@ def test_a_result_that_was_not_refined_starts_where_the_map_has_the_engine(model
 
 
 def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, prior, known):
-    start = nominal_start(model, known, REFINED, [log("2")])
+    start = search_start(model, known, REFINED, [log("2")])
     assert start.model.constants.constants.V_d == pytest.approx(1.004 * model.constants.constants.V_d)
     again = start.model.with_unknowns(np.array([0.01, 0.0]))
     assert again.constants.V_d == pytest.approx(1.004 * 1.01 * model.constants.constants.V_d)
@@ -66,16 +66,18 @@ def test_other_logs_start_from_the_refined_constants_and_the_map_at_them(model, 
 
 
 def test_logs_that_told_already_start_with_the_engine_of_the_map(model, prior, known):
-    start = nominal_start(model, known, REFINED, [log("1")])
+    start = search_start(model, known, REFINED, [log("1")])
     assert start.model.constants.constants.V_d == pytest.approx(1.001 * model.constants.constants.V_d)
     assert start.prior is prior
 
 
 def test_a_free_map_is_not_moved(model):
-    free = free_map(Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0])), 2, 0.1)
-    assert free_start(model, free, REFINED, [log("2")]).prior is free
-    assert free_start(model, free, None, [log("2")]).model is model
-    assert free_start(model, free, REFINED, [log("1")]).model is model
+    known = nothing_known(model, Grid(np.array([0.0, 1.0]), np.array([0.0, 1.0])), 0.1)
+    moved = search_start(model, known, REFINED, [log("2")]).prior
+    assert moved.free
+    np.testing.assert_array_equal(moved.mean, known.prior.mean)
+    assert search_start(model, known, None, [log("2")]).model is model
+    assert search_start(model, known, REFINED, [log("1")]).model is model
 
 
 @dataclass(frozen=True)

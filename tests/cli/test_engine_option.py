@@ -9,9 +9,8 @@ import pytest
 from repository import DIESEL
 
 from lpvobs.api.known_engine import known_engine
-from lpvobs.api.search_start import free_start, known_from, nominal_start
+from lpvobs.api.search_start import known_from, nothing_known, search_start
 from lpvobs.api.simulate import plant_of
-from lpvobs.discovery.residual import free_map
 from lpvobs.engines.unknowns import NEGLIGIBLE
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.engines import read_engine
@@ -65,7 +64,7 @@ def stored(result):
 def test_a_map_that_stands_is_judged_with_the_engine_that_it_was_estimated_with(stored):
     engine = known_engine(stored)
     model = engine.residual_model()
-    start = nominal_start(model, known_from(stored, model, 0.05), None, [])
+    start = search_start(model, known_from(stored, model, 0.05), None, [])
     found, before = stored.engine, engine.calibrated
     constants = dict(zip(found.constants, found.deviation, strict=True))
     assert start.model.constants.constants.R_c == pytest.approx(0.0245 * (1.0 + constants["R_c"]), rel=1e-12)
@@ -80,7 +79,7 @@ def test_a_map_that_stands_is_judged_with_the_engine_that_it_was_estimated_with(
 def test_a_map_that_is_made_anew_starts_with_the_calibration(stored):
     engine = known_engine(stored)
     model = engine.residual_model()
-    start = free_start(model, free_map(stored.grid, len(model.names), 0.05), None, [], engine.calibrated)
+    start = search_start(model, nothing_known(model, stored.grid, 0.05, engine.calibrated), None, [])
     deviation = engine.calibrated.deviation()
     assert start.model.constants.constants.V_d == pytest.approx(1.91e-3 * (1.0 + deviation["V_d"]), rel=1e-12)
     np.testing.assert_array_equal(start.model.constants.values, engine.calibrated.mean[len(deviation) :])

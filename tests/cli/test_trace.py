@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 import xarray as xr
 
-from lpvobs.api.closed_loop import _refuse_slow
+from lpvobs.api.trace import _refuse_slow
 from lpvobs.errors import DataError
 
 TAU = 0.1  # s, of the slow sensor

@@ -8,6 +8,7 @@ from robust.defects import Bench
 
 from lpvobs.api.estimate import estimate_logs
 from lpvobs.api.extrapolate import extrapolate
+from lpvobs.api.known_engine import learned_engine
 from lpvobs.api.synth_gain import make_published_gain
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.results.gains import write_gain
@@ -35,6 +36,6 @@ def make(folder: Path) -> Samples:
     config, text = load_config(DIESEL)
     stored = make_published_gain(config, "ETC")
     write_gain(gain, stored, Provenance({}, text))
-    estimate_logs(lenient(config), text, stored, [log], result, "batch", lambda done: None)
+    estimate_logs(learned_engine(lenient(config), ()), text, stored, [log], result, "batch", lambda done: None)
     extrapolate(result)
     return Samples(folder, DIESEL, log, gain, result)

@@ -16,6 +16,7 @@ from robust.samples import lenient
 
 from lpvobs.api.estimate import estimate_logs
 from lpvobs.api.extrapolate import extrapolate
+from lpvobs.api.known_engine import learned_engine
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
@@ -39,7 +40,13 @@ def hostile(samples, tmp_path_factory):
     shutil.move(bench.path, log)
     config, text = load_config(DIESEL)
     estimate_logs(
-        lenient(config), text + f"# {EVIL}\n", read_gain(samples.gain), [log], result, "batch", lambda done: None
+        learned_engine(lenient(config), ()),
+        text + f"# {EVIL}\n",
+        read_gain(samples.gain),
+        [log],
+        result,
+        "batch",
+        lambda done: None,
     )
     extrapolate(result)
     with changing(result, result) as file:
