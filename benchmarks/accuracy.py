@@ -14,9 +14,9 @@ from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.io.configuration.config import Config
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.metrics import NEGLIGIBLE, compare
-from lpvobs.observer.estimate import estimate_default, estimate_published
+from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.parts import StateGain
-from lpvobs.observer.rivals import estimate_batch, estimate_ekf
+from lpvobs.observer.rivals import estimate_batch, estimate_ekf, estimate_published
 from lpvobs.records import Array
 
 GAMMAS = (200.0, 50.0, 20.0, 5.0, 2.0, 0.5, 0.2, 0.05, 0.02)

@@ -25,7 +25,7 @@ from lpvobs.kinds import Count, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
 from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
-from lpvobs.observer.estimate import MapEstimate, estimate_published
+from lpvobs.observer.estimate import MapEstimate
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import CONSTANTS
 from lpvobs.records import Log
@@ -265,7 +265,7 @@ def _estimate(before: known_engine.KnownEngine, gain: StateGain, logs: Sequence[
     config, air_path, grid = before.config, before.air_path, before.config.grid()
     settings = config.estimate
     if method == "published":
-        return estimate_published(air_path, grid, gain, logs, config.published, settings)
+        return rivals.estimate_published(air_path, grid, gain, logs, config.published, settings)
     if method == "ekf":
         return rivals.estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
     return rivals.estimate_batch(air_path, grid, gain, logs, settings)

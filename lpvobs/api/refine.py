@@ -139,7 +139,10 @@ def estimate_refined(
     point = Point(engine.air_path, settings, moved, engine.calibrated)
     region, unknowns = gain.gain.region, point.unknowns
     seen = ((log, observed(refined, log)) for _, log in logs)
-    parts = [inform_observed(air_path, grid, region, log, beside, settings, unknowns) for log, beside in seen]
+    parts = [
+        inform_observed(air_path, grid, region, log, [(beside, log[air_path.sensor])], settings, unknowns)
+        for log, beside in seen
+    ]
     estimate = of_parts(grid, parts, point)
     fleet.refuse_empty(estimate)
     summaries = tuple(

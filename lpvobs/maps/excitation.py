@@ -51,12 +51,13 @@ def node_values(gram: Array, right: Array) -> Array:
     return values
 
 
-def over_nodes(grid: Grid, cells: Array) -> Array:
-    """Return matrices over the four nodes of each cell, shape (cells, 4, 4), row by row, added up over all nodes, shape (p, p)."""
+def of_cells(grid: Grid, gram: Array) -> Excitation:
+    """Return the excitation from the integral of Psi_l^T Psi_l over the stay in each cell, cells row by row, (cells, 4, 4) [s]."""
+    p_2, p_1 = grid.shape
     total = np.zeros((grid.size, grid.size))
-    nodes = corners(*grid.shape)
-    np.add.at(total, (nodes[:, :, None], nodes[:, None, :]), cells.reshape(-1, 4, 4))
-    return total
+    nodes = corners(p_2, p_1)
+    np.add.at(total, (nodes[:, :, None], nodes[:, None, :]), gram)
+    return Excitation(total, gram.reshape(p_2 - 1, p_1 - 1, 4, 4))
 
 
 def corners(p_2: int, p_1: int) -> NDArray[np.int64]:
@@ -81,7 +82,7 @@ def excitation(grid: Grid, fuel: Array, speed: Array, time: Array, segments: tup
     numbers = cell_numbers(grid, nodes)
     for a, b in np.ndindex(4, 4):
         cells[:, a, b] = np.bincount(numbers, step * weights[:, a] * weights[:, b], minlength=len(cells))  # Eq. (29)
-    return Excitation(over_nodes(grid, cells), cells.reshape(p_2 - 1, p_1 - 1, 4, 4))
+    return of_cells(grid, cells)
 
 
 EVENLY = 36.0

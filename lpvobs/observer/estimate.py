@@ -1,13 +1,11 @@
-"""From logs to the map: the default method and the observer as published.
+"""From logs to the map: the default method.
 
-Default. Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
+Scheduling parameters from smoothed signals; the state by the observer of Eq. (26) with the map's part left out, a gain
 whose last column is zero; then the map by weighted least squares behind that state, from every balance of the engine. It is not the
 map equation of Eq. (26): `information` says how it departs. Theorem 1 is proven for one balance and constant Gamma; it is not
 claimed for several balances. The certificate is about the state, and the state is nearly its newest measurement: of a gain of
 20 000 1/s and samples 10 ms apart, 99.5 % (1 - 1 / (1 + h L)). What the state owes to the engine's model instead is wrong with the
 model: with 2000 1/s a turbine of another shape moved the map by 0.3 % of the air flow, through the pressure before it.
-
-Published. Eq. (26) as printed, on the signals as recorded, Gamma = 200 I: what remains in a cell is its last visit.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,18 +17,16 @@ from numpy.typing import NDArray
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
-from lpvobs.maps.excitation import Excitation, excitation
+from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
 from lpvobs.observer.information import NO_LEVEL, Prior, Solution, considered, solve
-from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
-from lpvobs.observer.parts import LogInformation, StateGain, added_up, excitation_of, inform, operating_point
-from lpvobs.observer.recursion import observe
-from lpvobs.observer.settings import EstimateSettings, PublishedSettings
+from lpvobs.observer.log_run import LogRun
+from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
+from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import smooth
 from lpvobs.observer.windows import Columns
 from lpvobs.records import Array, Log, Recording
-from lpvobs.synthesis.region import Region
 
 PASSES = 3  # over the logs, at most, until the engine is linearised where it is found
 LINEAR = 0.003
@@ -115,12 +111,9 @@ class MapEstimate:
 
 
 def steps_of(log: Log) -> Array:
-    """Return the time of each sample, (N,) [s], zero for a segment's first; raises DataError if all are apart."""
+    """Return the time of each sample, shape (N,) [s]; the first of a segment stands for none."""
     steps = np.diff(log.time, prepend=log.time[0])
-    for start, _ in log.segments:
-        steps[start] = 0.0
-    if not steps.any():
-        raise nothing_between(log.name, float(log.time[0]))
+    steps[[start for start, _ in log.segments]] = 0.0
     return steps
 
 
@@ -167,7 +160,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     coupled = covariance[nodes, solution.engine] @ unknowns.reduction
     own = unknowns.reduced(solution.covariance[solution.engine, solution.engine])
     estimate = replace(
-        finished("observer", grid, theta, covariance[nodes, nodes], runs, excitation_of(grid, total), settings),
+        finished("observer", grid, theta, covariance[nodes, nodes], runs, of_cells(grid, total.gram), settings),
         noise=noise,
         design=solution.design,
         constants=unknowns.coordinates,
@@ -209,31 +202,6 @@ def calmed(air_path: AirPath, log: Log, half_width: float) -> tuple[Log, dict[st
     return replace(log, channels=channels), dict(zip(air_path.smoothed, slopes, strict=True))
 
 
-def estimate_published(
-    air_path: AirPath,
-    grid: Grid,
-    gain: StateGain,
-    logs: Sequence[Log],
-    published: PublishedSettings,
-    settings: EstimateSettings,
-) -> MapEstimate:
-    """Return the map from the observer as published, logs one after another."""
-    theta = np.zeros(grid.size)
-    excited, runs = [], []
-    for log in logs:
-        trajectory = air_path.trajectory(log, gain.outputs, published.temperatures)
-        point = operating_point(air_path, log)
-        first = np.tile(published.x_0, (len(log.segments), 1))
-        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, published.gamma, first, theta)
-        theta = run.theta
-        excited.append(excitation(grid, *point, log.time, log.segments))
-        # The observer takes the temperatures for constant; what the certificate covers is judged by those of the drive.
-        measured = air_path.trajectory(log, gain.outputs).parameters
-        runs.append(run_of(log, measured, gain.region, air_path.sensor))
-    unknown = np.full((grid.size, grid.size), np.nan)
-    return finished("published", grid, theta, unknown, runs, sum(excited[1:], excited[0]), settings)
-
-
 def finished(
     method: str,
     grid: Grid,
@@ -260,11 +228,3 @@ def finished(
         constants=(),
         sensitivity=np.empty((0, *grid.shape)),
     )
-
-
-def run_of(log: Log, parameters: Array, region: Region | None, sensor: str) -> LogRun:
-    """Return what an estimate keeps of a log, given the scheduling parameters along it, shape (N, m)."""
-    seen = RangeSeen(parameters.shape[1], region, sensor)
-    seen.time(next(iter(log.pieces())))
-    seen.see(parameters)
-    return seen.run(log)

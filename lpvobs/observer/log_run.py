@@ -33,29 +33,23 @@ def nothing_between(name: str, started: float) -> DataError:
     )
 
 
+NOTHING = np.empty(0)
+
+
 class RangeSeen:
     """Samples, time and range of the scheduling parameters so far."""
 
-    def __init__(self, parameters: int, region: Region | None, sensor: str = ""):
-        self.samples, self.duration, self.inside, self.scheduled = 0, 0.0, 0, 0
-        self.started, self.last = float("nan"), float("nan")
+    def __init__(self, parameters: int, region: Region | None):
+        self.samples, self.duration, self.flow, self.inside, self.started = 0, 0.0, 0.0, 0, float("nan")
         self.lower, self.upper = np.full(parameters, np.inf), np.full(parameters, -np.inf)
-        self.region, self.sensor, self.flow = region, sensor, 0.0
+        self.region = region
 
-    def time(self, piece: Piece) -> None:
-        """Take in the clock of N samples, and what the sensor read."""
-        if not self.samples:
-            self.started = self.last = float(piece.time[0])
-        steps = np.diff(piece.time, prepend=self.last)
-        steps[piece.begins] = 0.0
-        self.samples, self.last = self.samples + piece.time.size, float(piece.time[-1])
-        self.duration = running_sum(self.duration, steps)
-        if self.sensor:
-            self.flow = running_sum(self.flow, piece.channels[self.sensor])
-
-    def see(self, parameters: Array) -> None:
-        """Take in the scheduling parameters of N samples, shape (N, m)."""
-        self.scheduled += parameters.shape[0]
+    def see(self, parameters: Array, time: Array = NOTHING, steps: Array = NOTHING, reading: Array = NOTHING) -> None:
+        """Take in N samples: scheduling parameters, shape (N, m), and where they count clock, steps [s] and readings [kg/s]."""
+        if not self.samples and time.size:
+            self.started = float(time[0])
+        self.samples += len(parameters)
+        self.duration, self.flow = running_sum(self.duration, steps), running_sum(self.flow, reading)
         np.minimum(self.lower, parameters.min(axis=0), out=self.lower)
         np.maximum(self.upper, parameters.max(axis=0), out=self.upper)
         if self.region is not None:
@@ -63,10 +57,9 @@ class RangeSeen:
 
     def run(self, log: Recording) -> LogRun:
         """Return what is kept of the log that has been gone through."""
-        share = float("nan") if self.region is None else self.inside / self.scheduled
-        flow = self.flow / self.samples if self.sensor else float("nan")
+        share = float("nan") if self.region is None else self.inside / self.samples
         seen = self.samples, self.duration, log.defects, self.lower, self.upper
-        return LogRun(log.name, log.sha256, *seen, share, flow)
+        return LogRun(log.name, log.sha256, *seen, share, self.flow / self.samples)
 
 
 def running_sum(start: float, values: Array) -> float:

@@ -11,17 +11,16 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.engines.base import AirPath, Trajectory
+from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
-from lpvobs.maps.excitation import Excitation, over_nodes
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import CALM_LEAST, SmoothStretch, kernel, stretches
 from lpvobs.observer.windows import LENGTH, Columns, Moments, Slopes, Windows, no_moments
-from lpvobs.records import Array, Defects, Log, Piece, Recording
+from lpvobs.records import Array, Defects, Log, Recording
 from lpvobs.synthesis.region import Region
 
 SETTLED = 0.25  # of the constants' prior spread that is left where they have been found once
@@ -160,23 +159,6 @@ class Answers:
         return touched, J, found.flow.T
 
 
-def _windows(air_path: AirPath, grid: Grid, unknowns: Unknowns, settings: EstimateSettings) -> Windows:
-    """Return the windows of a log, none as yet; what makes slopes must not hold them, or both stay until garbage is looked for."""
-    layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
-    answers = Answers(air_path, unknowns, settings)
-    return Windows(grid, layout, answers.slopes, answers.signals.count)
-
-
-def _part(windows: Windows, run: LogRun) -> LogInformation:
-    """Return what the log says."""
-    total = windows.moments()
-    touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., windows.layout.z]))
-    columns = np.flatnonzero(touched.any(axis=(0, 1)))
-    cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
-    products, slow = (each.take(columns, 2).take(columns, 3) for each in (total.products, total.slow))
-    return LogInformation(run, columns, products, slow, total.windows, cells, total.gram[cells])
-
-
 def inform(
     air_path: AirPath, grid: Grid, gain: StateGain, log: Recording, settings: EstimateSettings, unknowns: Unknowns
 ) -> LogInformation:
@@ -189,81 +171,58 @@ def inform(
             "gain: the last column of L is not zero, so the air flow sensor corrects the state; run `lpvobs synth-gain` with "
             "cascade = true in [gain], or use --method published"
         )
-    seen = RangeSeen(len(air_path.parameter_names), gain.region, air_path.sensor)
-    windows, walk = _windows(air_path, grid, unknowns, settings), _Walk(air_path, grid, gain)
-    for stretch in stretches(_clocked(log.pieces(), seen), air_path.smoothed, settings.smoothing, air_path.calmed):
-        found = walk.follow(stretch)
-        seen.see(found.parameters)
-        windows.add(found.time, found.steps, found.point, found.z, found.signals)
-    if not seen.duration > 0.0:
-        raise nothing_between(log.name, seen.started)
-    return _part(windows, seen.run(log))
-
-
-def _clocked(pieces: Iterable[Piece], seen: RangeSeen) -> Iterator[Piece]:
-    for piece in pieces:
-        seen.time(piece)
-        yield piece
+    found = observed_along(air_path, grid, gain, log, settings)
+    return inform_observed(air_path, grid, gain.region, log, found, settings, unknowns)
 
 
 def inform_observed(
     air_path: AirPath,
     grid: Grid,
     region: Region | None,
-    log: Log,
-    found: Observed,
+    log: Recording,
+    observed: Iterable[tuple[Observed, Array]],
     settings: EstimateSettings,
     unknowns: Unknowns,
 ) -> LogInformation:
-    """Return the part of a log whose flows are known; raises DataError if no two samples are neighbours."""
-    seen = RangeSeen(len(air_path.parameter_names), region, air_path.sensor)
-    seen.time(next(iter(log.pieces())))
+    """Return the part of a log from what the observer makes of it and what the sensor read, in one or more stretches.
+
+    Raises DataError if no two samples are neighbours.
+    """
+    seen = RangeSeen(len(air_path.parameter_names), region)
+    answers = Answers(air_path, unknowns, settings)
+    layout = Columns(grid.size, unknowns.size, len(air_path.balance_names))
+    # What makes slopes must not hold the windows, or both stay until garbage is looked for.
+    windows = Windows(grid, layout, answers.slopes, answers.signals.count)
+    for found, reading in observed:
+        seen.see(found.parameters, found.time, found.steps, reading)
+        windows.add(found.time, found.steps, found.point, found.z, found.signals)
     if not seen.duration > 0.0:
         raise nothing_between(log.name, seen.started)
-    seen.see(found.parameters)
-    windows = _windows(air_path, grid, unknowns, settings)
-    windows.add(found.time, found.steps, found.point, found.z, found.signals)
-    return _part(windows, seen.run(log))
+    total = windows.moments()
+    touched = np.concatenate((np.einsum("abii->abi", total.products), total.products[..., layout.z]))
+    columns = np.flatnonzero(touched.any(axis=(0, 1)))
+    cells = np.flatnonzero(total.gram.any(axis=(1, 2)))
+    products, slow = (each.take(columns, 2).take(columns, 3) for each in (total.products, total.slow))
+    return LogInformation(seen.run(log), columns, products, slow, total.windows, cells, total.gram[cells])
 
 
-class _Walk:
-    """The observer on its way along a log."""
-
-    def __init__(self, air_path: AirPath, grid: Grid, gain: StateGain):
-        self.air_path, self.grid, self.gain = air_path, grid, gain
-        self.signals = signals_for(air_path)
-        self.x = np.zeros(len(air_path.state_names))
-        self.no_map = np.zeros(grid.size)
-
-    def follow(self, stretch: SmoothStretch) -> Observed:
-        """Return what the observer makes of the next stretch."""
-        air_path = self.air_path
+def observed_along(
+    air_path: AirPath, grid: Grid, gain: StateGain, recording: Recording, settings: EstimateSettings
+) -> Iterator[tuple[Observed, Array]]:
+    """Yield what the observer makes of a recording, stretch by stretch, and what the sensor read [kg/s]."""
+    signals, x, no_map = signals_for(air_path), np.empty(0), np.zeros(grid.size)
+    for stretch in stretches(recording.pieces(), air_path.smoothed, settings.smoothing, air_path.calmed):
         log = calm_log(stretch)
-        trajectory = air_path.trajectory(log, self.gain.outputs)
-        seen = {**log.channels, **self._states(stretch, log, trajectory)}
+        trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
+        first, before = (air_path.states(log)[0], None) if stretch.begins else (x, stretch.before)
+        run = observe(trajectory, log.time, log.segments, point, grid, gain.L, 0.0, first[None, :], no_map, before)
+        x = run.x[-1]
+        states = dict(zip(air_path.state_names, np.ascontiguousarray(run.x.T), strict=True))
+        seen = {**log.channels, **states}
         flow = air_path.balances(_log(stretch.time, seen), stretch.rates, (), stretch.calm).flow
-        signals = self.signals.stacked(seen, stretch.rates, stretch.rough, stretch.steps)
-        z = stretch.channels[air_path.sensor] - flow
-        point = operating_point(air_path, log)
-        return Observed(stretch.time, stretch.steps, trajectory.parameters, point, z, signals)
-
-    def _states(self, stretch: SmoothStretch, log: Log, trajectory: Trajectory) -> dict[str, Array]:
-        names = self.air_path.state_names
-        first = self.air_path.states(log)[0] if stretch.begins else self.x
-        run = observe(
-            trajectory,
-            stretch.time,
-            ((0, stretch.time.size),),
-            operating_point(self.air_path, log),
-            self.grid,
-            self.gain.L,
-            0.0,
-            first[None, :],
-            self.no_map,
-            None if stretch.begins else stretch.before,
-        )
-        self.x = run.x[-1]
-        return dict(zip(names, np.ascontiguousarray(run.x.T), strict=True))
+        rows = signals.stacked(seen, stretch.rates, stretch.rough, stretch.steps)
+        reading = stretch.channels[air_path.sensor]
+        yield Observed(stretch.time, stretch.steps, trajectory.parameters, point, reading - flow, rows), reading
 
 
 def calm_log(stretch: SmoothStretch) -> Log:
@@ -279,12 +238,6 @@ def operating_point(air_path: AirPath, log: Log) -> tuple[Array, Array]:
     """Return the map's inputs along a log, each of shape (N,): fuel, speed."""
     fuel, speed = air_path.axes
     return log[fuel.channel], log[speed.channel]
-
-
-def excitation_of(grid: Grid, moments: Moments) -> Excitation:
-    """Return how well the logs behind the sums excite the map."""
-    rows, columns = grid.speed.size - 1, grid.fuel.size - 1
-    return Excitation(over_nodes(grid, moments.gram), moments.gram.reshape(rows, columns, 4, 4))
 
 
 def added_up(grid: Grid, layout: Columns, parts: Iterable[LogInformation]) -> Moments:

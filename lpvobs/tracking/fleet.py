@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.maps.excitation import Excitation, over_nodes, plan
+from lpvobs.maps.excitation import Excitation, of_cells, plan
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 from lpvobs.tracking.changes import Detectable, history, power_of
@@ -240,8 +240,7 @@ class Fleet:
 
     def seen(self, sums: VehicleSums) -> Excitation:
         """Return how well a vehicle's drives excite its map."""
-        shape = (self.grid.speed.size - 1, self.grid.fuel.size - 1)
-        return Excitation(over_nodes(self.grid, sums.gram), sums.gram.reshape(*shape, 4, 4))
+        return of_cells(self.grid, sums.gram)
 
     def visit(self, sums: VehicleSums, error: Array) -> Iterator[NextCell]:
         """Yield what a vehicle should drive next."""

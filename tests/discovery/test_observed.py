@@ -43,7 +43,8 @@ def healthy(clean, config, settings):
 def estimated(refined, log, config, settings, deviation=()):
     at = Point(refined.air_path, settings, dict(deviation))
     refined = replace(refined, air_path=at.air_path)
-    part = inform_observed(refined.air_path, config.grid(), None, log, observed(refined, log), settings, at.unknowns)
+    found = [(observed(refined, log), log["W_maf"])]
+    part = inform_observed(refined.air_path, config.grid(), None, log, found, settings, at.unknowns)
     return of_parts(config.grid(), [part], at)
 
 

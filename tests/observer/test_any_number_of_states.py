@@ -12,11 +12,11 @@ from lpvobs.io.results.provenance import Provenance
 from lpvobs.maps.grid import Grid
 from lpvobs.observer import ekf
 from lpvobs.observer.ekf import KalmanSettings
-from lpvobs.observer.estimate import estimate_default, estimate_published
+from lpvobs.observer.estimate import estimate_default
 from lpvobs.observer.inverse import ROW, invert
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
-from lpvobs.observer.rivals import estimate_batch, estimate_ekf
+from lpvobs.observer.rivals import estimate_batch, estimate_ekf, estimate_published
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 from lpvobs.synthesis.certificate import check
 from lpvobs.synthesis.sensor_state import prove, with_sensor_state

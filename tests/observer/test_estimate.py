@@ -12,9 +12,10 @@ from lpvobs.engines.diesel.published import PUBLISHED
 from lpvobs.errors import DataError
 from lpvobs.maps.metrics import compare
 from lpvobs.maps.quadratic import evaluate, fit
-from lpvobs.observer.estimate import estimate_default, estimate_published, steps_of
+from lpvobs.observer.estimate import estimate_default, steps_of
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.recursion import observe
+from lpvobs.observer.rivals import estimate_published
 from lpvobs.observer.settings import EstimateSettings, PublishedSettings
 
 GRAM = 1e-3  # kg/s

@@ -131,14 +131,17 @@ class Half:
 
 def test_ranges_times_and_shares_add_up():
     seen = RangeSeen(2, Half())
-    whole = Piece(np.array([3.0, 3.5, 9.0, 9.25]), {}, np.array([True, False, True, False]))
+    parameters = np.array([[-1.0, 7.0], [2.0, 5.0], [1.0, 9.0], [1.0, 6.0]])
+    time, steps, reading = (
+        np.array([3.0, 3.5, 9.0, 9.25]),
+        np.array([0.0, 0.5, 0.0, 0.25]),
+        np.array([1.0, 2.0, 4.0, 5.0]),
+    )
     for part in (slice(0, 1), slice(1, 4)):
-        seen.time(Piece(whole.time[part], {}, whole.begins[part]))
-    seen.see(np.array([[-1.0, 7.0], [2.0, 5.0]]))
-    seen.see(np.array([[1.0, 9.0]]))
+        seen.see(parameters[part], time[part], steps[part], reading[part])
     assert seen.started == 3.0
     run = seen.run(Log("name", "digest", *[None] * 6))
-    assert (run.samples, run.duration, run.share_certified) == (4, 0.75, 2 / 3)
+    assert (run.samples, run.duration, run.share_certified, run.mean_flow) == (4, 0.75, 3 / 4, 3.0)
     assert (run.lower.tolist(), run.upper.tolist()) == ([-1.0, 5.0], [2.0, 9.0])
     assert np.isnan(RangeSeen(2, None).started)
 
