@@ -135,7 +135,9 @@ def krige(
     kept = np.flatnonzero(weights >= LEAST_WEIGHT)
     weights = weights[kept] / weights[kept].sum()
     filled = np.arange(grid.size) if smooth else np.flatnonzero(~supported)
-    beta, values, square = _Mixture(6), np.zeros(filled.size), np.zeros((filled.size, filled.size))
+    # Mean and square of the mixture, the spread of the means included, of the trend's coefficients and of the values.
+    beta, beta_square = np.zeros(6), np.zeros((6, 6))
+    values, square = np.zeros(filled.size), np.zeros((filled.size, filled.size))
     joint = np.zeros((data.chosen.size, filled.size))
     places = ((data.chosen, data.chosen), (data.chosen, filled), (filled, filled))
     for process, alike in groupby(zip(weights, kept, strict=True), lambda item: choices[item[1]][0]):
@@ -148,14 +150,16 @@ def krige(
             less.append(np.sqrt(weight) * near)
             more.append(np.sqrt(weight) * np.vstack([trend, mean]))
             values += weight * mean
-            beta.add(weight, of_it.beta, np.linalg.inv(of_it.information))
+            beta += weight * of_it.beta
+            beta_square += weight * np.linalg.inv(of_it.information)
+            beta_square += np.outer(weight * of_it.beta, of_it.beta)
             joint += weight * shared
         among *= power
         square += among
         for sign, factors in ((-1.0, less), (1.0, more)):
             factor = np.concatenate(factors)
             square += sign * (factor.T @ factor)
-    back = quadratic.to_raw(grid)
+    back, spread = quadratic.to_raw(grid), 0.5 * (beta_square + beta_square.T) - np.outer(beta, beta)
     whole = np.zeros((grid.size, grid.size))
     if not smooth:
         joint = data.noise @ joint
@@ -168,8 +172,8 @@ def krige(
     half_widths = 0.5 * np.array([np.ptp(grid.fuel), np.ptp(grid.speed)])
     return quadratic.Filled(
         method="kriging",
-        coefficients=back @ beta.mean,
-        standard_error=np.sqrt(np.diag(back @ beta.covariance() @ back.T)),
+        coefficients=back @ beta,
+        standard_error=np.sqrt(np.diag(back @ spread @ back.T)),
         lack_of_fit=float(np.exp(weights @ np.log(amplitudes[kept]))),
         lengths=half_widths * np.exp(weights @ np.log(lengths[kept])),
         nodes=int(data.chosen.size),
@@ -178,23 +182,6 @@ def krige(
         map_standard_error=quadratic.standard_errors(grid, whole),
         support=np.where(supported, code, quadratic.EXTRAPOLATED).astype(np.int8),
     )
-
-
-class _Mixture:
-    """Mean and covariance of a mixture of normal distributions, the spread of their means included."""
-
-    def __init__(self, size: int):
-        self.mean, self.square = np.zeros(size), np.zeros((size, size))
-
-    def add(self, weight: float, mean: Array, covariance: Array) -> None:
-        """Add one of them; the weights add up to one."""
-        self.mean += weight * mean
-        self.square += weight * covariance
-        self.square += np.outer(weight * mean, mean)
-
-    def covariance(self) -> Array:
-        """Return it once all are added."""
-        return np.asarray(0.5 * (self.square + self.square.T) - np.outer(self.mean, self.mean))
 
 
 def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array) -> KnownNodes:
