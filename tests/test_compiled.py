@@ -26,12 +26,12 @@ import numpy as np
 from lpvobs.maps import grid
 from lpvobs.observer import ekf
 assert "numba" not in sys.modules
-kept = [grid.locate]
+kept = [grid.share]
 assert ekf.local is grid.local and grid.local.__name__ == "local"
-assert kept[0](np.array([0.0, 1.0, 2.0]), 1.5) == (1, 0.5)
+assert kept[0](np.array([0.0, 1.0, 2.0]), 1.5, 1) == 0.5
 assert "numba" in sys.modules
 assert ekf.local is grid.local and hasattr(grid.local, "py_func")
-assert kept[0](np.array([0.0, 1.0, 2.0]), 0.5) == (0, 0.5)
+assert kept[0](np.array([0.0, 1.0, 2.0]), 0.25, 0) == 0.25
 from lpvobs.observer import windows
 assert not any(type(value).__name__ == "_Waiting" for module in (grid, windows) for value in vars(module).values())
 """
@@ -43,6 +43,6 @@ def test_numba_that_is_there_already_is_used_at_once():
 from lpvobs.maps import grid
 import numba
 from lpvobs.observer import recursion
-assert hasattr(grid.locate, "py_func") and hasattr(recursion._recursion, "py_func")
+assert hasattr(grid.share, "py_func") and hasattr(recursion._recursion, "py_func")
 """
     assert "numba" in loaded_after(code)

@@ -48,20 +48,12 @@ class Grid:
         return found
 
 
-@njit(cache=True)
-def locate(nodes: Array, value: float) -> tuple[int, float]:
-    """Return the interval i and eta of Eq. (35) with value in (node_i, node_i+1]; eta is clipped outside the grid."""
-    i: int = min(max(int(np.searchsorted(nodes, value)) - 1, 0), nodes.size - 2)  # Eq. (14), Eq. (15)
-    eta: float = (value - nodes[i]) / (nodes[i + 1] - nodes[i])  # Eq. (35)
-    return i, min(max(eta, 0.0), 1.0)  # Eq. (12), Eq. (13)
-
-
 @njit(cache=True, inline="always")
 def seek(nodes: Array, value: float, i: int) -> int:
-    """Return the interval of `locate`, looked for from interval i on: along a drive it is the same one or the next."""
-    while i > 0 and value <= nodes[i]:
+    """Return the interval with value in (node_i, node_i+1], looked for from i on: along a drive it is the same one or the next."""
+    while i > 0 and value <= nodes[i]:  # Eq. (14), Eq. (15)
         i -= 1
-    while i < nodes.size - 2 and value > nodes[i + 1]:
+    while i < nodes.size - 2 and value > nodes[i + 1]:  # Eq. (14), Eq. (15)
         i += 1
     return i
 
@@ -84,8 +76,8 @@ def reach(nodes: Array, i: int) -> tuple[float, float, float, float]:
 @njit(cache=True)
 def local(u_nodes: Array, n_nodes: Array, fuel: float, speed: float, nodes: NDArray[np.int64], weights: Array) -> None:
     """Fill the four node numbers and the weights Psi_l of Eq. (34) for one operating point."""
-    i, eta_1 = locate(u_nodes, fuel)
-    j, eta_2 = locate(n_nodes, speed)
+    i, j = seek(u_nodes, fuel, 0), seek(n_nodes, speed, 0)
+    eta_1, eta_2 = share(u_nodes, fuel, i), share(n_nodes, speed, j)
     first = j * u_nodes.size + i  # Eq. (23)
     nodes[0], nodes[1] = first, first + 1
     nodes[2], nodes[3] = first + u_nodes.size, first + u_nodes.size + 1

@@ -69,16 +69,19 @@ def observe(
         C, y, steady = np.where(np.isnan(y)[:, None], 0.0, C), np.where(np.isnan(y), 0.0, y), 0
     system, nodes, L = (A, E, C, y, reading, steady), (grid.fuel, grid.speed), np.ascontiguousarray(L, dtype=float)
     x, innovation, theta = np.empty((C.shape[1], time.size)), np.empty(time.size), theta_0.copy()
+    steps = np.diff(time, prepend=time[:1])
+    steps[[start for start, _ in segments]] = 0.0
+    if before is not None:
+        steps[0] = time[0] - before
     for (start, stop), first in zip(segments, x_0, strict=True):
-        begin = time[start] if before is None or start > 0 else before
         state = tuple(first.tolist())
-        _recursion(begin, start, stop, time, system, operating_point, nodes, L, gamma, state, theta, x, innovation)
+        _recursion(start, stop, steps, system, operating_point, nodes, L, gamma, state, theta, x, innovation)
     return ObserverRun(x.T, theta, innovation)
 
 
 @njit(cache=True)
 def _recursion(  # type: ignore[no-untyped-def]
-    before, start, stop, time, system, point, nodes, L, gamma, first, theta, x, innovation
+    start, stop, steps, system, point, nodes, L, gamma, first, theta, x, innovation
 ):
     """Fill x and innovation and move theta in place along one segment.
 
@@ -88,7 +91,7 @@ def _recursion(  # type: ignore[no-untyped-def]
     (A, E, C, y, reading, steady), (fuel, speed), (u_nodes, n_nodes) = system, point, nodes
     n, last = len(first), L.shape[1] - 1
     cascade = not L[:, last].any()
-    h, t = np.empty(ROW), np.empty(ROW)
+    t = np.empty(ROW)
     M, T, spare = np.empty((n, n, ROW)), np.empty((n, n, ROW)), np.empty((n, n, ROW))
     drive, push, lent, b = np.empty((n, ROW)), np.empty((n, ROW)), np.empty((n, ROW)), np.ones(ROW)
     old, new = np.array(first), np.empty(n)
@@ -98,7 +101,7 @@ def _recursion(  # type: ignore[no-untyped-def]
     t0, t1, t2, t3 = theta[0], theta[1], theta[p_1], theta[p_1 + 1]
     for s in range(start, stop, ROW):
         N = min(ROW, stop - s)
-        before = _steps(time[s : s + N], before, h)
+        h = steps[s : s + N]
         _closed_loop(s, N, h, A, E, C, y, steady, L, M, drive)
         T, spare = invert(first, M, T, spare, t)
         _times(first, T, drive, push)
@@ -140,15 +143,6 @@ def _recursion(  # type: ignore[no-untyped-def]
                 old[i] = new[i]
                 x_out[i, k] = new[i]
     theta[node], theta[node + 1], theta[node + p_1], theta[node + p_1 + 1] = t0, t1, t2, t3
-
-
-@njit(cache=True)
-def _steps(time, before, h):  # type: ignore[no-untyped-def]
-    """Fill the steps h that lead to the samples, and return the time of the last one."""
-    for k in range(time.size):
-        h[k] = time[k] - before
-        before = time[k]
-    return before
 
 
 @njit(cache=True)
