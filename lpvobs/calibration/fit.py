@@ -15,7 +15,7 @@ from lpvobs.engines.base import AirPath
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import PASSES, EngineFound, Point
-from lpvobs.observer.information import NO_LEVEL, Prior, Solution, solve
+from lpvobs.observer.information import AMPLITUDE_SPREAD, NO_LEVEL, Prior, Solution, solve, swept
 from lpvobs.observer.parts import StateGain, added_up, inform
 from lpvobs.observer.windows import Columns, Moments
 from lpvobs.records import Array, Recording
@@ -26,8 +26,6 @@ AMPLITUDES = (0.02, 0.05, 0.12, 0.3, 0.7, 1.5, 3.0)
 """Of the corrections, over those of `Component.deviation`: what is tried."""
 LEFT = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the flow, what a component's correction does not follow: what is tried."""
-SPREAD = 1.5  # standard deviation of the logarithm of an amplitude before any data
-SWEEPS = 2
 STEPS = 6  # of Gauss-Newton on the constants
 SMALL_STEP = 1e-4  # relative change of a constant from which on the engine stays where it is linearised
 
@@ -96,18 +94,14 @@ def likeliest(unknowns: Unknowns, rows: Rows, amplitudes: Floats, left: Floats) 
     groups, away = len(amplitudes), rows.z - rows.J @ unknowns.mean
     if not rows.z.size:  # tables alone: they are smoothed, and say nothing of what an engine has beyond
         return [1.0] * groups, [0.0] * len(left)
-    best = [*amplitudes, *left]
 
     def cost(tried: Sequence[float]) -> float:
         factor = np.linalg.cholesky(spread_of(unknowns, rows, tried[:groups], tried[groups:]))
         white = scipy.linalg.solve_triangular(factor, away, lower=True, check_finite=False)
-        far = float(np.sum((np.log(tried[:groups]) / SPREAD) ** 2))
+        far = float(np.sum((np.log(tried[:groups]) / AMPLITUDE_SPREAD) ** 2))
         return float(np.log(np.diag(factor)).sum()) + 0.5 * float(white @ white) + 0.5 * far
 
-    for _ in range(SWEEPS):
-        for i in range(len(best)):
-            choices = AMPLITUDES if i < groups else LEFT
-            best = min(([*best[:i], choice, *best[i + 1 :]] for choice in choices), key=cost)
+    best = swept([*amplitudes, *left], [AMPLITUDES] * groups + [LEFT] * len(left), cost)
     return best[:groups], best[groups:]
 
 

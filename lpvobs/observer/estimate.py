@@ -153,7 +153,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
     total = added_up(grid, layout, noted())
     solution = solve(layout, total, Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances))
-    if settings.consider:
+    if settings.constants == "consider":
         solution = considered(solution, total, settings.prior_map, unknowns)
     theta, covariance, noise = _since_known(grid, solution, unknowns)
     nodes = slice(layout.nodes)

@@ -20,7 +20,7 @@ How this departs from Eq. (26) and (36), whose map equation is dtheta/dt = Gamma
   says, whatever the map is, and enters here as an error of z.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ ROUNDS = 4  # rounds between the covariance of the errors and the solution; the 
 FIRST_ERROR = 5e-5  # [kg/s sqrt(s)] of every balance, from which the rounds start
 LEAST_ERROR = 1e-8  # [kg/s sqrt(s)], below any sensor: balances without errors need one
 AMPLITUDES = (0.05, 0.12, 0.3, 0.7, 1.5, 3.0)  # of the corrections, over those of `Component.deviation`: what is tried
-SWEEPS = 2  # over the groups of corrections
+SWEEPS = 2  # over all numbers that are sought one after the other
 LEAST_FREE = 0.5  # share of the rows that counts as left over, even if the unknowns have used up more
 LEAST_DEGREES = 0.5  # of freedom, below which nothing contradicts the map: with one balance there are none
 LEAST_SEEN = 4.0  # [s] Of stay, below which a direction of the map tells nothing of whether errors come back
@@ -62,11 +62,6 @@ class Solution:
     def theta(self) -> Array:
         """The map, shape (p,) [kg/s]."""
         return self.mean[: self.layout.nodes]
-
-    @property
-    def map_covariance(self) -> Array:
-        """Covariance of the map, shape (p, p) [kg^2/s^2]."""
-        return self.covariance[: self.layout.nodes, : self.layout.nodes]
 
     @property
     def engine(self) -> slice:
@@ -218,8 +213,7 @@ class _Solved:
 
     def likeliest(self, S: Array) -> tuple[float, ...]:
         """Return the amplitudes of the largest restricted likelihood, each held near one by its own prior."""
-        # They are sought one after the other among `AMPLITUDES`: the likelihood is flat, and half or twice one changes
-        # little.
+        # The likelihood is flat: half or twice an amplitude changes little.
         p = self.layout.nodes
         _, A, right = self.without_map(S)
 
@@ -234,18 +228,25 @@ class _Solved:
             far = float(np.sum((np.log(amplitudes) / AMPLITUDE_SPREAD) ** 2))
             return float(np.log(np.diag(factor)).sum()) - 0.5 * fit + 0.5 * far
 
-        best = [AMPLITUDES[0]] * len(self.prior.unknowns.groups())
-        for _ in range(SWEEPS):
-            for group in range(len(best)):
-                tried = [[*best[:group], amplitude, *best[group + 1 :]] for amplitude in AMPLITUDES]
-                best = min(tried, key=cost)
-        return tuple(best)
+        groups = len(self.prior.unknowns.groups())
+        return tuple(swept([AMPLITUDES[0]] * groups, [AMPLITUDES] * groups, cost))
 
     def map_alone(self, S: Array) -> tuple[Array, Array]:
         """Return the map's covariance where the engine is known, and its answers to unknowns and terms of Eq. (37)."""
         p, q = self.layout.nodes, self.layout.unknowns
         (N, answers, _), _, _ = self.without_map(S)
         return N, np.column_stack([answers[:, :q], N @ self.normal(S)[:p, self.layout.terms]])
+
+
+def swept(
+    start: Sequence[float], choices: Sequence[Sequence[float]], cost: Callable[[Sequence[float]], float]
+) -> list[float]:
+    """Return the numbers of least cost, sought one after the other among the choices of each, `SWEEPS` times over all."""
+    best = list(start)
+    for _ in range(SWEEPS):
+        for i, among in enumerate(choices):
+            best = min(([*best[:i], choice, *best[i + 1 :]] for choice in among), key=cost)
+    return best
 
 
 def _positive(S: Array, instead: Array) -> Array:

@@ -18,7 +18,7 @@ from lpvobs.maps.grid import Grid
 from lpvobs.observer.log_run import LogRun, RangeSeen, nothing_between
 from lpvobs.observer.recursion import observe
 from lpvobs.observer.settings import EstimateSettings
-from lpvobs.observer.smoothing import CALM_LEAST, SmoothStretch, kernel, stretches
+from lpvobs.observer.smoothing import CALM, CALM_LEAST, SmoothStretch, kernel, stretches
 from lpvobs.observer.windows import LENGTH, Columns, Moments, Slopes, Windows, no_moments
 from lpvobs.records import Array, Defects, Log, Recording
 from lpvobs.synthesis.region import Region
@@ -110,7 +110,7 @@ class Answers:
 
     def __init__(self, air_path: AirPath, unknowns: Unknowns, settings: EstimateSettings):
         self.air_path, self.unknowns, self.signals = air_path, unknowns, signals_for(air_path)
-        self.half_widths = settings.smoothing, settings.calm
+        self.half_width = settings.smoothing
         constants = unknowns.covariance.diagonal()[: len(unknowns.constants)]
         self.spread = float(np.sqrt(constants.mean())) if constants.size else 0.0
         if unknowns.mean.any():  # seen from where the logs have the engine
@@ -120,8 +120,7 @@ class Answers:
         """Return what mean signals of windows of some stay say of the slopes."""
         (channels, rates, squares), steps = self.signals.parted(means)
         n, step = stay.size, float(np.median(steps))
-        narrow, wide = self.half_widths
-        (_, by_rate), (by_value, _) = kernel(step, narrow), kernel(step, wide, CALM_LEAST)
+        (_, by_rate), (by_value, _) = kernel(step, self.half_width), kernel(step, CALM * self.half_width, CALM_LEAST)
         # A window's mean of squares has about so many degrees of freedom; their median, which transients do not raise, lies lower.
         degrees = np.maximum(np.median(stay) / step / ROUGH, 1.0)
         noise = {k: np.sqrt(np.median(s)) / (1.0 - 2.0 / (9.0 * degrees)) ** 1.5 for k, s in squares.items()}

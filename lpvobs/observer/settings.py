@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from lpvobs.observer.smoothing import CALM
-
 CONSTANTS = ("joint", "consider")  # what becomes of the engine's constants
 
 
@@ -33,16 +31,6 @@ class EstimateSettings:
             raise ValueError(f"constants = {self.constants!r}, expected one of {', '.join(CONSTANTS)}")
         if not all(0.0 <= value < 0.5 for value in self.tolerance.values()):
             raise ValueError("every tolerance must be a fraction of at least 0 and below 0.5")
-
-    @property
-    def consider(self) -> bool:
-        """Whether the engine stays as configured."""
-        return self.constants == "consider"
-
-    @property
-    def calm(self) -> float:
-        """Half width of the window for what steep relations read [s]."""
-        return CALM * self.smoothing
 
     def of_engine(self, usual: Mapping[str, float]) -> "EstimateSettings":
         """Return the settings with a tolerance for the constants of an engine's balances: the usual one unless stated."""

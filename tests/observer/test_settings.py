@@ -16,8 +16,7 @@ def test_constants_of_which_nothing_is_said_have_the_usual_tolerance_and_others_
 
 
 def test_constants_are_estimated_or_considered():
-    assert not GOOD.consider
-    assert replace(GOOD, constants="consider").consider
+    assert GOOD.constants == "joint"
     with pytest.raises(ValueError, match="expected one of joint, consider"):
         replace(GOOD, constants="fitted")
 

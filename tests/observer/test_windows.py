@@ -16,6 +16,7 @@ from lpvobs.observer.windows import GROUP, LEAST_STAY, LENGTH, Columns, Slopes, 
 
 GRID = Grid(np.array([0.0, 4.0, 10.0]), np.array([500.0, 1000.0, 2000.0]))
 LAYOUT = Columns(nodes=9, unknowns=2, balances=2)
+P = LAYOUT.nodes
 SLOPES = np.array([[[1.0, 0.0], [0.5, 0.2]], [[0.3, -1.0], [0.0, 1.0]]])
 """Of each balance by each unknown, for each of two signals."""
 THETA = 0.01 * np.sin(np.arange(9.0))
@@ -177,7 +178,7 @@ def test_a_wrong_engine_that_is_ignored_spoils_the_map():
     kept = considered(solve(LAYOUT, moments, Prior(0.1, UNKNOWNS, (LEVEL, LEVEL))), moments, 0.1, UNKNOWNS)
     assert np.abs(kept.theta - THETA).max() > 5e-3
     # Considered, the tolerance at least is in the interval.
-    assert (np.abs(kept.theta - THETA) < 3.0 * np.sqrt(np.diag(kept.map_covariance))).all()
+    assert (np.abs(kept.theta - THETA) < 3.0 * np.sqrt(np.diag(kept.covariance[:P, :P]))).all()
 
 
 def test_noise_on_both_sides_is_taken_out():
@@ -203,10 +204,10 @@ def test_errors_that_come_back_at_an_operating_point_widen_the_intervals():
     here = np.array([psi(GRID.fuel, GRID.speed, *at) for at in zip(u, n, strict=True)]) @ wrong
     twisted = (time, steps, (u, n), z + np.stack([here, 0.0 * here]), signals)
     clean, found = (solve(LAYOUT, summed(each), PRIOR) for each in (log, twisted))
-    error = np.sqrt(np.diag(found.map_covariance))
-    assert np.median(error / np.sqrt(np.diag(clean.map_covariance))) > 2.0
+    error = np.sqrt(np.diag(found.covariance[:P, :P]))
+    assert np.median(error / np.sqrt(np.diag(clean.covariance[:P, :P]))) > 2.0
     assert np.mean(np.abs(found.theta - THETA) < 1.645 * error) > 0.75
-    assert np.mean(np.abs(clean.theta - THETA) < 1.645 * np.sqrt(np.diag(clean.map_covariance))) > 0.75
+    assert np.mean(np.abs(clean.theta - THETA) < 1.645 * np.sqrt(np.diag(clean.covariance[:P, :P]))) > 0.75
 
 
 def test_sums_of_logs_add_up():
