@@ -7,7 +7,6 @@ import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.course_choice import fit_all
 from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, score
 from lpvobs.discovery.fit import objective, refit
@@ -16,6 +15,7 @@ from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import chance, most_promising
 from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.engines.effects import Effect
 
 
@@ -27,19 +27,12 @@ class Accepted:
     p_value: float
     share: float  # of half the sum of squares before any effect
     indistinguishable: tuple[str, ...]  # effects that explain the logs as well
-    curve: Shape | None  # for a channel or a component
     standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
     further: tuple[Inside, ...] = ()  # what a form has inside its factors
 
 
 def finished(
-    linear: Linear,
-    bare: Linear,
-    index: int,
-    candidate: Candidate,
-    curve: Shape | None,
-    standard_error: float,
-    forms: tuple[Effect, ...],
+    linear: Linear, bare: Linear, index: int, candidate: Candidate, standard_error: float, forms: tuple[Effect, ...]
 ) -> Accepted:
     """Return an effect of the final model with what is said of it; `bare` is the model without it, `forms` are its rivals."""
     problem = linear.problem
@@ -59,12 +52,12 @@ def finished(
     beside = [_beside_all(linear, bare, index, c) for c in rivals[: thresholds.SHORTLIST]]
     indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
-    if isinstance(curve, FactorSurface):
-        standard_error = float(np.hypot(standard_error, curve.error))
+    if isinstance(term.curve, FactorSurface):
+        standard_error = float(np.hypot(standard_error, term.curve.error))
     further: Sequence[Inside] = ()
     if own.id.startswith(PREFIX):
         standard_error, further = with_inside(linear, index, standard_error)
-    return Accepted(own, chance(own, problem), share, indistinguishable, curve, standard_error, tuple(further))
+    return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, tuple(further))
 
 
 def _beside_all(linear: Linear, bare: Linear, index: int, rival: Candidate) -> Candidate:

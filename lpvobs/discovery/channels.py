@@ -1,33 +1,19 @@
 """Candidates driven by a channel of the log: a gain or an offset of the sensor, or a flow of the engine, follows the channel."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy
 
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.shapes import Curve
 from lpvobs.discovery.thresholds import COST, KNOTS, MOST_LEVELS, RATE_WINDOW
 from lpvobs.engines.effects import Effect, Signals
-from lpvobs.records import Array, Item
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A dependence on a channel, straight between knots.
-
-    It is of the channel's `value` or `rate`; `carrier` is the effect whose size follows it. The deviation is zero on the
-    average of the logs; for a switch and a frozen map it is zero where the switch is off.
-    """
-
-    channel: str
-    of: str
-    carrier: str
-    knots: Annotated[Array, Item("1", "value of the channel in the log's unit, or its rate per second", name="knot")]
-    values: Annotated[Array, Item("1", "change of the carrier effect's size at amplitude one", ("knot",), "deviation")]
+from lpvobs.records import Array
 
 
 def rate_of(values: Array) -> Array:
@@ -52,12 +38,12 @@ def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
             yield name, "rate", rate_of(values)
 
 
-def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
+def channel_candidates(linear: Linear) -> list[Candidate]:
     """Return the best curve of every channel as a candidate, if it gains more than its coefficients cost."""
     problem = linear.problem
     carriers = problem.carriers
     slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
-    best: dict[str, tuple[float, Curve, Effect]] = {}
+    best: dict[str, tuple[float, Effect, Curve]] = {}
     for name, of, values in shapes(linear):
         knots, hats = basis(values)
         off = not problem.prior.free and knots.size <= MOST_LEVELS  # a frozen map does not hold the average of a switch
@@ -68,25 +54,23 @@ def channel_candidates(linear: Linear) -> list[tuple[Candidate, Curve]]:
             if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
                 sizes = np.concatenate([[0.0], coefficients])
                 curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
-                best[name] = (gain - COST * coefficients.size, curve, driven(curve, effect, problem, values))
+                along = problem.over_columns(np.interp(values, curve.knots, curve.values))
+                driven = along_channel(curve, effect, along)
+                best[name] = gain - COST * coefficients.size, driven, curve
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
-    found = [(fit_candidate(linear, effect), curve) for _, curve, effect in ranked]
-    return [
-        (replace(c, gain=c.gain - COST * (curve.knots.size - 1), told=_told(linear, c, curve)), curve)
-        for c, curve in found
-    ]
+    return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
 
 
-def _told(linear: Linear, candidate: Candidate, curve: Curve) -> float:
-    """Return the share that is left beside what a healthy engine seems to have of the carrier, whose size follows the curve."""
+def _fitted(linear: Linear, effect: Effect, curve: Curve) -> Candidate:
+    """Return a curve as a candidate, its gain less what its coefficients cost.
+
+    It is told by what is left beside what a healthy engine seems to have of the carrier, whose size follows the curve.
+    """
+    candidate = fit_candidate(linear, effect, like=Term(effect, effect.null, curve=curve))
     usual = max(float(np.sqrt(np.mean(curve.values**2))), np.finfo(float).tiny)
     carrier = next(effect for effect in linear.problem.carriers if effect.id == curve.carrier)
-    return 1.0 / (1.0 + linear.problem.seems(Term(carrier, usual), candidate.information / candidate.told / usual**2))
-
-
-def driven(curve: Curve, carrier: Effect, problem: Problem, values: Array) -> Effect:
-    """Return the effect whose size follows the curve along the places of a problem."""
-    return along_channel(curve, carrier, problem.over_columns(np.interp(values, curve.knots, curve.values)))
+    seems = linear.problem.seems(Term(carrier, usual), candidate.information / candidate.told / usual**2)
+    return replace(candidate, gain=candidate.gain - COST * (curve.knots.size - 1), told=1.0 / (1.0 + seems))
 
 
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:

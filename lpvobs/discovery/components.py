@@ -6,70 +6,50 @@ determine. Constants of the engine share its level: its standard error contains 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Annotated, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import Curve, following, gradient_and_normal
+from lpvobs.discovery.channels import following, gradient_and_normal
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.residual import Problem
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, LARGEST, RIDGE
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect
 from lpvobs.engines.residual_model import ComponentCurve
-from lpvobs.records import Array, Item
+from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
-class FactorSurface:
-    """A factor on a component over two of its inputs, between nodes."""
-
-    inputs: tuple[str, str]
-    units: tuple[str, str]
-    first: Annotated[Array, Item("SI", "first input, in the first unit of `units`", name="first")]
-    second: Annotated[Array, Item("SI", "second input, in the second unit of `units`", name="second")]
-    values: Annotated[
-        Array, Item("1", "factor of the component minus one, at amplitude one", ("first", "second"), "deviation")
-    ]
-    errors: Annotated[Array, Item("1", "standard error of the factor", ("first", "second"), "standard_error")]
-    largest: tuple[float, float]  # where on the logs it is largest, and one at amplitude one
-    amplitude: float  # the factor less one there, when it was found
-    cost: float  # what its coefficients must gain
-
-    @cached_property
-    def error(self) -> float:
-        """Standard error of the factor where it is largest."""
-        there = (np.array([x]) for x in self.largest)
-        return float(values_at(on_surface(self.first, self.second, *there), self.errors)[0])
-
-
-Shape = Curve | FactorSurface  # what an effect follows that is no single number
-
-
-def component_candidates(linear: Linear) -> list[tuple[Candidate, FactorSurface]]:
+def component_candidates(linear: Linear) -> list[Candidate]:
     """Return the best curve of every component as a candidate, if it gains more than its coefficients cost."""
     found = []
     for curve in linear.problem.model.curves:
         surface = surface_of(linear, curve)
         if surface is not None:
-            candidate = fit_candidate(linear, driven_by(curve, surface), size=surface.amplitude)
+            effect = driven_by(curve, surface)
+            like = Term(effect, effect.null, curve=surface)
+            candidate = fit_candidate(linear, effect, size=surface.amplitude, like=like)
             if abs(candidate.term.size) < LARGEST * curve.deviation:
-                found.append((replace(candidate, gain=candidate.gain - surface.cost), surface))
+                found.append(replace(candidate, gain=candidate.gain - surface.cost))
     return found
 
 
-def surface_again(linear: Linear, index: int, surface: FactorSurface) -> FactorSurface | None:
-    """Return the curve of one of the effects of a model, at the map, the constants and the weights that it has there."""
+def surface_again(linear: Linear, index: int, surface: FactorSurface) -> tuple[FactorSurface, Term] | None:
+    """Return one of the curves of a model found again at the map, the constants and the weights there, and its term."""
     problem, term = linear.problem, linear.terms[index]
     others = tuple(t for i, t in enumerate(linear.terms) if i != index)
     held = replace(problem, held=(*problem.held, term))
     around = linearised(held, others, linear.theta, linear.beta, linear.noise, None, linear)
-    return surface_of(around, curve_of(problem, term.effect.id), term.size * surface.values)
+    curve = next(curve for curve in problem.model.curves if curve.id == term.effect.id)
+    found = surface_of(around, curve, term.size * surface.values)
+    if found is None:
+        return None
+    return found, replace(term, effect=driven_by(curve, found), size=found.amplitude, curve=found)
 
 
 def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None) -> FactorSurface | None:
@@ -112,11 +92,6 @@ def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None
         amplitude=float(along[at]),
         cost=cost,
     )
-
-
-def curve_of(problem: Problem, name: str) -> ComponentCurve:
-    """Return the curve of a component by its identifier, which must be one of the model's."""
-    return next(curve for curve in problem.model.curves if curve.id == name)
 
 
 def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:

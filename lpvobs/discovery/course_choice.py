@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from lpvobs.discovery.channels import Curve, channel_candidates
+from lpvobs.discovery.channels import channel_candidates
 from lpvobs.discovery.courses import (
     GRADED,
     TracedCourse,
@@ -38,9 +38,7 @@ from lpvobs.records import Array
 Bank = tuple[list[TracedCourse], Array]  # courses, and their shares
 
 
-def best_course(
-    linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[Effect]
-) -> tuple[Candidate, Curve | None]:
+def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[Effect]) -> Candidate:
     """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
     # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
     # channel.
@@ -55,12 +53,12 @@ def best_course(
     best = max(found, key=score, default=own)
     best = finer(bare, best)
     if score(best) <= ADVANTAGE * max(score(own), 0.0):
-        return own, None
+        return own
     if best.term.only is not None:
-        driven = max(channel_candidates(bare), key=lambda item: score(item[0]), default=None)
-        if driven is not None and score(driven[0]) > score(best):
+        driven = max(channel_candidates(bare), key=score, default=None)
+        if driven is not None and score(driven) > score(best):
             return driven
-    return best, None
+    return best
 
 
 def fit_all(bare: Linear, effects: Sequence[Effect], course: TracedCourse) -> list[Candidate]:

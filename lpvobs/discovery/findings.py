@@ -8,14 +8,13 @@ import numpy as np
 from msgspec import UNSET
 
 from lpvobs.discovery.accepted import Accepted
-from lpvobs.discovery.channels import Curve
-from lpvobs.discovery.components import FactorSurface
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.outcome import Finding, Followed, Following, LogPart, OverInputs, Parameter
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.shapes import Curve, FactorSurface
 from lpvobs.records import Log
 
 
@@ -47,8 +46,8 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
         drive=term.effect.drive if item.indistinguishable else UNSET,
-        curve=_followed(item.curve) if isinstance(item.curve, Curve) else UNSET,
-        surface=_over_inputs(item.curve, term.size) if isinstance(item.curve, FactorSurface) else UNSET,
+        curve=_followed(term.curve) if isinstance(term.curve, Curve) else UNSET,
+        surface=_over_inputs(term.curve, term.size) if isinstance(term.curve, FactorSurface) else UNSET,
         formula=in_words(term),
     )
 
@@ -72,8 +71,8 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
         course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),
-        curve=stored_curve(item.curve, problem) if isinstance(item.curve, Curve) else None,
-        surface=item.curve if isinstance(item.curve, FactorSurface) else None,
+        curve=stored_curve(term.curve, problem) if isinstance(term.curve, Curve) else None,
+        surface=term.curve if isinstance(term.curve, FactorSurface) else None,
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.components import FactorSurface, Shape, curve_of, driven_by, surface_again
+from lpvobs.discovery.components import surface_again
 from lpvobs.discovery.course_choice import best_course, finer
 from lpvobs.discovery.episodes import sharpened
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
@@ -13,9 +13,8 @@ from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import is_proven, rank
 from lpvobs.discovery.residual import Term
+from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
-
-Named = tuple[Candidate, Shape | None]  # an effect and, for a channel or a component, its curve
 
 
 def without(linear: Linear, index: int) -> Linear:
@@ -24,16 +23,16 @@ def without(linear: Linear, index: int) -> Linear:
     return refit(linear, terms)
 
 
-def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> tuple[Named, Linear]:
+def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linear]:
     """Return the newest effect, or the one that explains the residual better now that the fault no longer inflates the weights."""
-    problem, newest = linear.problem, len(linear.terms) - 1
+    problem, newest, curve = linear.problem, len(linear.terms) - 1, candidate.term.curve
     if isinstance(curve, FactorSurface):
         simpler = _simpler(linear, candidate, curve)
         if simpler is None:
             return _curve_again(linear, candidate, curve)
-        return choose_again(fit(problem, [*linear.terms[:newest], simpler[0].term], start=linear), *simpler)
+        return choose_again(fit(problem, [*linear.terms[:newest], simpler.term], start=linear), simpler)
     if linear.terms[newest].course is not None:
-        return (in_place(linear, newest, candidate), curve), linear
+        return in_place(linear, newest, candidate), linear
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
@@ -49,49 +48,47 @@ def choose_again(linear: Linear, candidate: Candidate, curve: Shape | None) -> t
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
         ids = {rival.id for rival in proven} - {again.id}
-        on_course, driven = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
+        on_course = best_course(linear, bare, again, [c.term.effect for c in ranked if c.id in ids])
         if on_course is not again and _is_better(linear, bare, on_course, again):
             linear = fit(problem, [*bare.terms, on_course.term], start=linear)
             nearer = finer(without(linear, newest), on_course)
             if nearer is not on_course:
                 linear = fit(problem, [*bare.terms, nearer.term], start=linear)
-            return (in_place(linear, newest, nearer), driven), linear
+            return in_place(linear, newest, nearer), linear
     if again.changes:
         linear = fit(problem, [*bare.terms, sharpened(linear, newest)], start=linear)
-    return (in_place(linear, newest, again), curve), linear
+    return in_place(linear, newest, again), linear
 
 
-def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Named | None:
+def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
     """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
     own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
     taken = {term.effect.id for term in bare.terms}
     ranked = rank(bare, [effect for effect in linear.problem.catalogue if effect.id not in taken])[:SHORTLIST]
-    best, curve = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
-    return (best, curve) if score(best) > own.gain - surface.cost else None
+    best = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
+    return best if score(best) > own.gain - surface.cost else None
 
 
-def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Named, Linear]:
+def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Candidate, Linear]:
     """Return a component's curve that follows map, constants and weights which now go with it, and the model with that."""
-    problem, newest = linear.problem, len(linear.terms) - 1
-    curve = curve_of(problem, candidate.id)
+    newest = len(linear.terms) - 1
     for _ in range(CURVE_PASSES):
         moved = surface_again(linear, newest, surface)
         if moved is None:
             break
-        surface = moved
-        term = replace(linear.terms[newest], effect=driven_by(curve, surface), size=surface.amplitude)
-        linear = fit(problem, [*linear.terms[:newest], term], passes=1, start=linear)
-    return (in_place(linear, newest, candidate), surface), linear
+        surface, term = moved
+        linear = fit(linear.problem, [*linear.terms[:newest], term], passes=1, start=linear)
+    return in_place(linear, newest, candidate), linear
 
 
-def choose_all_again(linear: Linear, accepted: list[Named]) -> tuple[Linear, list[Named]]:
+def choose_all_again(linear: Linear, accepted: list[Candidate]) -> tuple[Linear, list[Candidate]]:
     """Return the model with every earlier effect chosen again beside the newest one, which may explain part of what they did."""
     for number in range(len(accepted) if len(accepted) > 1 else 0):
         linear = refit(linear, [*linear.terms[1:], linear.terms[0]])
         first = accepted[0]
         if number < len(accepted) - 1:
-            first, linear = choose_again(linear, *first)
+            first, linear = choose_again(linear, first)
         accepted = [*accepted[1:], first]
     return linear, accepted
 
@@ -119,7 +116,7 @@ def _is_better(linear: Linear, bare: Linear, other: Candidate, own: Candidate) -
     # To first order an effect that is far from its true size may seem to explain what a large fault does to the residual.
     without_both = objective(bare)
     theirs, ours = (_joint_score(linear, bare.terms, each, without_both) for each in (other, own))
-    return theirs > ADVANTAGE * max(ours, 0.0)
+    return bool(theirs > ADVANTAGE * max(ours, 0.0))
 
 
 def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate, bare: float) -> float:

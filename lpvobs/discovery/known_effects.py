@@ -12,12 +12,13 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import Curve, along_channel, rate_of
-from lpvobs.discovery.components import FactorSurface, driven_by
+from lpvobs.discovery.channels import along_channel, rate_of
+from lpvobs.discovery.components import driven_by
 from lpvobs.discovery.courses import GRADED, TracedCourse, on_course
 from lpvobs.discovery.forms import PREFIX, Form, along_log, parsed
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.shapes import Curve, FactorSurface
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
 from lpvobs.engines.effects import Effect
 from lpvobs.engines.residual_model import ResidualModel

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.channels import channel_candidates
-from lpvobs.discovery.components import Shape, component_candidates
+from lpvobs.discovery.components import component_candidates
 from lpvobs.discovery.evidence import (
     Candidate,
     best_intervals,
@@ -91,7 +91,8 @@ def is_relevant(candidate: Candidate, linear: Linear) -> bool:
 
 def least_gain(problem: Problem) -> float:
     """Return the smallest gain that is relevant."""
-    return max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN)
+    least: float = max(thresholds.LEAST_SHARE * 0.5 * problem.data, thresholds.PROVEN)
+    return least
 
 
 def is_proven(candidate: Candidate, linear: Linear) -> bool:
@@ -112,14 +113,10 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     return p_value(replace(candidate, gain=candidate.gain / wider), tried(problem), problem.seeming.degrees)
 
 
-def best_of(linear: Linear) -> tuple[list[Candidate], Mapping[str, Shape]]:
-    """Return all candidates, best first, those with a curve among them where they beat the catalogue, and the curves."""
+def best_of(linear: Linear) -> list[Candidate]:
+    """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)
-    curves: list[tuple[Candidate, Shape]] = [*channel_candidates(linear), *component_candidates(linear)]
-    if not curves:
-        return found, {}
-    driven = sorted((candidate for candidate, _ in curves), key=score, reverse=True)
-    shapes = {candidate.id: shape for candidate, shape in curves}
-    if score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
-        return [*driven, *found], shapes
-    return [*found[:1], *driven, *found[1:]], shapes
+    driven = sorted([*channel_candidates(linear), *component_candidates(linear)], key=score, reverse=True)
+    if driven and score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
+        return [*driven, *found]
+    return [*found[:1], *driven, *found[1:]]

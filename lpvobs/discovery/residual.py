@@ -11,6 +11,7 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
+from lpvobs.discovery.shapes import Shape
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.effects import SENSOR, Effect, Signals
 from lpvobs.engines.residual_model import Level, ResidualModel
@@ -184,6 +185,7 @@ class Term:
     end: float = np.inf
     only: NDArray[np.bool_] | None = field(default=None, compare=False)
     course: TracedCourse | None = None  # what `only` or the effect already contain
+    curve: Shape | None = field(default=None, compare=False)  # what the effect already contains
 
     @property
     def whole(self) -> bool:

@@ -10,31 +10,19 @@ import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.accepted import Accepted, finished
-from lpvobs.discovery.components import FactorSurface, Shape
 from lpvobs.discovery.course_choice import timed_again
 from lpvobs.discovery.episodes import cancels, comes_and_goes, sharpened
-from lpvobs.discovery.evidence import (
-    Candidate,
-    dated_again,
-    elsewhere_of,
-    in_place,
-)
+from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, in_place
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
-from lpvobs.discovery.joint_choice import Named, choose_again, choose_all_again, without
+from lpvobs.discovery.joint_choice import choose_again, choose_all_again, without
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import (
-    best_of,
-    chance,
-    is_proven,
-    is_relevant,
-    uneven_share,
-    with_model_error,
-)
+from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share, with_model_error
 from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.engines.effects import Effect
 
 Result = TypeVar("Result")
@@ -59,11 +47,11 @@ class _Search:
     """Verdict, effects, the model with them, the first round, and what was accepted even where nothing is named in the end."""
 
     verdict: str
-    accepted: Sequence[Named]
+    accepted: Sequence[Candidate]
     linear: Linear
     first: Linear
     ranking: Sequence[Candidate]
-    on_the_way: Sequence[Named] = ()
+    on_the_way: Sequence[Candidate] = ()
     forms: tuple[Effect, ...] = ()  # that came near in the first round, each perhaps of another place
 
 
@@ -85,12 +73,12 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     errors = standard_errors(final)
     bare = _bare(final)
     found = tuple(
-        finished(final, bare if len(accepted) == 1 else without(final, i), i, c, curve, float(errors[i]), search.forms)
-        for i, (c, curve) in enumerate(accepted)
+        finished(final, bare if len(accepted) == 1 else without(final, i), i, c, float(errors[i]), search.forms)
+        for i, c in enumerate(accepted)
     )
     progress(1.0)
-    on_the_way = [candidate for candidate, _ in search.on_the_way]
-    leading = (*on_the_way, *(c for c in search.ranking if c.id not in {other.id for other in on_the_way}))
+    tried = {c.id for c in search.on_the_way}
+    leading = (*search.on_the_way, *(c for c in search.ranking if c.id not in tried))
     return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
 
 
@@ -111,7 +99,7 @@ class _Once:
 
 def _form_beats(search: _Search, once: _Once) -> bool:
     """Return whether one formula explains the logs better than what was named, or no worse than several names do."""
-    listed, problem = [c.id for c, _ in search.accepted], search.first.problem
+    listed, problem = [c.id for c in search.accepted], search.first.problem
     if not listed or any(name.startswith("channel:") for name in listed):
         return False
     left = objective(search.linear)
@@ -126,15 +114,14 @@ def _form_beats(search: _Search, once: _Once) -> bool:
 def _forms_of(search: _Search, once: _Once) -> Sequence[Candidate]:
     """Return the formulas of the first round, best first; none for a model of blocks, where only what is left is asked for them."""
     first = search.first
-    return () if first.problem.blocks is not None else once(best_forms, first, once(best_of, first)[0])
+    return () if first.problem.blocks is not None else once(best_forms, first, once(best_of, first))
 
 
 def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once, search: _Search) -> _Search:
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
     wider = _search(problem, progress, once, with_forms=True)
-    form = any(c.id.startswith(PREFIX) for c, _ in wider.accepted) and len(wider.accepted) <= (
-        len(search.accepted) or 3
-    )
+    few = len(wider.accepted) <= (len(search.accepted) or 3)
+    form = few and any(c.id.startswith(PREFIX) for c in wider.accepted)
     learned = len(problem.patterns) > 0  # what is left is then mostly what healthy drives leave, too
     if form and (
         learned or cross_validated(_bare(wider.linear), wider.linear).comparison().ratio < thresholds.FORM_LEAVES
@@ -148,10 +135,10 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
     """Return what the search comes to; kept stretches take no part."""
     before = linear = once(fit, problem)
     ranking: list[Candidate] = []
-    accepted: Sequence[Named] = ()  # the same object in every search, as `once` needs it
+    accepted: Sequence[Candidate] = ()  # the same object in every search, as `once` needs it
     for step in range(thresholds.MOST_EFFECTS):
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
-        found, shapes = once(best_of, linear)
+        found = once(best_of, linear)
         if with_forms:
             found = beside_forms(linear, found, once(best_forms, linear, found))
         ranking = ranking or found
@@ -160,29 +147,29 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear):
             break
-        if any(c.id == best.id for c, _ in accepted):
+        if any(c.id == best.id for c in accepted):
             break
-        longer = once(_with_one_more, linear, best, shapes.get(best.id), accepted)
+        longer = once(_with_one_more, linear, best, accepted)
         if longer is None:
             break
         linear, accepted = longer
     accepted, linear = _pruned(linear, accepted)
-    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c, _ in accepted)
+    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c in accepted)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
-    apart = any(_separate_in_time(a.term, b.term) for (a, _), (b, _) in combinations(accepted, 2))
+    apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(accepted, 2))
     if uneven or goes or apart or _structure_remains(linear):
         return _Search("unexplained", [], before, before, ranking, accepted)
     return _Search("effect" if accepted else "none", accepted, linear, before, ranking)
 
 
 def _with_one_more(
-    linear: Linear, best: Candidate, curve: Shape | None, accepted: Sequence[Named]
-) -> tuple[Linear, list[Named]] | None:
+    linear: Linear, best: Candidate, accepted: Sequence[Candidate]
+) -> tuple[Linear, list[Candidate]] | None:
     """Return the model with a further effect, and all effects chosen again beside it; None where it does not predict enough."""
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
-    named, trial = choose_again(trial, best, curve)
-    if not _predicts_better(linear, trial) or _is_remainder(named[0], accepted, problem) or _at_its_end(named):
+    named, trial = choose_again(trial, best)
+    if not _predicts_better(linear, trial) or _is_remainder(named, accepted, problem) or _at_its_end(named.term):
         return None
     return choose_all_again(trial, [*accepted, named])
 
@@ -231,7 +218,7 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
 
 def _structure_remains(linear: Linear) -> bool:
     """Return whether the residual has a structure in time that the named effects do not explain."""
-    return structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * linear.problem.data
+    return bool(structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * linear.problem.data)
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:
@@ -244,7 +231,7 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     gained = float((losses.before - losses.after).sum())
     if not len(after.problem.patterns):
         above = float(losses.before.sum()) - noise_power(after, losses.counted)
-        return gained > thresholds.MATTERS * max(above, 0.0)
+        return bool(gained > thresholds.MATTERS * max(above, 0.0))
     if gained <= thresholds.MATTERS_LEARNED * float(losses.before.sum()):
         return False
     nothing = cross_validated(refit(after, ()), after) if before.terms else losses
@@ -252,31 +239,30 @@ def _predicts_better(before: Linear, after: Linear) -> bool:
     opposed = any(cancels(after, i, len(after.terms) - 1) for i in range(len(before.terms)))
     # One effect takes about half of what a shape leaves; a channel or a formula has the shape that came first, no cause's own.
     unlisted = any(term.effect.id.startswith(("channel:", PREFIX)) for term in before.terms)
-    return gained > (1.0 if unlisted else 0.5) * thresholds.SHAPE**2 * explained and not opposed
+    return bool(gained > (1.0 if unlisted else 0.5) * thresholds.SHAPE**2 * explained and not opposed)
 
 
-def _is_remainder(candidate: Candidate, accepted: Sequence[Named], problem: Problem) -> bool:
+def _is_remainder(candidate: Candidate, accepted: Sequence[Candidate], problem: Problem) -> bool:
     """Return whether an effect is only what the others leave in fast transients or at their edges.
 
     Its gain is then small beside theirs, and it has no single size, or it both begins and ends.
     """
-    most = max((c.gain for c, _ in accepted), default=0.0)
+    most = max((c.gain for c in accepted), default=0.0)
     little = candidate.gain < min(thresholds.AGAIN * most, thresholds.REST * 0.5 * problem.data)
     return little and (candidate.changes > 1 or uneven_share(candidate, problem) > thresholds.MOST_UNEVEN)
 
 
-def _at_its_end(named: Named) -> bool:
+def _at_its_end(term: Term) -> bool:
     """Return whether the curve of a component is as large as it can be: it stands for something else then."""
-    term = named[0].term
-    return isinstance(named[1], FactorSurface) and not term.effect.low < term.size < term.effect.high
+    return isinstance(term.curve, FactorSurface) and not term.effect.low < term.size < term.effect.high
 
 
-def _pruned(linear: Linear, accepted: Sequence[Named]) -> tuple[Sequence[Named], Linear]:
+def _pruned(linear: Linear, accepted: Sequence[Candidate]) -> tuple[Sequence[Candidate], Linear]:
     """Return the effects that are still needed beside the others, and the model with these alone."""
     while accepted:
-        accepted = [(in_place(linear, i, c), curve) for i, (c, curve) in enumerate(accepted)]
-        weakest = int(np.argmin([wald(c) for c, _ in accepted]))
-        if wald(accepted[weakest][0]) >= thresholds.WEAKEST:
+        accepted = [in_place(linear, i, c) for i, c in enumerate(accepted)]
+        weakest = int(np.argmin([wald(c) for c in accepted]))
+        if wald(accepted[weakest]) >= thresholds.WEAKEST:
             break
         accepted = [item for i, item in enumerate(accepted) if i != weakest]
         terms = [t for i, t in enumerate(linear.terms) if i != weakest]
@@ -290,7 +276,7 @@ def wald(candidate: Candidate) -> float:
     return float(away**2 * candidate.information / max(candidate.unevenness, 1.0))
 
 
-def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
+def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bool:
     """Return whether a candidate acts at the place of an accepted effect, but at another time.
 
     No cause of the catalogue does that. The candidate is the same effect again, or one that ends beside one with an onset or
@@ -305,7 +291,7 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Named]) -> bool:
             and stops
             and (candidate.gain > thresholds.AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
         )
-        for c, _ in accepted
+        for c in accepted
     )
 
 

@@ -26,10 +26,10 @@ def test_a_course_that_only_seems_to_gain_more_than_a_large_fault_does_not_take_
 
     def deceived(_, bare, own, __):
         other = fit_candidate(bare, flow, ONSET)
-        return replace(other, gain=2.0 * own.gain), None
+        return replace(other, gain=2.0 * own.gain)
 
     monkeypatch.setattr(joint_choice, "best_course", deceived)
-    (named, _), _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)), None)
+    named, _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, gain, ONSET)))
     assert named.id == "p_im.gain"
     assert named.term.size == pytest.approx(0.9625, abs=1e-3)
 
@@ -44,7 +44,7 @@ def test_an_effect_gives_way_only_to_one_that_is_proven(laid_out, plant, clean, 
     monkeypatch.setattr(
         joint_choice, "is_proven", lambda c, bare: (proven or not c.id.startswith("p_im.")) and is_proven(c, bare)
     )
-    (named, _), _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, flow, ONSET)), None)
+    named, _ = joint_choice.choose_again(linear, in_place(linear, 0, fit_candidate(linear, flow, ONSET)))
     assert named.id.startswith("p_im.") == proven
 
 
