@@ -7,6 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from msgspec import UNSET
 
 from lpvobs.api.files import File, Files, LogAt, Progress, as_path, contents, shown, some_logs, updating, usable
 from lpvobs.api.known_engine import KnownEngine, known_engine
@@ -127,7 +128,8 @@ class Closed:
         found = {POOLED: (trace.comparison, False)}
         if trace.held_out is not None:
             found[POOLED_UNSEEN] = (trace.held_out, True)
-        return found | {part.log: (part.comparison, part.own is None) for part in trace.logs}
+        each = zip(trace.logs, trace.by_log, strict=True)
+        return found | {part.log: (comparison, part.residual is UNSET) for part, comparison in each}
 
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""

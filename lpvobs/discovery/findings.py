@@ -1,21 +1,41 @@
-"""Accepted effects as records: `Finding` for people and programs, `KnownEffect` for the model that keeps them."""
+"""What is said of effects and of logs.
 
-from collections.abc import Sequence
+An accepted effect is a `Finding` for people and programs and a `KnownEffect` for the model that keeps it. Of a log there are the
+balances with and without the effects, levels of its day, and missing channels.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.forms import in_words
-from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Comparison
+from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
-from lpvobs.discovery.outcome import Finding, Followed, Following, LogPart, OverInputs, Parameter
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.outcome import (
+    BalanceError,
+    DayLevel,
+    Finding,
+    Followed,
+    Following,
+    Missing,
+    OutcomeOnLog,
+    OverInputs,
+    Parameter,
+    ResidualOutput,
+    error_output,
+)
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.shapes import Curve, FactorSurface
-from lpvobs.records import Log
+from lpvobs.discovery.thresholds import AFFECTED, PLACED, PROBE
+from lpvobs.discovery.whiteness import structure
+from lpvobs.records import Array, Log
 
 
 def parameter_of(term: Term, standard_error: float) -> Parameter:
@@ -82,27 +102,29 @@ def known_finding(known_effect: KnownEffect) -> Finding:
     return Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, ())
 
 
-def log_part(
+def outcome_on(
     log: Log,
     comparison: Comparison,
-    *,
+    shown: Mapping[str, Any],
     verdict: str,
-    findings: Sequence[Finding],
-    found: Sequence[KnownEffect],
-    **more: Any,
-) -> LogPart:
-    """Return what is said of one log: the pooled findings that act on it, its own error, and `more` as `LogPart` has it."""
+    effects: Sequence[tuple[Finding, KnownEffect]],
+) -> OutcomeOnLog:
+    """Return what is said of one log: the pooled findings that act on it, its own error, and what `shown_by` has of it.
+
+    Nothing is `shown` of a log that took no part.
+    """
     start, acting = float(log.time[0]), []
-    for finding, known_effect in zip(findings, found, strict=True):
+    for finding, known_effect in effects:
         span = known_effect.span_on(log)
-        if span.acts:
-            if known_effect.course is not None:
-                acting.append(finding)
-                continue
+        if span.acts and known_effect.course is not None:
+            acting.append(finding)
+        elif span.acts:
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    return LogPart(log.name, verdict, tuple(acting), comparison, **more)
+    error = error_output(comparison, HOW if shown else HOW_WHOLE)
+    more = shown or {"balances": (), "day_to_day": ()}
+    return OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
 
 
 def _since(start: float, edge: float) -> float | None:
@@ -118,3 +140,84 @@ def _over_inputs(surface: FactorSurface, amplitude: float) -> OverInputs:
     factor = tuple(tuple(row) for row in (1.0 + amplitude * surface.values).tolist())
     errors = tuple(tuple(row) for row in surface.errors.tolist())
     return OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)
+
+
+def shown_by(after: Linear, i: int) -> dict[str, Any]:
+    """Return what log i shows: structure of what is left, balances, levels of the day, what is missing."""
+    own = structure(after, after.problem.of_log == i)
+    return {
+        "residual": ResidualOutput(own.white, tuple(own.correlated_with)),
+        "balances": balance_errors(after, i),
+        "day_to_day": levels_of(after.problem, after.beta, i),
+        "missing": missing_of(after.problem),
+    }
+
+
+def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
+    """Return every balance of log i where the effects act, of the whole log where there is none.
+
+    Map, unknowns and levels of the day are those of the model with the effects in both cases, so that only the effects differ.
+    """
+    problem, model = after.problem, after.problem.model
+    before = residual_of(problem, scenes_with(problem, (), after.beta), after.beta, after.theta, after.nodes)[0]
+    acting = np.zeros(problem.K, dtype=bool)
+    for term in after.terms:
+        acting |= term.acts(problem.clock)
+    own = problem.of_log == i
+    named = bool((acting & own).any())
+    found = []
+    for b, name in enumerate(model.balances):
+        use = problem.shown[b] & (own & acting if named else own)
+        if not use.any():
+            continue
+        lost, left = before[b, use], after.raw[0][b, use]
+        healthy = None if model.healthy is None else float(model.healthy.rms[b])
+        B, A, usual = _rms(lost), _rms(left), _rms(left) if healthy is None else healthy
+        moved = named and AFFECTED * usual < B and _rms(lost - left) > 0.5 * usual
+        recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
+        found.append(BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered))
+    return tuple(found)
+
+
+def levels_of(problem: Problem, beta: Array, i: int) -> tuple[DayLevel, ...]:
+    """Return what differs on the day of log i, in units."""
+    known = {effect.id for effect in problem.catalogue}
+    known |= {name for name, row in zip(problem.model.balances, problem.shown, strict=True) if row.any()}
+    return tuple(
+        DayLevel(level.name, value, level.unit, level.deviation)
+        for log, level, value in problem.on_days(beta)
+        if log == i and level.name in known
+    )
+
+
+def missing_of(problem: Problem) -> Missing | UnsetType:
+    """Return what the channels of the logs cannot show, unset where they have all."""
+    model = problem.model
+    channels = tuple(name for name in model.channels if name not in problem.signals.value)
+    balances = tuple(name for name, row in zip(model.balances, problem.shown, strict=True) if not row.any())
+    return Missing(channels, balances, _same_place(problem)) if channels else UNSET
+
+
+def _same_place(problem: Problem) -> tuple[tuple[str, ...], ...]:
+    """Return groups of effects that move the same balances of the logs."""
+    beta = np.zeros(problem.spread.size)
+    theta, nodes = np.zeros(1), (np.zeros((problem.K, 4), dtype=np.int64), np.zeros((problem.K, 4)))
+
+    def residual(terms: Sequence[Term]) -> Array:
+        return np.asarray(residual_of(problem, scenes_with(problem, terms, beta), beta, theta, nodes)[0])
+
+    base, groups = residual(()), dict[tuple[bool, ...], list[str]]()
+    for effect in problem.catalogue:
+        moved = np.where(problem.shown, residual([Term(effect, effect.null + PROBE * effect.size)]) - base, 0.0)
+        power = np.sqrt((moved**2).mean(1))
+        if power.max() > 0.0:
+            groups.setdefault(tuple((power > PLACED * power.max()).tolist()), []).append(effect.id)
+    return tuple(tuple(names) for names in groups.values() if len(names) > 1)
+
+
+def _rms(r: Array) -> float:
+    return float(np.sqrt(np.mean(r**2)))
+
+
+def _median(r: Array) -> float:
+    return float(1.4826 * np.median(np.abs(r)))

@@ -67,7 +67,13 @@ class Losses:
         """Return the root mean squares and their ratio, NaN where no instant is judged."""
         if not self.counted.any():
             return Comparison(np.nan, np.nan, np.nan, (np.nan, np.nan))
-        return compared(self.coarse, self.scale, self.before, self.after, int(self.counted.sum()))
+        sums = np.stack([np.bincount(self.coarse, values) for values in (self.before, self.after)])
+        sums = sums[:, sums.any(0)] if sums.any() else sums[:, :1]
+        before, after = (float(self.scale * np.sqrt(total / self.counted.sum())) for total in sums.sum(1))
+        draws = np.random.default_rng(0).integers(0, sums.shape[1], (thresholds.DRAWS, sums.shape[1]))
+        picked = sums[:, draws].sum(-1)
+        low, high = np.quantile(np.sqrt(picked[1] / np.maximum(picked[0], 1e-300)), [0.05, 0.95])
+        return Comparison(before, after, after / max(before, 1e-300), (float(low), float(high)))
 
     def part(self, on: NDArray[np.bool_]) -> "Losses":
         """Return the same for some of the instants."""
@@ -155,17 +161,6 @@ def _scale(linear: Linear) -> float:
     """Return what turns whitened residuals into a flow [kg/s]."""
     root = linear.noise.pointwise().root
     return float(linear.problem.flow * np.sqrt(1.0 / np.mean((root**2).sum((1, 2)))))
-
-
-def compared(coarse: NDArray[np.int64], scale: float, lost: Array, left: Array, count: int) -> Comparison:
-    """Return the comparison of two losses per instant; `scale` [kg/s] turns them into a flow."""
-    sums = np.stack([np.bincount(coarse, values) for values in (lost, left)])
-    sums = sums[:, sums.any(0)] if sums.any() else sums[:, :1]
-    before, after = (float(scale * np.sqrt(total / max(count, 1))) for total in sums.sum(1))
-    draws = np.random.default_rng(0).integers(0, sums.shape[1], (thresholds.DRAWS, sums.shape[1]))
-    picked = sums[:, draws].sum(-1)
-    low, high = np.quantile(np.sqrt(picked[1] / np.maximum(picked[0], 1e-300)), [0.05, 0.95])
-    return Comparison(before, after, after / max(before, 1e-300), (float(low), float(high)))
 
 
 def losses_on_unseen(

@@ -106,19 +106,13 @@ def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) ->
     On new logs its prior is the stored value with its interval. On logs that it was estimated on, it is estimated anew without.
     Raises DataError if the model's effect is none that this version knows, or a log lacks the channel that it follows.
     """
-    effect = _effect(known_effect, problem.model, _on_places(problem, logs))
-    on, course = active(known_effect, problem, logs), known_effect.course
-    if course is not None:
-        share = np.concatenate(
-            [course_on(known_effect, log, own_time(problem, logs)[problem.of_log == i]) for i, log in enumerate(logs)]
-        )
-        on = on & (share > 0.0)
-        if course.name in GRADED:
-            effect = on_course(effect, problem.over_columns(share))
+    time = own_time(problem, logs)
+    parts = [(log, time[problem.of_log == i]) for i, log in enumerate(logs)]
+    effect, on = _acting(known_effect, problem.model, parts, problem.over_columns)
     if not known_effect.took_part(logs):
         spread = max(known_effect.standard_deviation, 1e-9 * effect.size)
         effect = replace(effect, null=known_effect.value, size=spread / WIDEST)
-    return Term(effect, known_effect.value, only=None if on.all() else on, course=course)
+    return Term(effect, known_effect.value, only=None if on.all() else on, course=known_effect.course)
 
 
 def course_on(known_effect: KnownEffect, log: Log, time: Array) -> Array:
@@ -135,13 +129,6 @@ def _channel(log: Log, name: str) -> Array:
     raise DataError(
         f"{log.name}: channel '{name}' is missing, but an effect of the refined model depends on it; record this channel"
     )
-
-
-def active(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> NDArray[np.bool_]:
-    """Return at which places an effect acts, shape (K,); a log that cannot show it is without it."""
-    time, spans = own_time(problem, logs), [known_effect.span_on(log) for log in logs]
-    begin, end = (np.array([getattr(span, name) for span in spans])[problem.of_log] for name in ("begin", "end"))
-    return np.asarray((time >= begin) & (time < end), dtype=bool)
 
 
 def own_time(problem: Problem, logs: Sequence[Log]) -> Array:
@@ -179,25 +166,35 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
 
 def effect_along(known_effect: KnownEffect, model: ResidualModel, log: Log) -> tuple[Effect, NDArray[np.bool_]]:
     """Return the effect as it acts on every sample of one log, seen once, and where it acts, shape (N,)."""
-    span = known_effect.span_on(log)
-    on = (log.time >= span.begin) & (log.time < span.end)
-    effect = _effect(known_effect, model, lambda curve: channel_at(log, curve, log.time))
-    if known_effect.course is None:
+    return _acting(known_effect, model, [(log, log.time)], lambda values: values)
+
+
+def _acting(
+    known_effect: KnownEffect,
+    model: ResidualModel,
+    parts: Sequence[tuple[Log, Array]],
+    over_columns: Callable[[Array], Array],
+) -> tuple[Effect, NDArray[np.bool_]]:
+    """Return an effect as it acts at times of some logs, one log after the other, and where it acts; a log may be without it.
+
+    `over_columns` lays values at those times out for every column of the signals.
+    """
+    course = known_effect.course
+
+    def along(each: Callable[[Log, Array], Array]) -> Array:
+        return np.concatenate([each(log, time) for log, time in parts])
+
+    effect = _effect(
+        known_effect, model, lambda curve: over_columns(along(lambda log, time: channel_at(log, curve, time)))
+    )
+    spans = [known_effect.span_on(log) for log, _ in parts]
+    on = np.concatenate(
+        [(time >= span.begin) & (time < span.end) for span, (_, time) in zip(spans, parts, strict=True)]
+    )
+    if course is None:
         return effect, on
-    share = course_on(known_effect, log, log.time)
-    graded = known_effect.course.name in GRADED
-    return (on_course(effect, share) if graded else effect), on & (share > 0.0)
-
-
-def _on_places(problem: Problem, logs: Sequence[Log]) -> Callable[[Curve | Form], Array]:
-    """Return what gives the values that a curve follows at the places of a problem, for every column of the signals."""
-    time = own_time(problem, logs)
-
-    def followed(curve: Curve | Form) -> Array:
-        parts = [channel_at(log, curve, time[problem.of_log == i]) for i, log in enumerate(logs)]
-        return problem.over_columns(np.concatenate(parts))
-
-    return followed
+    share = along(lambda log, time: course_on(known_effect, log, time))
+    return (on_course(effect, over_columns(share)) if course.name in GRADED else effect), on & (share > 0.0)
 
 
 def _effect(known_effect: KnownEffect, model: ResidualModel, followed: Callable[[Curve | Form], Array]) -> Effect:

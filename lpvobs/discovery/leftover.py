@@ -113,17 +113,13 @@ def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretc
     usual = float(np.median(mean))
     excess = np.maximum(mean - usual, 0.0) * (last - first + 1)
     total = max(float(excess.sum()), 1e-300)
-    found: list[Stretch] = []
-    run: list[int] = []
-    for i in range(first.size + 1):
-        if i < first.size and mean[i] > LARGE * usual and (not run or of_log[first[i]] == of_log[first[run[0]]]):
-            run.append(i)
-            continue
-        if run:
-            log = logs[int(of_log[first[run[0]]])]
-            begin, end = (float(time[at] - log.time[0]) for at in (first[run[0]], last[run[-1]]))
-            found.append(Stretch(log.name, begin, end, float(excess[run].sum() / total)))
-        run = [i] if i < first.size and mean[i] > LARGE * usual else []
+    large = np.flatnonzero(mean > LARGE * usual)
+    apart = (np.diff(large) > 1) | (np.diff(of_log[first[large]]) != 0)
+    found = []
+    for run in np.split(large, np.flatnonzero(apart) + 1) if large.size else ():
+        log = logs[int(of_log[first[run[0]]])]
+        begin, end = (float(time[at] - log.time[0]) for at in (first[run[0]], last[run[-1]]))
+        found.append(Stretch(log.name, begin, end, float(excess[run].sum() / total)))
     return sorted(found, key=lambda stretch: -stretch.share)[:MOST_NAMED]
 
 

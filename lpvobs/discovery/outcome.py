@@ -1,14 +1,13 @@
 """The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, UnsetType, to_builtins
 
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
 from lpvobs.discovery.leftover import Frequency, Leftover, When, Where
-from lpvobs.discovery.whiteness import Whiteness
 from lpvobs.kinds import Finite, Fraction
 from lpvobs.records import Item
 
@@ -171,50 +170,6 @@ class Ranked:
     unevenness: Annotated[float, Item("1", "variance of the effect's score over blocks, over that of noise", gaps=True)]
 
 
-@dataclass(frozen=True)
-class LogPart:
-    """The outcome on one log of several."""
-
-    log: str
-    verdict: str
-    findings: tuple[Finding, ...]  # those of the pooled logs that act on it, with onset and end on it
-    comparison: Comparison
-    own: Whiteness | None  # structure of what is left of its residual; None for a log that took no part
-    balances: tuple[BalanceError, ...] = ()
-    day: tuple[DayLevel, ...] = ()
-    missing: Missing | None = None  # what its channels cannot show
-
-    def notes(self) -> list[str]:
-        """Return what a person should know beside verdict and effects, a sentence each."""
-        agreeing = [item.balance for item in self.balances if not item.affected]
-        moved = [item for item in self.balances if item.affected]
-        said = [item.note() for item in moved]
-        if moved and agreeing:
-            disturbed = ", ".join(item.balance for item in moved)
-            said.insert(
-                0,
-                f"Balances that the effects change: {disturbed}; balances that they leave alone: {', '.join(agreeing)}.",
-            )
-        unusual = [level for level in self.day if abs(level.value) > level.usual]
-        if unusual:
-            levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)
-            said.append(f"Differences from the healthy logs that are normal between days and no fault: {levels}.")
-        return said + ([] if self.missing is None else self.missing.notes())
-
-    def output(self, refined: bool) -> "OutcomeOnLog":
-        """Return what is printed of this log."""
-        return OutcomeOnLog(
-            log=self.log,
-            verdict=self.verdict,
-            effects=self.findings,
-            error=error_output(self.comparison, refined, HOW_WHOLE if self.own is None else HOW),
-            residual=UNSET if self.own is None else ResidualOutput(self.own.white, tuple(self.own.correlated_with)),
-            balances=self.balances,
-            day_to_day=self.day,
-            missing=UNSET if self.missing is None else self.missing,
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
 class ErrorOutput:
     """The error on held-out data: before, and after if the model was refined."""
@@ -228,10 +183,9 @@ class ErrorOutput:
     held_out: str
 
 
-def error_output(comparison: Comparison, refined: bool, how: str) -> ErrorOutput:
+def error_output(comparison: Comparison, how: str) -> ErrorOutput:
     """Return the contract's `error`."""
-    shown = vars(comparison) if refined else {"before": comparison.before}
-    return ErrorOutput(measure=MEASURE, unit="kg/s", **shown, held_out=how)
+    return ErrorOutput(measure=MEASURE, unit="kg/s", **vars(comparison), held_out=how)
 
 
 @dataclass(frozen=True)
@@ -257,7 +211,24 @@ class OutcomeOnLog:
     residual: ResidualOutput | UnsetType = UNSET
     balances: tuple[BalanceError, ...]
     day_to_day: tuple[DayLevel, ...]
-    missing: Missing | UnsetType = UNSET
+    missing: Missing | UnsetType = UNSET  # what its channels cannot show
+
+    def notes(self) -> list[str]:
+        """Return what a person should know beside verdict and effects, a sentence each."""
+        agreeing = [item.balance for item in self.balances if not item.affected]
+        moved = [item for item in self.balances if item.affected]
+        said = [item.note() for item in moved]
+        if moved and agreeing:
+            disturbed = ", ".join(item.balance for item in moved)
+            said.insert(
+                0,
+                f"Balances that the effects change: {disturbed}; balances that they leave alone: {', '.join(agreeing)}.",
+            )
+        unusual = [level for level in self.day_to_day if abs(level.value) > level.usual]
+        if unusual:
+            levels = ", ".join(f"{level.name} {level.value:+.3g} {level.unit}".rstrip(" 1") for level in unusual)
+            said.append(f"Differences from the healthy logs that are normal between days and no fault: {levels}.")
+        return said + ([] if self.missing is UNSET else self.missing.notes())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,7 +273,8 @@ class Trace:
     white: bool  # of the residual that is left
     correlated_with: Mapping[str, float]  # signals that it follows, with the correlation
     known_effects: tuple[Finding, ...]  # effects that the model had already, estimated again
-    logs: tuple[LogPart, ...]  # one for each log, then one for each log held out
+    logs: tuple[OutcomeOnLog, ...]  # one for each log, then one for each log held out
+    by_log: tuple[Comparison, ...]  # their errors
     held_out: Comparison | None  # of all logs held out together
     left: Leftover | None  # what is known of what is left; None where that is white noise
     healthy_drives: tuple[str, ...] = ()  # that told what the engine leaves when it is healthy
@@ -310,17 +282,21 @@ class Trace:
     def output(self, refined: bool) -> Outcome:
         """Return what is printed; `after` and what follows from it only where refined."""
         left = {} if self.left is None else self.left.as_json()
+
+        def shown(error: ErrorOutput) -> ErrorOutput:
+            return error if refined else replace(error, after=UNSET, ratio=UNSET, ratio_ci90=UNSET)
+
         return Outcome(
             verdict=self.verdict,
             p_value=self.p_value,
             effects=self.findings,
-            error=error_output(self.comparison, refined, HOW),
+            error=shown(error_output(self.comparison, HOW)),
             residual=ResidualOutput(self.white, tuple(self.correlated_with), **left),
             candidates=self.leading if self.verdict == "unexplained" else UNSET,
             healthy_drives=self.healthy_drives,
             known_effects=self.known_effects or UNSET,
-            error_on_held_out_logs=error_output(self.held_out, refined, HOW_WHOLE) if self.held_out else UNSET,
-            logs=tuple(part.output(refined) for part in self.logs),
+            error_on_held_out_logs=shown(error_output(self.held_out, HOW_WHOLE)) if self.held_out else UNSET,
+            logs=tuple(replace(part, error=shown(part.error)) for part in self.logs),
         )
 
     def as_json(self, refined: bool) -> dict[str, Any]:

@@ -25,12 +25,16 @@ LEAST_DRIVEN = 3.0 * thresholds.STRETCH  # [s] Driving without a gap that a log 
 
 @dataclass(frozen=True)
 class Places:
-    """Where residuals are taken: K places of all logs, and the signals that they are computed from."""
+    """Where residuals are taken: K places of all logs, and the signals that they are computed from.
 
-    time: Array
-    of_log: NDArray[np.int64]
-    spacing: float
-    signals: Signals
+    Places are instants, seen twice (2K columns of signals), or blocks of samples (N columns), as the model says.
+    """
+
+    time: Array  # (K,) [s] since the start of the log
+    of_log: NDArray[np.int64]  # (K,) number of the log
+    step: float  # [s] from one place to the next
+    signals: Signals  # as recorded
+    # (K,) how fast the inputs change: a class from 0 for instants, the relative scatter within for blocks
     transience: Array
     blocks: Blocks | None
 
@@ -178,27 +182,22 @@ def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -
 
 def stretches(places: Places, length: float) -> NDArray[np.int64]:
     """Return the number of the stretch of every place."""
-    numbers, offset = [], 0
-    for i in np.unique(places.of_log):
-        time = places.time[places.of_log == i]
-        raw = np.floor((time - time[0]) / length).astype(np.int64)
-        held, own = np.unique(raw, return_inverse=True)
-        numbers.append(own + offset)
-        offset += held.size
-    return np.concatenate(numbers)
+    number = np.floor(_into_log(places) / length).astype(np.int64)
+    other_log = np.diff(places.of_log, prepend=0) != 0
+    return np.cumsum((np.diff(number, prepend=number[:1]) != 0) | other_log)
 
 
 def kept_back(places: Places) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which places are used, and which are judged: every fifth stretch, without the guards at its ends."""
-    used, judged = [], []
-    for i in np.unique(places.of_log):
-        time = places.time[places.of_log == i]
-        into = (time - time[0]) / thresholds.STRETCH
-        kept = np.floor(into).astype(np.int64) % thresholds.EVERY == thresholds.EVERY // 2
-        inside = np.abs(into - np.floor(into) - 0.5) * thresholds.STRETCH <= 0.5 * thresholds.STRETCH - thresholds.GUARD
-        used.append(~kept)
-        judged.append(kept & inside)
-    return np.concatenate(used), np.concatenate(judged)
+    into = _into_log(places) / thresholds.STRETCH
+    kept = np.floor(into).astype(np.int64) % thresholds.EVERY == thresholds.EVERY // 2
+    inside = np.abs(into - np.floor(into) - 0.5) * thresholds.STRETCH <= 0.5 * thresholds.STRETCH - thresholds.GUARD
+    return ~kept, kept & inside
+
+
+def _into_log(places: Places) -> Array:
+    """Return the time of every place since the first one of its log [s], shape (K,)."""
+    return np.asarray(places.time - places.time[np.searchsorted(places.of_log, places.of_log)])
 
 
 def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy
 
 from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.evidence import in_place, loss_of
-from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, log_part, parameter_of
+from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, outcome_on, parameter_of, shown_by
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
@@ -19,7 +19,6 @@ from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Leading, Ranked, Trace
-from lpvobs.discovery.per_log import shown_by
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import MOST_CANDIDATES
@@ -91,7 +90,10 @@ def refine(
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(problem, logs, item) for item in accepted)
     judged = [_losses_on(lay, (before, after), (kept, kept + found), log) for log in hold_out]
-    part_of = partial(log_part, verdict=selection.verdict, findings=findings, found=found)
+    losses = [*(selection.losses.part(problem.of_log == i) for i in range(len(logs))), *judged]
+    by_log = tuple(own.comparison() for own in losses)
+    shown: list[dict[str, Any]] = [*(shown_by(after, i) for i in range(len(logs))), *({} for _ in judged)]
+    effects = list(zip(findings, found, strict=True))
     result = Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
@@ -103,13 +105,11 @@ def refine(
         white=own[1].white,
         correlated_with=own[1].correlated_with,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept),
-        logs=(
-            *(
-                part_of(log, selection.losses.part(problem.of_log == i).comparison(), **shown_by(after, i))
-                for i, log in enumerate(logs)
-            ),
-            *(part_of(log, losses.comparison(), own=None) for log, losses in zip(hold_out, judged, strict=True)),
+        logs=tuple(
+            outcome_on(*each, selection.verdict, effects)
+            for each in zip((*logs, *hold_out), by_log, shown, strict=True)
         ),
+        by_log=by_log,
         held_out=pooled_losses(judged).comparison() if judged else None,
         left=None
         if own[1].white and selection.verdict != "unexplained"

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.courses import TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
-from lpvobs.discovery.places import blocks_of_logs, instants_of, kept_back, starts, stretches
+from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.discovery.shapes import Shape
-from lpvobs.engines.blocks import Blocks
-from lpvobs.engines.effects import SENSOR, Effect, Signals
+from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
@@ -40,11 +39,8 @@ class MapPrior:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """Everything that a search does not change: B balances at K places, q unknowns beside the map.
-
-    Places are instants, seen twice (2K columns of signals), or blocks of samples (N columns), as the model says.
-    """
+class Problem(Places):
+    """Everything that a search does not change: B balances at K places, q unknowns beside the map."""
 
     model: ResidualModel
     grid: Grid
@@ -53,18 +49,12 @@ class Problem:
     levels: tuple[tuple[int, Level], ...]
     covariance: Array  # (q, q) prior of the engine's unknowns, the levels of the day and the sizes of the patterns
     prior: MapPrior
-    signals: Signals  # as recorded
-    blocks: Blocks | None
-    time: Array  # (K,) [s] since the start of the log
     clock: Array  # (K,) [s] on the common clock
-    of_log: NDArray[np.int64]  # (K,) number of the log
     # (K,) rising numbers of the stretches that an onset is sought between; none spans two logs
     block: NDArray[np.int64]
     first: NDArray[np.int64]  # (stretches,) the first place of each
     begins: Array  # (stretches,) [s] beginning of each on the clock
     per_coarse: int  # stretches whose sums are taken as independent
-    # (K,) how fast the inputs change: a class from 0 for instants, the relative scatter within for blocks
-    transience: Array
     auxiliary: Mapping[str, Array]  # (K,) the logs' own channels that all of them have
     shown: NDArray[np.bool_]  # (B, K) where each balance counts
     used: NDArray[np.bool_]  # (K,) places that fits and choices see
@@ -235,7 +225,7 @@ def lay_out(
     places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
     length = max(
         thresholds.BLOCK,
-        np.ceil(places.time.size * places.spacing / thresholds.MOST_BLOCKS / thresholds.BLOCK) * thresholds.BLOCK,
+        np.ceil(places.time.size * places.step / thresholds.MOST_BLOCKS / thresholds.BLOCK) * thresholds.BLOCK,
     )
     block = stretches(places, length)
     first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -250,16 +240,12 @@ def lay_out(
         levels=levels,
         covariance=_with_levels(model.covariance, [level.deviation for _, level in levels]),
         prior=prior,
-        signals=places.signals,
-        blocks=places.blocks,
-        time=places.time,
+        **vars(places),
         clock=clock,
-        of_log=places.of_log,
         block=block,
         first=first,
         begins=clock[first],
         per_coarse=max(1, round(coarse / length)),
-        transience=places.transience,
         auxiliary={
             name: np.concatenate(
                 [_steadied(log, name, log.time[0] + places.time[places.of_log == i]) for i, log in enumerate(logs)]

@@ -18,10 +18,11 @@ from lpvobs.discovery.outcome import (
     Finding,
     Followed,
     Leading,
-    LogPart,
     Missing,
+    OutcomeOnLog,
     Parameter,
     Trace,
+    error_output,
 )
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
@@ -181,14 +182,26 @@ LEFT = Leftover((Stretch("drive", 1.0, 21.0, 0.6),), (8.0, 12.0), (1500.0, 1750.
 @pytest.mark.parametrize("verdict", ["effect", "unexplained"])
 def test_what_the_chain_does_not_show(validator, verb, refined, verdict):
     """Left-over structure, effects of before, logs held out, and what a log without some channels cannot show."""
-    part = LogPart(
-        "drive", "effect", (FINDING,), ERROR, None,
-        (BalanceError("throttle", "1", 0.08, 0.02, 0.015, 0.07, 0.02, True, 0.92),),
-        (DayLevel("fuel", 0.01, "1", 0.02),),
-        Missing(("T_ic",), ("ambient",), (("a", "b"),)),
+    part = OutcomeOnLog(
+        log="drive", verdict="effect", effects=(FINDING,), error=error_output(ERROR, "whole"),
+        balances=(BalanceError("throttle", "1", 0.08, 0.02, 0.015, 0.07, 0.02, True, 0.92),),
+        day_to_day=(DayLevel("fuel", 0.01, "1", 0.02),),
+        missing=Missing(("T_ic",), ("ambient",), (("a", "b"),)),
     )  # fmt: skip
     found = Trace(
-        verdict, 1e-9, (FINDING,), (LEADING,), (), ERROR, False, {"T_im": 0.4}, (FINDING,), (part,), ERROR, LEFT
+        verdict,
+        1e-9,
+        (FINDING,),
+        (LEADING,),
+        (),
+        ERROR,
+        False,
+        {"T_im": 0.4},
+        (FINDING,),
+        (part,),
+        (ERROR,),
+        ERROR,
+        LEFT,
     )
     said = json.loads(json.dumps(found.as_json(refined)))
     content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}

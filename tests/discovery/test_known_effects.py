@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lpvobs.discovery.imbalances import scenes_with
-from lpvobs.discovery.known_effects import KnownEffect, Span, active, from_off, spans_of, term_on
+from lpvobs.discovery.known_effects import KnownEffect, Span, from_off, spans_of, term_on
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, free_map
@@ -42,13 +42,17 @@ def test_an_interval_of_the_clock_is_told_in_the_time_of_each_log(first, second,
 def test_what_lasts_acts_on_later_logs_throughout_and_what_ended_does_not(first, second, laid_out):
     problem = laid_out(first, second)
     half = problem.K // 2
-    on = active(STEP, problem, [first, second])
+
+    def active(effect):
+        return term_on(effect, problem, [first, second]).acts(problem.clock)
+
+    on = active(STEP)
     assert on[half:].all()
     assert on[:half].mean() == pytest.approx(159.0 / 300.0, abs=0.01)  # from 141 s of 300 s
     ended = replace(STEP, spans=(Span("first", "1", 100.0, 200.0),), lasting=False)
-    assert not active(ended, problem, [first, second])[half:].any()
+    assert not active(ended)[half:].any()
     healthy = replace(STEP, spans=(*STEP.spans, Span("second", "2", np.inf, np.inf)))
-    assert not active(healthy, problem, [first, second])[half:].any()
+    assert not active(healthy)[half:].any()
 
 
 def test_logs_that_told_of_an_effect_do_not_tell_twice(first, second, laid_out):

@@ -121,7 +121,7 @@ def test_what_may_differ_from_day_to_day_is_no_fault(nominal, clean, misread, co
     model = diesel_model(config.engine, config.estimate.tolerance, day)
     found = refine(model, config.grid(), nominal, [misread(clean, 1.03 * clean["W_maf"])])
     assert found.trace.verdict == "none"
-    (level,) = found.trace.logs[0].day
+    (level,) = found.trace.logs[0].day_to_day
     assert (level.name, level.unit, level.usual) == ("maf.gain", "1", 0.03)
     assert level.value == pytest.approx(0.03, abs=0.02)  # the constants' tolerance holds as for an effect of this kind
     with pytest.raises(UsageError, match=r"'maf.gian' is neither a balance nor an effect; expected one of .*maf.gain"):

@@ -150,11 +150,11 @@ def test_two_faults_are_both_found(judge, another_day):
 
 
 def test_a_day_that_differs_by_one_and_a_half_per_cent_is_no_fault_but_is_reported(judge, another_day):
-    level = {item.name: item for item in judge(another_day).trace.logs[0].day}
+    level = {item.name: item for item in judge(another_day).trace.logs[0].day_to_day}
     wrong = {**another_day, "W_maf": 1.015 * another_day["W_maf"]}
     found = judge(wrong).trace
     assert found.verdict == "none"
-    moved = {item.name: item.value - level[item.name].value for item in found.logs[0].day}
+    moved = {item.name: item.value - level[item.name].value for item in found.logs[0].day_to_day}
     # One per cent and a half of flow in each of the three flow balances; part of it may go to a pressure or to the throttle.
     assert 0.005 < moved["fuel"] < 0.02
 
@@ -181,7 +181,7 @@ def test_missing_channels_leave_the_other_balances_and_are_told(judge, another_d
     assert missing in part.missing.channels
     assert lost in part.missing.balances
     assert any("maf.gain" in group for group in part.missing.same_place)
-    first = part.findings[0]
+    first = part.effects[0]
     assert "maf.gain" in (first.id, *first.indistinguishable)
     assert lost not in [item.balance for item in part.balances]
 
