@@ -8,6 +8,7 @@ import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import fit_all
+from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, score
 from lpvobs.discovery.fit import objective, refit
 from lpvobs.discovery.form_search import Inside, with_inside
@@ -15,7 +16,6 @@ from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import chance, most_promising
 from lpvobs.discovery.residual import Problem
-from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.engines.effects import Effect
 
 
@@ -49,7 +49,10 @@ def finished(
         rivals = sorted(
             (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
         )
-    beside = [_beside_all(linear, bare, index, c) for c in rivals[: thresholds.SHORTLIST]]
+    beside = []
+    for rival in rivals[: thresholds.SHORTLIST]:  # in place of the effect, all unknowns fitted with it
+        there = refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]])
+        beside.append(_as_fitted(there, bare, rival))
     indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
     share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
     if isinstance(term.curve, FactorSurface):
@@ -58,11 +61,6 @@ def finished(
     if own.id.startswith(PREFIX):
         standard_error, further = with_inside(linear, index, standard_error)
     return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, tuple(further))
-
-
-def _beside_all(linear: Linear, bare: Linear, index: int, rival: Candidate) -> Candidate:
-    """Return a rival with gain and losses of the model that has it in place of the effect, all unknowns fitted with it."""
-    return _as_fitted(refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]]), bare, rival)
 
 
 def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:

@@ -1,37 +1,22 @@
-"""The choice of an effect's course: the simplest that the data support, by what it gains less the cost of its parameters."""
+"""When an effect acts and how much of it is there: its onset and end to the instant, whether it comes and goes, its course.
 
-from collections.abc import Iterator, Mapping, Sequence
+A course is the simplest that the data support, by what it gains less the cost of its parameters.
+"""
+
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy
 
-from lpvobs.discovery.channels import channel_candidates
-from lpvobs.discovery.courses import (
-    GRADED,
-    TracedCourse,
-    can_be_graded,
-    hystereses,
-    in_time,
-    lags,
-    near,
-    on_course,
-)
-from lpvobs.discovery.episodes import advantage, switched
+from lpvobs.compiled import njit
+from lpvobs.discovery import thresholds
+from lpvobs.discovery.courses import GRADED, TracedCourse, can_be_graded, hystereses, in_time, lags, near, on_course
+from lpvobs.discovery.curves import channel_candidates
 from lpvobs.discovery.evidence import Candidate, fit_candidate, penalty, score, slope_of
-from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.linear import Linear, dot, residual_with
+from lpvobs.discovery.ranking import least_gain
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.thresholds import (
-    ADVANTAGE,
-    FINER,
-    LEAST_LENGTH,
-    MOST_COURSES,
-    MOST_LEVELS,
-    MOST_SWITCHES,
-    RELAY_LEVELS,
-    SWITCH,
-    TIME_CONSTANTS,
-)
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
@@ -52,7 +37,7 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         found += [fit_course(bare, effect, course) for course in _promising(bare, effect, bank, relays)]
     best = max(found, key=score, default=own)
     best = finer(bare, best)
-    if score(best) <= ADVANTAGE * max(score(own), 0.0):
+    if score(best) <= thresholds.ADVANTAGE * max(score(own), 0.0):
         return own
     if best.term.only is not None:
         driven = max(channel_candidates(bare), key=score, default=None)
@@ -105,17 +90,17 @@ def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
     if problem.of_log[-1] > 0:
         return
     gain = advantage(linear, index)
-    acting = switched(gain, SWITCH * float(np.log(gain.size))).astype(int)
+    acting = switched(gain, thresholds.SWITCH * float(np.log(gain.size))).astype(int)
     clock = problem.clock
     between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), [np.nextafter(clock[-1], np.inf)]])
     edges = between[np.flatnonzero(np.diff(acting, prepend=0, append=0))].reshape(-1, 2)
-    if 1 < len(edges) <= MOST_SWITCHES:
+    if 1 < len(edges) <= thresholds.MOST_SWITCHES:
         yield TracedCourse("intermittent", intervals=tuple((float(a), float(b)) for a, b in edges))
 
 
 def finer(bare: Linear, found: Candidate) -> Candidate:
     """Return an effect whose course follows an input with the values of that input sought again, others as they are."""
-    for step in FINER if found.term.course is not None and found.term.course.input else ():
+    for step in thresholds.FINER if found.term.course is not None and found.term.course.input else ():
         found = max(found, _near(bare, found, step), key=score)
     return found
 
@@ -144,7 +129,7 @@ def _promising(bare: Linear, effect: Effect, bank: Bank, relays: Bank) -> list[T
             net = gain - penalty(course.changes, problem.first.size, gain)
             if net > best.get(course.name, (0.0,))[0]:
                 best[course.name] = net, course
-    return [course for _, course in sorted(best.values(), key=lambda item: -item[0])[:MOST_COURSES]]
+    return [course for _, course in sorted(best.values(), key=lambda item: -item[0])[: thresholds.MOST_COURSES]]
 
 
 def _bank(problem: Problem) -> Bank:
@@ -152,11 +137,11 @@ def _bank(problem: Problem) -> Bank:
     whole = float(problem.clock[-1] - problem.clock[0])
     count, middle = np.diff(np.append(problem.first, problem.K)), np.append(problem.begins[1:], problem.clock[-1])
     courses: list[TracedCourse] = []
-    if problem.of_log[-1] == 0 and problem.first.size >= 3 * LEAST_LENGTH:
-        courses = list(in_time(problem.begins, LEAST_LENGTH, whole * np.array(TIME_CONSTANTS)))
+    if problem.of_log[-1] == 0 and problem.first.size >= 3 * thresholds.LEAST_LENGTH:
+        courses = list(in_time(problem.begins, thresholds.LEAST_LENGTH, whole * np.array(thresholds.TIME_CONSTANTS)))
     shares = [c.share(0.5 * (problem.begins + middle), problem.channel, float(problem.clock[-1])) for c in courses]
     for name in _inputs(problem):
-        for tau in whole * np.array(TIME_CONSTANTS):
+        for tau in whole * np.array(thresholds.TIME_CONSTANTS):
             found = list(lags(name, problem.state(name, float(tau)), float(tau)))
             courses += found
             shares += [np.add.reduceat(problem.share(course), problem.first) / count for course in found]
@@ -165,7 +150,7 @@ def _bank(problem: Problem) -> Bank:
 
 def _relays(problem: Problem) -> Bank:
     """Return every hysteresis, with its share at the places."""
-    courses = list(hystereses(_inputs(problem), RELAY_LEVELS))
+    courses = list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS))
     return courses, np.array([problem.share(course) for course in courses])
 
 
@@ -173,4 +158,79 @@ def _inputs(problem: Problem) -> Mapping[str, Array]:
     """Return what a course may follow: the map's inputs and the logs' own channels, but for switches."""
     own = [name for name in (problem.model.speed, problem.model.fuel) if name in problem.signals.value]
     found = {name: problem.channel(name) for name in (*own, *problem.auxiliary)}
-    return {name: x for name, x in found.items() if np.unique(x).size > MOST_LEVELS}
+    return {name: x for name, x in found.items() if np.unique(x).size > thresholds.MOST_LEVELS}
+
+
+def advantage(linear: Linear, index: int, aside: Container[int] = ()) -> Array:
+    """Return by how much half the sum of squares falls when a term acts at an instant, shape (K,); zero where it is not used."""
+    # Map, constants and sizes stay as they are, and terms in `aside` do not act. Products are taken across the views, so
+    # that the noise of a regressor is no evidence against the term.
+    term = linear.terms[index]
+    others = [t for i, t in enumerate(linear.terms) if i != index and i not in aside]
+    off = residual_with(linear, others)
+    on = residual_with(linear, [*others, replace(term, begin=-np.inf, end=np.inf, only=None)])
+    place = linear.noise.pointwise()
+    plain_off, plain_on = place.whiten(off), place.whiten(on)
+    gain = 0.5 * ((plain_off[0] ** 2 - plain_off[1] ** 2).sum(0) - (plain_on[0] ** 2 - plain_on[1] ** 2).sum(0))
+    if place is linear.noise:
+        return np.asarray(gain)
+    # Where noise is correlated in time, places are not independent: their sum is scaled to the evidence of the whole change.
+    whole, alone = linear.noise.whiten(on - off)[0], (plain_on - plain_off)[0]
+    return np.asarray(gain * min(1.0, float(np.vdot(whole, whole) / max(np.vdot(alone, alone), 1e-300))))
+
+
+def sharpened(linear: Linear, index: int) -> Term:
+    """Return a term with its onset and end moved to between the two places where it starts and stops to explain the residual."""
+    term = linear.terms[index]
+    better = np.cumsum(advantage(linear, index))  # if it acts up to a place, that one included
+    clock = linear.problem.clock
+    between = np.append(0.5 * (clock[1:] + clock[:-1]), clock[-1])
+    reach = 2.0 * float(np.median(np.diff(linear.problem.begins)))
+
+    def near(at: float, sign: float) -> float:
+        window = np.flatnonzero(np.abs(clock - at) <= reach)
+        return float(between[window[np.argmax(sign * better[window])]]) if window.size else at
+
+    begin = near(term.begin, -1.0) if np.isfinite(term.begin) else term.begin
+    end = near(term.end, 1.0) if np.isfinite(term.end) else term.end
+    return replace(term, begin=begin, end=end) if end > begin else term
+
+
+def comes_and_goes(linear: Linear, index: int) -> bool:
+    """Return whether a term explains clearly more when it acts in several episodes than in the best one interval."""
+    # An effect that ends and cancels this one is put aside: together they are a pause.
+    cancelling = [
+        i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)
+    ]
+    gain = advantage(linear, index, cancelling)
+    acting = switched(gain, thresholds.SWITCH * float(np.log(gain.size)))
+    total = np.concatenate([[0.0], np.cumsum(gain)])
+    one = float((total - np.minimum.accumulate(total)).max())
+    return float(gain[acting].sum()) > one + least_gain(linear.problem)
+
+
+def cancels(linear: Linear, one: int, other: int) -> bool:
+    """Return whether one term, while it acts, changes the residual nearer to opposite to the other than to perpendicular."""
+    whole = residual_with(linear, linear.terms)
+    a, b = (
+        linear.whiten(whole - residual_with(linear, [t for i, t in enumerate(linear.terms) if i != j]))
+        for j in (one, other)
+    )
+    b = b * np.any(a != 0.0, axis=(0, 1))
+    return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
+
+
+@njit(cache=True)
+def switched(gain, cost):  # type: ignore[no-untyped-def]
+    """Return when to act for the largest sum of gains, if every switch has a cost, shape (K,) (Viterbi's recursion)."""
+    acting, idle = 0.0, 0.0
+    begins, ends = np.zeros(gain.size, np.bool_), np.zeros(gain.size, np.bool_)
+    for k in range(gain.size):
+        begins[k], ends[k] = idle - cost > acting, acting - cost > idle
+        acting, idle = max(acting, idle - cost) + gain[k], max(idle, acting - cost)
+    out = np.zeros(gain.size, np.bool_)
+    on = acting > idle
+    for k in range(gain.size - 1, -1, -1):
+        out[k] = on
+        on = not begins[k] if on else ends[k]
+    return out

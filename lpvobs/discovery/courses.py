@@ -1,19 +1,22 @@
-"""Courses: how much of an effect is there at each moment, beyond from an onset to an end.
+"""What an effect follows that is no single number: a course over time, or a curve over a channel or the inputs of a component.
 
-A course is a share from none to all: it grows along a straight line (`ramp`) or towards a limit (`saturating`), comes and goes
-(`intermittent`), is there while an input has been above one value and not yet below another (`hysteresis`), or follows the
-first-order state of an input (`lagged`).
+A course says how much of an effect is there at each moment, beyond from an onset to an end. It is a share from none to all: it
+grows along a straight line (`ramp`) or towards a limit (`saturating`), comes and goes (`intermittent`), is there while an input has
+been above one value and not yet below another (`hysteresis`), or follows the first-order state of an input (`lagged`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 
 from lpvobs.compiled import njit
+from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect
-from lpvobs.records import Array
+from lpvobs.records import Array, Item
 
 GRADED = ("ramp", "saturating", "lagged")  # courses that are not all or nothing
 
@@ -137,3 +140,44 @@ def near(course: TracedCourse, step: float) -> Iterator[TracedCourse]:
         low, high = course.low + a * course.spread, course.high + b * course.spread
         if low <= high or course.high < course.low:
             yield replace(course, low=float(low), high=float(high), time_constant=float(c * course.time_constant))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A dependence on a channel, straight between knots.
+
+    It is of the channel's `value` or `rate`; `carrier` is the effect whose size follows it. The deviation is zero on the
+    average of the logs; for a switch and a frozen map it is zero where the switch is off.
+    """
+
+    channel: str
+    of: str
+    carrier: str
+    knots: Annotated[Array, Item("1", "value of the channel in the log's unit, or its rate per second", name="knot")]
+    values: Annotated[Array, Item("1", "change of the carrier effect's size at amplitude one", ("knot",), "deviation")]
+
+
+@dataclass(frozen=True)
+class FactorSurface:
+    """A factor on a component over two of its inputs, between nodes."""
+
+    inputs: tuple[str, str]
+    units: tuple[str, str]
+    first: Annotated[Array, Item("SI", "first input, in the first unit of `units`", name="first")]
+    second: Annotated[Array, Item("SI", "second input, in the second unit of `units`", name="second")]
+    values: Annotated[
+        Array, Item("1", "factor of the component minus one, at amplitude one", ("first", "second"), "deviation")
+    ]
+    errors: Annotated[Array, Item("1", "standard error of the factor", ("first", "second"), "standard_error")]
+    largest: tuple[float, float]  # where on the logs it is largest, and one at amplitude one
+    amplitude: float  # the factor less one there, when it was found
+    cost: float  # what its coefficients must gain
+
+    @cached_property
+    def error(self) -> float:
+        """Standard error of the factor where it is largest."""
+        there = (np.array([x]) for x in self.largest)
+        return float(values_at(on_surface(self.first, self.second, *there), self.errors)[0])
+
+
+Shape = Curve | FactorSurface

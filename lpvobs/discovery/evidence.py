@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.fit import pins
-from lpvobs.discovery.imbalances import by_reading_alone, change_of_reading, operating_nodes, residual_of
+from lpvobs.discovery.imbalances import change_of_residual
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import Term
+from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
@@ -60,10 +60,9 @@ def change_of(linear: Linear, effect: Effect, size: float) -> Array:
     """Return how a further effect that acts all the time changes the residual, shape (2, B, K), not whitened."""
     problem = linear.problem
     scenes = tuple((on, effect.apply(s, size)) for on, s in linear.scenes)
-    if by_reading_alone(problem, effect):
-        return change_of_reading(problem, linear.scenes, scenes)
-    nodes = operating_nodes(problem, scenes) if effect.moves_point else linear.nodes
-    return residual_of(problem, scenes, linear.beta, linear.theta, nodes) - linear.raw
+    return change_of_residual(
+        problem, effect, linear.scenes, scenes, linear.beta, linear.theta, linear.nodes, linear.raw
+    )
 
 
 def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = None) -> Array:
@@ -150,9 +149,8 @@ def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array
     own = linear.project(against)
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
-    sums = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse))
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
-    unevenness, elsewhere = unevenness_of(sums, information) if known else (1.0, 1.0)
+    unevenness, elsewhere = unevenness_of(problem, scores, information) if known else (1.0, 1.0)
     told = _told(linear, term, information, unevenness)
     gain = gain if known else 0.0
     loss = 0.5 * linear.by_block(left, left)
@@ -175,9 +173,9 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
 
 
-def unevenness_of(sums: Array, information: float) -> tuple[float, float]:
-    """Return the mean square of block sums over that of noise, and the same without the largest of them."""
-    squares = sums**2 / information
+def unevenness_of(problem: Problem, scores: Array, information: float) -> tuple[float, float]:
+    """Return the mean square of block sums of scores over that of noise, and the same without the largest of them."""
+    squares = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse)) ** 2 / information
     return float(squares.sum()), float(squares.sum() - squares.max())
 
 
@@ -196,8 +194,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
-    sums = np.add.reduceat(scores, np.arange(0, scores.size, linear.problem.per_coarse))
-    unevenness, elsewhere = unevenness_of(sums, information)
+    unevenness, elsewhere = unevenness_of(linear.problem, scores, information)
     told = _told(linear, linear.terms[index], information, unevenness)
     return replace(
         like,

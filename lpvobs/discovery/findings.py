@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery.accepted import Accepted
+from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Comparison
 from lpvobs.discovery.imbalances import residual_of, scenes_with
@@ -32,7 +33,6 @@ from lpvobs.discovery.outcome import (
 )
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.shapes import Curve, FactorSurface
 from lpvobs.discovery.thresholds import AFFECTED, PLACED, PROBE
 from lpvobs.discovery.whiteness import structure
 from lpvobs.records import Array, Log
@@ -40,8 +40,12 @@ from lpvobs.records import Array, Log
 
 def parameter_of(term: Term, standard_error: float) -> Parameter:
     """Return an effect's size with its interval."""
+    return _with_interval(term.size, term.effect.unit, standard_error)
+
+
+def _with_interval(value: float, unit: str, standard_error: float) -> Parameter:
     half = NINETY * standard_error
-    return Parameter(term.size, term.effect.unit, (term.size - half, term.size + half))
+    return Parameter(value, unit, (value - half, value + half))
 
 
 def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
@@ -52,10 +56,7 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
     return Finding(
         id=term.effect.id,
         parameters={term.effect.parameter: parameter_of(term, item.standard_error)}
-        | {
-            x.name: Parameter(x.value, x.unit, (x.value - NINETY * x.error, x.value + NINETY * x.error))
-            for x in item.further
-        },
+        | {x.name: _with_interval(x.value, x.unit, x.error) for x in item.further},
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
         course=plain_course(begin, end) if course is None else course.name,

@@ -153,20 +153,8 @@ def _by_terms(problem: Problem, terms: tuple[Term, ...], beta: Array, theta: Arr
         for shift in (h, -h):
             moved = [replace(t, size=t.size + shift) if j == i else t for j, t in enumerate(terms)]
             ends.append(imbalances.scenes_with(problem, moved, beta))
-        if imbalances.by_reading_alone(problem, term.effect):
-            found[i] = imbalances.change_of_reading(problem, ends[1], ends[0]) / (2.0 * h)
-            continue
-        upper, lower = (
-            imbalances.residual_of(
-                problem,
-                scenes,
-                beta,
-                theta,
-                imbalances.operating_nodes(problem, scenes) if term.effect.moves_point else nodes,
-            )
-            for scenes in ends
-        )
-        found[i] = (upper - lower) / (2.0 * h)
+        change = imbalances.change_of_residual(problem, term.effect, ends[1], ends[0], beta, theta, nodes)
+        found[i] = change / (2.0 * h)
     return found
 
 

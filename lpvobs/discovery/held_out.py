@@ -216,10 +216,6 @@ def _with_patterns(columns: Array, raw: Array, weight: Array, patterns: Patterns
 def pooled_losses(parts: Sequence[Losses]) -> Losses:
     """Return the losses along several logs as one."""
     offsets = np.cumsum([0, *(int(part.coarse.max()) + 1 for part in parts[:-1])])
-    return Losses(
-        np.concatenate([part.before for part in parts]),
-        np.concatenate([part.after for part in parts]),
-        np.concatenate([part.counted for part in parts]),
-        np.concatenate([part.coarse + shift for part, shift in zip(parts, offsets, strict=True)]),
-        parts[0].scale,
-    )
+    coarse = np.concatenate([part.coarse + shift for part, shift in zip(parts, offsets, strict=True)])
+    before, after, counted = map(np.concatenate, zip(*((p.before, p.after, p.counted) for p in parts), strict=True))
+    return Losses(before, after, counted, coarse, parts[0].scale)

@@ -96,14 +96,30 @@ def residual_of(problem: Problem, scenes: Sequence[Scene], beta: Array, theta: A
     return left
 
 
-def by_reading_alone(problem: Problem, effect: Effect) -> bool:
-    """Return whether an effect changes the sensor's reading and nothing else, in which the residual is linear."""
-    return effect.place == "sensor" and problem.blocks is None
+def change_of_residual(
+    problem: Problem,
+    effect: Effect,
+    before: Sequence[Scene],
+    after: Sequence[Scene],
+    beta: Array,
+    theta: Array,
+    nodes: Nodes,
+    known: Array | None = None,
+) -> Array:
+    """Return how the residual changes with signals that differ in the size of an effect, shape (2, B, K) [model's unit].
 
+    `nodes` are those of an effect that does not move the operating point, `known` is the residual of before, where it is known.
+    """
+    if (
+        effect.place == "sensor" and problem.blocks is None
+    ):  # the residual is linear in the reading, and nothing else changes
+        return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
 
-def change_of_reading(problem: Problem, before: Sequence[Scene], after: Sequence[Scene]) -> Array:
-    """Return how the residual changes with the sensor's reading, shape (2, B, K) [model's unit]."""
-    return np.asarray(views((after[0][1][SENSOR] - before[0][1][SENSOR])[None], problem.K) * problem.by_reading)
+    def left(scenes: Sequence[Scene]) -> Array:
+        there = operating_nodes(problem, scenes) if effect.moves_point else nodes
+        return residual_of(problem, scenes, beta, theta, there)
+
+    return left(after) - (left(before) if known is None else known)
 
 
 def curvature_bias(problem: Problem, scenes: Sequence[Scene], beta: Array, each: Array) -> Array:

@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.discovery.components import surface_again
-from lpvobs.discovery.course_choice import best_course, finer
-from lpvobs.discovery.episodes import sharpened
+from lpvobs.discovery.course_choice import best_course, finer, sharpened
+from lpvobs.discovery.courses import FactorSurface
+from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import is_proven, rank
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
 
 

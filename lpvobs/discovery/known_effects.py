@@ -12,13 +12,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.discovery.channels import along_channel, rate_of
-from lpvobs.discovery.components import driven_by
-from lpvobs.discovery.courses import GRADED, TracedCourse, on_course
+from lpvobs.discovery.courses import GRADED, Curve, FactorSurface, TracedCourse, on_course
+from lpvobs.discovery.curves import along_channel, driven_by, rate_of
 from lpvobs.discovery.forms import PREFIX, Form, along_log, parsed
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.shapes import Curve, FactorSurface
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
 from lpvobs.engines.effects import Effect
 from lpvobs.engines.residual_model import ResidualModel

@@ -5,7 +5,6 @@ dominates: it is new at every instant, and the residual itself shows its size in
 learned, the error of the model dominates: it lasts for seconds and minutes, and only a healthy log shows its size (`Remembered`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,10 +52,9 @@ class Scatter:
         """Return the power of a direction with each of m shares by stretch, (m, stretches), shape (m,)."""
         return shares**2 @ np.add.reduceat((whitened[0] ** 2 - whitened[1] ** 2).sum(0), first)
 
-    @property
-    def dual(self) -> Callable[[Array], Array]:
-        """The product of whitened values with the transposed root."""
-        return lambda whitened: np.einsum("kab,...ak->...bk", self.root, whitened)
+    def dual(self, whitened: Array) -> Array:
+        """Return the product of whitened values with the transposed root."""
+        return np.asarray(np.einsum("kab,...ak->...bk", self.root, whitened))
 
     @cached_property
     def precision(self) -> Array:
@@ -89,23 +87,27 @@ class Remembered:
 
     def whiten(self, values: Array) -> Array:
         """Return innovations of the first view: what an entry adds to all before it, in units of its noise."""
-        entries, factor = self._entries
-        flat = values.reshape(-1, *values.shape[-3:])[:, 0] if values.ndim > 2 else values[None]
-        along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)
-        new = scipy.linalg.solve_triangular(factor, along[:, entries].T, lower=True, check_finite=False)
-        return self._spread(new, values.shape)
+        return self._solved(values, transposed=0)
 
-    def _spread(self, new: Array, shape: tuple[int, ...]) -> Array:
-        entries, _ = self._entries
+    def dual(self, whitened: Array) -> Array:
+        """Return the transposed whitening: what turns whitened values into factors for a direction that is not whitened."""
+        return self._solved(whitened, transposed=1)
+
+    def _solved(self, values: Array, transposed: int) -> Array:
+        """Return what the factor of the covariance, or its transpose, takes to the first view of values, shape (..., B, K)."""
+        entries, factor = self._entries
         B, K = self.shape
+        flat = values.reshape(-1, *values.shape[-3:])[:, 0] if values.ndim > 2 else values[None]
+        along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)[:, entries]
+        new = scipy.linalg.solve_triangular(factor, along.T, lower=True, trans=transposed, check_finite=False)
         out = np.zeros((new.shape[1], K * B))
         out[:, entries] = new.T
         first = out.reshape(-1, K, B).transpose(0, 2, 1)
-        if len(shape) == 2:
+        if values.ndim == 2:
             return np.asarray(first[0])
-        both = np.zeros((first.shape[0], *shape[-3:]))
+        both = np.zeros((first.shape[0], *values.shape[-3:]))
         both[:, 0] = first
-        return both.reshape(shape)
+        return both.reshape(values.shape)
 
     def only(self, used: NDArray[np.bool_]) -> "Remembered":
         """Return the same noise with other places that count."""
@@ -135,19 +137,6 @@ class Remembered:
         along = direction[0].T.ravel()[entries]
         begin = np.searchsorted(entries, first * self.shape[0])
         return _sums(_sums(self.precision * along, begin, 1) * along[:, None], begin, 0)
-
-    @property
-    def dual(self) -> Callable[[Array], Array]:
-        """The transposed whitening: what turns whitened values into factors for a direction that is not whitened."""
-        entries, factor = self._entries
-
-        def back(whitened: Array) -> Array:
-            flat = whitened.reshape(-1, *whitened.shape[-3:])[:, 0]
-            along = flat.transpose(0, 2, 1).reshape(flat.shape[0], -1)[:, entries]
-            new = scipy.linalg.solve_triangular(factor, along.T, lower=True, trans=1, check_finite=False)
-            return self._spread(new, whitened.shape)
-
-        return back
 
 
 Noise = Scatter | Remembered  # what the residual of a problem is weighted by

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from msgspec import UNSET, Meta, UnsetType, to_builtins
 
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
-from lpvobs.discovery.leftover import Frequency, Leftover, When, Where
+from lpvobs.discovery.whiteness import Frequency, Leftover, When, Where
 from lpvobs.kinds import Finite, Fraction
 from lpvobs.records import Item
 

@@ -9,12 +9,11 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.known_effects import own_time
-from lpvobs.discovery.leftover import block_sums
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import LAGS
-from lpvobs.discovery.whiteness import correlation, times_noise
+from lpvobs.discovery.whiteness import block_sums, correlation, times_noise
 from lpvobs.records import Array, Item, Log
 
 MOST_COLUMNS = 500  # columns of the figure for all logs together; each holds the smallest and the largest value
@@ -96,23 +95,31 @@ def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:
     problem = found.after.problem
     first = problem.first
     signals = _signals(problem)
-    spacing = float(np.median(np.diff(problem.time)))
-    spectra = [_spectrum(linear, spacing) for linear in both]
-    crossed = [cross_correlations(linear.residual[0], first, signals) for linear in both]
+    states = [_of_state(linear.residual[0], problem, signals) for linear in both]
     return Portrait(
         balances=problem.model.balances,
         tracks=tuple(_tracks(both, logs)),
         partials=tuple(_partial(found.after, i) for i in range(len(found.after.terms))),
         block=float(np.median(np.diff(problem.begins))) if first.size > 1 else 0.0,
         blocks=first.size,
-        frequency=spectra[0][0],
-        spectrum=np.stack([power for _, power in spectra]),
-        cumulated=np.stack([_cumulated(linear.residual[0], first) for linear in both]),
+        frequency=_spectrum(found.before.residual[0], problem.spacing)[0],
         signals=tuple(signals),
-        cross=np.stack([values for values, _ in crossed]),
-        cross_limit=np.stack([limit for _, limit in crossed]),
-        effective=np.stack([_effective(linear.residual[0], first) for linear in both]),
+        **{name: np.stack([state[name] for state in states]) for name in states[0]},
     )
+
+
+def _of_state(residual: Array, problem: Problem, signals: Mapping[str, Array]) -> dict[str, Array]:
+    """Return what the figures have of the residual of one model, shape (B, K)."""
+    sums = block_sums(residual, problem.first)
+    cross, limit = cross_correlations(residual, problem.first, signals)
+    _, spectrum = _spectrum(residual, problem.spacing)
+    return {
+        "spectrum": spectrum,
+        "cumulated": _cumulated(sums),
+        "cross": cross,
+        "cross_limit": limit,
+        "effective": _effective(sums),
+    }
 
 
 def cross_correlations(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -184,23 +191,20 @@ def _edges(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return edges[:-1], edges[1:]
 
 
-def _spectrum(linear: Linear, spacing: float) -> tuple[Array, Array]:
-    residual = linear.residual[0]
+def _spectrum(residual: Array, spacing: float) -> tuple[Array, Array]:
     length = min(SEGMENT, residual.shape[1])
     frequency, power = scipy.signal.welch(residual, fs=1.0 / spacing, nperseg=length, detrend="constant")
     return np.asarray(frequency[1:]), np.asarray(power[:, 1:])
 
 
-def _cumulated(residual: Array, first: NDArray[np.int64]) -> Array:
-    sums = block_sums(residual, first)
+def _cumulated(sums: Array) -> Array:
     power = np.abs(np.fft.rfft(sums - sums.mean(1, keepdims=True))[:, 1:]) ** 2
     total = np.maximum(power.sum(1, keepdims=True), 1e-300)
     return np.asarray(np.cumsum(power, axis=1) / total)
 
 
-def _effective(residual: Array, first: NDArray[np.int64]) -> Array:
+def _effective(sums: Array) -> Array:
     """Return how many independent values each balance's block sums are worth, shape (B,): n / (1 + 2 sum of correlations)."""
-    sums = block_sums(residual, first)
     x = sums - sums.mean(1, keepdims=True)
     n = x.shape[1]
     power = np.maximum((x**2).sum(1), 1e-300)

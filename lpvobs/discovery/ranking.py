@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.channels import channel_candidates
-from lpvobs.discovery.components import component_candidates
+from lpvobs.discovery.curves import channel_candidates, component_candidates
 from lpvobs.discovery.evidence import (
     Candidate,
     best_intervals,

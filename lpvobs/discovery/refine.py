@@ -13,16 +13,15 @@ from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
-from lpvobs.discovery.held_out import Losses, losses_on_unseen, pooled_losses
+from lpvobs.discovery.held_out import losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
-from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Leading, Ranked, Trace
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import MOST_CANDIDATES
-from lpvobs.discovery.whiteness import Whiteness, structure
+from lpvobs.discovery.whiteness import Whiteness, leftover, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
@@ -89,7 +88,11 @@ def refine(
         )
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)
     findings = tuple(finding_of(problem, logs, item) for item in accepted)
-    judged = [_losses_on(lay, (before, after), (kept, kept + found), log) for log in hold_out]
+    judged = []
+    for log in hold_out:
+        unseen = lay([log])
+        acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
+        judged.append(losses_on_unseen((before, after), (acting[0], acting[1]), unseen))
     losses = [*(selection.losses.part(problem.of_log == i) for i in range(len(logs))), *judged]
     by_log = tuple(own.comparison() for own in losses)
     shown: list[dict[str, Any]] = [*(shown_by(after, i) for i in range(len(logs))), *({} for _ in judged)]
@@ -185,15 +188,3 @@ def _kept(term: Term, error: float, known_effect: KnownEffect, logs: Sequence[Lo
     known = {(span.log, span.sha256) for span in known_effect.spans}
     new = tuple(known_effect.span_on(log) for log in logs if (log.name, log.sha256) not in known)
     return replace(known_effect, value=parameter.value, ci90=parameter.ci90, spans=known_effect.spans + new)
-
-
-def _losses_on(
-    lay: Callable[[Sequence[Log]], Problem],
-    models: tuple[Linear, Linear],
-    effects: tuple[tuple[KnownEffect, ...], tuple[KnownEffect, ...]],
-    log: Log,
-) -> Losses:
-    """Return the losses of the model before and after on a log that took no part."""
-    problem = lay([log])
-    before, after = ([term_on(item, problem, [log]) for item in each] for each in effects)
-    return losses_on_unseen(models, (before, after), problem)

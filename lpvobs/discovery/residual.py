@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.courses import TracedCourse, state
+from lpvobs.discovery.courses import Shape, TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
-from lpvobs.discovery.shapes import Shape
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.maps.grid import Grid
@@ -238,7 +238,9 @@ def lay_out(
         model=model,
         grid=grid,
         levels=levels,
-        covariance=_with_levels(model.covariance, [level.deviation for _, level in levels]),
+        covariance=scipy.linalg.block_diag(
+            model.covariance, np.diag(np.square([level.deviation for _, level in levels]))
+        ),
         prior=prior,
         **vars(places),
         clock=clock,
@@ -262,13 +264,6 @@ def lay_out(
         patterns=Patterns((np.zeros((0, shown.shape[1])),) * len(shown)),
         offset=np.zeros(shown.shape) if model.beyond is None else model.beyond(logs, places.signals, places.blocks),
     )
-
-
-def _with_levels(covariance: Array, deviations: Sequence[float]) -> Array:
-    q = len(covariance)
-    whole = np.diag(np.concatenate([np.zeros(q), np.square(deviations)]))
-    whole[:q, :q] = covariance
-    return whole
 
 
 def _usable(values: Array) -> bool:

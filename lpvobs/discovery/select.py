@@ -10,8 +10,8 @@ import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.accepted import Accepted, finished
-from lpvobs.discovery.course_choice import timed_again
-from lpvobs.discovery.episodes import cancels, comes_and_goes, sharpened
+from lpvobs.discovery.course_choice import cancels, comes_and_goes, sharpened, timed_again
+from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, in_place
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.form_search import beside_forms, best_forms
@@ -22,7 +22,6 @@ from lpvobs.discovery.joint_choice import choose_again, choose_all_again, withou
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share, with_model_error
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.engines.effects import Effect
 
 Result = TypeVar("Result")
@@ -157,7 +156,8 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
     uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c in accepted)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
     apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(accepted, 2))
-    if uneven or goes or apart or _structure_remains(linear):
+    varies = structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * problem.data
+    if uneven or goes or apart or varies:
         return _Search("unexplained", [], before, before, ranking, accepted)
     return _Search("effect" if accepted else "none", accepted, linear, before, ranking)
 
@@ -214,11 +214,6 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
     uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
     return min(1.0, 2.0 * min(single, uneven))
-
-
-def _structure_remains(linear: Linear) -> bool:
-    """Return whether the residual has a structure in time that the named effects do not explain."""
-    return bool(structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * linear.problem.data)
 
 
 def _predicts_better(before: Linear, after: Linear) -> bool:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lpvobs.discovery.leftover import Leftover
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Portrait
-from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.discovery.whiteness import Leftover, Whiteness
 from lpvobs.io.results.hdf import reading
 from lpvobs.io.results.mapping import read_if_there, read_rows
 from lpvobs.io.results.refinements import read_structure

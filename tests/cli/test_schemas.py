@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 import lpvobs.selftest.cases
 from lpvobs.cli.main import app
 from lpvobs.discovery.held_out import Comparison
-from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import (
     BalanceError,
     DayLevel,
@@ -24,6 +23,7 @@ from lpvobs.discovery.outcome import (
     Trace,
     error_output,
 )
+from lpvobs.discovery.whiteness import Leftover, Stretch
 
 jsonschema = pytest.importorskip("jsonschema", reason="a library of the extra lpvobs[dev]")
 

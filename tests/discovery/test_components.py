@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.components import driven_by, surface_of
+from lpvobs.discovery.courses import FactorSurface
+from lpvobs.discovery.curves import driven_by, surface_of
 from lpvobs.discovery.known_effects import term_on
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
-from lpvobs.discovery.shapes import FactorSurface
 from lpvobs.engines.diesel.balances import Lacks
 from lpvobs.report.residual_figures import component_curve
 from lpvobs.report.spoken import in_words

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from lpvobs.discovery.episodes import comes_and_goes, switched
+from lpvobs.discovery.course_choice import comes_and_goes, switched
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.linear import Term
 from lpvobs.discovery.residual import free_map, lay_out

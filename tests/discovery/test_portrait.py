@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lpvobs.discovery.leftover import leftover
 from lpvobs.discovery.portrait import MOST_COLUMNS, MOST_POINTS, cross_correlations, portrait
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import free_map
 from lpvobs.discovery.thresholds import LAGS
+from lpvobs.discovery.whiteness import leftover
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
+from lpvobs.discovery.whiteness import Leftover, Stretch
 from lpvobs.report.discovered import Discovered, candidate_rows, error_rows, sentence, sentences
 from lpvobs.report.page import rendered
 from lpvobs.report.residual_figures import ranking_bars

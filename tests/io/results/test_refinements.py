@@ -4,14 +4,13 @@ import h5py
 import numpy as np
 import pytest
 
+from lpvobs.discovery.courses import Curve
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span
-from lpvobs.discovery.leftover import Leftover, Stretch
 from lpvobs.discovery.outcome import Ranked
 from lpvobs.discovery.portrait import Partial, Portrait, Track
-from lpvobs.discovery.shapes import Curve
 from lpvobs.discovery.thresholds import LAGS
-from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.discovery.whiteness import Leftover, Stretch, Whiteness
 from lpvobs.io.results.hdf import write_group
 from lpvobs.io.results.mapping import read_if_there, read_rows, rows, write
 from lpvobs.io.results.refinements import (

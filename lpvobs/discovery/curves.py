@@ -1,0 +1,210 @@
+"""Candidates that follow a curve: over a channel of the log, or, as a component of the engine, over its own inputs.
+
+A gain or an offset of the sensor, or a flow of the engine, may follow any channel. A component may pass more or less than its
+model says. Its curve is a surface between nodes, as a calibration has them (`engines.unknowns`): small and smooth before any data.
+Whether it follows one input or two, and how large it may be, is chosen by what it gains less the cost of as many coefficients
+as the data determine. Constants of the engine share its level: its standard error contains their tolerance.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lpvobs.discovery.courses import Curve, FactorSurface
+from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
+from lpvobs.discovery.fit import linearised
+from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.residual import Term
+from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RATE_WINDOW, RIDGE
+from lpvobs.engines.curves import on_surface, values_at
+from lpvobs.engines.effects import Effect, Signals
+from lpvobs.engines.residual_model import ComponentCurve
+from lpvobs.records import Array
+
+
+def rate_of(values: Array) -> Array:
+    """Return the change per instant, averaged over a second."""
+    kernel = np.full(RATE_WINDOW, 1.0 / RATE_WINDOW)
+    calm = np.convolve(np.pad(values, RATE_WINDOW // 2, mode="edge"), kernel, mode="valid")
+    return np.asarray(np.gradient(calm))
+
+
+def basis(values: Array) -> tuple[Array, Array]:
+    """Return knots, shape (k,), and hat functions, shape (k, K), along a channel."""
+    levels = np.unique(values)
+    knots = levels if levels.size <= MOST_LEVELS else np.unique(np.quantile(values, KNOTS))
+    return knots, np.stack([np.interp(values, knots, np.eye(knots.size)[i]) for i in range(knots.size)])
+
+
+def shapes(linear: Linear) -> Iterator[tuple[str, str, Array]]:
+    """Yield every auxiliary channel and, where it is no switch, its rate."""
+    for name, values in linear.problem.auxiliary.items():
+        yield name, "value", values
+        if np.unique(values).size > MOST_LEVELS:
+            yield name, "rate", rate_of(values)
+
+
+def channel_candidates(linear: Linear) -> list[Candidate]:
+    """Return the best curve of every channel as a candidate, if it gains more than its coefficients cost."""
+    problem = linear.problem
+    carriers = problem.carriers
+    slopes = {effect.id: slope_of(linear, effect, effect.null) for effect in carriers}
+    best: dict[str, tuple[float, Effect, Curve]] = {}
+    for name, of, values in shapes(linear):
+        knots, hats = basis(values)
+        off = not problem.prior.free and knots.size <= MOST_LEVELS  # a frozen map does not hold the average of a switch
+        middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
+        for effect in carriers:
+            columns = linear.whiten(np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]]))
+            gain, coefficients = _joint(linear, columns)
+            if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
+                sizes = np.concatenate([[0.0], coefficients])
+                curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
+                along = problem.over_columns(np.interp(values, curve.knots, curve.values))
+                driven = along_channel(curve, effect, along)
+                best[name] = gain - COST * coefficients.size, driven, curve
+    ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
+    return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
+
+
+def _fitted(linear: Linear, effect: Effect, curve: Curve) -> Candidate:
+    """Return a curve as a candidate, its gain less what its coefficients cost.
+
+    It is told by what is left beside what a healthy engine seems to have of the carrier, whose size follows the curve.
+    """
+    candidate = fit_candidate(linear, effect, like=Term(effect, effect.null, curve=curve))
+    usual = max(float(np.sqrt(np.mean(curve.values**2))), np.finfo(float).tiny)
+    carrier = next(effect for effect in linear.problem.carriers if effect.id == curve.carrier)
+    seems = linear.problem.seems(Term(carrier, usual), candidate.information / candidate.told / usual**2)
+    return replace(candidate, gain=candidate.gain - COST * (curve.knots.size - 1), told=1.0 / (1.0 + seems))
+
+
+def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
+    """Return the effect whose size follows a curve over a channel, column by column; its parameter is the multiple of the curve."""
+    drive = f"drives on which channel {curve.channel} changes independently of the other channels"
+    return replace(following(f"channel:{curve.channel}", carrier, lambda *_: shape, 0.2, 5.0), drive=drive)
+
+
+def following(
+    name: str, carrier: Effect, shape: Callable[[Any, Mapping[str, Array]], Array], size: float, most: float
+) -> Effect:
+    """Return the effect whose size follows a shape, a function of constants and channels; its parameter is the multiple."""
+    # `size` is a noticeable multiple, `most` the largest.
+
+    def apply(signals: Signals, amplitude: float) -> Signals:
+        return carrier.apply(signals, carrier.null + amplitude * shape(signals.constants, signals.value))
+
+    return Effect(name, "amplitude", "1", 0.0, size, -most, most, carrier.place, apply, carrier.drive)
+
+
+def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
+    """Return the gain of several directions together, and their coefficients."""
+    gradient, normal = gradient_and_normal(linear, columns)
+    normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
+    coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
+    return float(-0.5 * gradient @ coefficients), coefficients
+
+
+def gradient_and_normal(linear: Linear, columns: Array) -> tuple[Array, Array]:
+    """Return the products of whitened directions with the residual and with each other, (m, m), unknowns projected out."""
+    products = np.stack([linear.products(column) for column in columns])
+    answers = scipy.linalg.cho_solve((linear.factor, True), products.T, check_finite=False)
+    mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
+    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
+    return gradient, mean @ mean.T - difference @ difference.T - products @ answers
+
+
+def component_candidates(linear: Linear) -> list[Candidate]:
+    """Return the best curve of every component as a candidate, if it gains more than its coefficients cost."""
+    found = []
+    for curve in linear.problem.model.curves:
+        surface = surface_of(linear, curve)
+        if surface is not None:
+            effect = driven_by(curve, surface)
+            like = Term(effect, effect.null, curve=surface)
+            candidate = fit_candidate(linear, effect, size=surface.amplitude, like=like)
+            if abs(candidate.term.size) < LARGEST * curve.deviation:
+                found.append(replace(candidate, gain=candidate.gain - surface.cost))
+    return found
+
+
+def surface_again(linear: Linear, index: int, surface: FactorSurface) -> tuple[FactorSurface, Term] | None:
+    """Return one of the curves of a model found again at the map, the constants and the weights there, and its term."""
+    problem, term = linear.problem, linear.terms[index]
+    others = tuple(t for i, t in enumerate(linear.terms) if i != index)
+    held = replace(problem, held=(*problem.held, term))
+    around = linearised(held, others, linear.theta, linear.beta, linear.noise, None, linear)
+    curve = next(curve for curve in problem.model.curves if curve.id == term.effect.id)
+    found = surface_of(around, curve, term.size * surface.values)
+    if found is None:
+        return None
+    return found, replace(term, effect=driven_by(curve, found), size=found.amplitude, curve=found)
+
+
+def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None) -> FactorSurface | None:
+    """Return the best curve of a component, None where it gains too little or its inputs are not recorded.
+
+    `known` is the curve that the model has already, shape (first, second).
+    """
+    problem = linear.problem
+    if any(channel not in problem.signals.value for channel in curve.carrier.needs):
+        return None
+    inputs = curve.inputs(problem.model.constants, {name: problem.along(name) for name in problem.signals.value})
+    (first, second), (x, y) = curve.axes.items(), inputs
+    shape = first[1].values.size, second[1].values.size
+    nodes, share = on_surface(first[1].values, second[1].values, x, y)
+    hats = np.zeros((shape[0] * shape[1], problem.K))
+    np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
+    seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
+    columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
+    gradient, normal = gradient_and_normal(linear, columns)
+    sizes = [size * curve.deviation for size in CURVE_SIZES]
+    if known is not None:
+        gradient = gradient - normal @ known.reshape(-1)[seen]
+        sizes = [max(sizes[-1], float(np.abs(known).max()))]
+    fits = [
+        _smooth(gradient, normal, size, correlation, seen) for correlation in curve.correlations() for size in sizes
+    ]
+    net, cost, values, errors = max(fits, key=lambda each: each[0])
+    along = (share * values[nodes]).sum(1)
+    at = int(np.argmax(np.abs(along) * problem.used))
+    if net <= 0.0 or along[at] == 0.0:
+        return None
+    return FactorSurface(
+        inputs=(first[0], second[0]),
+        units=(first[1].unit, second[1].unit),
+        first=first[1].values,
+        second=second[1].values,
+        values=(values / along[at]).reshape(shape),
+        errors=errors.reshape(shape),
+        largest=(float(x[at]), float(y[at])),
+        amplitude=float(along[at]),
+        cost=cost,
+    )
+
+
+def driven_by(curve: ComponentCurve, surface: FactorSurface) -> Effect:
+    """Return the effect of a curve, which follows its inputs wherever they are known; its parameter is the amplitude."""
+
+    def shape(constants: Any, x: Mapping[str, Array]) -> Array:
+        return values_at(on_surface(surface.first, surface.second, *curve.inputs(constants, x)), surface.values)
+
+    return following(curve.id, curve.carrier, shape, curve.deviation, LARGEST * curve.deviation)
+
+
+def _smooth(
+    gradient: Array, normal: Array, deviation: float, correlation: Array, seen: NDArray[np.bool_]
+) -> tuple[float, float, Array, Array]:
+    """Return what a curve gains less its cost, that cost, and its values at all nodes with their standard errors."""
+    root = np.linalg.cholesky(correlation[np.ix_(seen, seen)] + RIDGE * np.eye(int(np.count_nonzero(seen))))
+    strength, modes = np.linalg.eigh(root.T @ normal @ root)
+    strength, along = np.maximum(strength, 0.0), modes.T @ root.T @ gradient
+    precision = strength + deviation**-2.0
+    gain = float((along**2 / precision - 0.5 * strength * (along / precision) ** 2).sum())
+    cost = COST * float((strength / precision).sum())
+    everywhere = correlation[:, seen] @ np.linalg.inv(root).T @ modes
+    return gain - cost, cost, -everywhere @ (along / precision), np.sqrt((everywhere**2 / precision).sum(1))
