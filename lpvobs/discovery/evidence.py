@@ -73,7 +73,8 @@ def slope_of(linear: Linear, effect: Effect, size: float, here: Array | None = N
 
 def first_order(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> tuple[float, float]:
     """Return gradient and information of an effect's size in an interval, with the residual taken as linear in it."""
-    slope = linear.whiten(slope_of(linear, effect, effect.null) * within(linear, begin, end))
+    on = Term(effect, effect.null, begin, end).acts(linear.problem.clock)
+    slope = linear.whiten(slope_of(linear, effect, effect.null) * on)
     products = linear.products(slope)
     gradient = dot(slope, linear.residual) - float(products @ linear.newton_step)
     return gradient, dot(slope, slope) - float(products @ linear.project(products))
@@ -83,12 +84,6 @@ def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end
     """Return the gain of an effect in an interval."""
     gradient, information = first_order(linear, effect, begin, end)
     return 0.5 * gradient**2 / information if information > 0.0 else 0.0
-
-
-def within(linear: Linear, begin: float, end: float) -> Array:
-    """Return one for the places in an interval of the clock, zero elsewhere, shape (K,)."""
-    clock = linear.problem.clock
-    return np.asarray((clock >= begin) & (clock < end), dtype=float)
 
 
 def ends_of(linear: Linear, first: int, last: int) -> tuple[float, float]:
@@ -250,6 +245,17 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
     return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
 
 
+def best_gain(linear: Linear, effect: Effect, absorbed: bool) -> float:
+    """Return the first-order gain of an effect on its best range of blocks, or over the whole logs."""
+    blocks = linear.problem.first.size
+    gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
+    tops = [
+        float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
+        for first, last in best_intervals(gains)
+    ]
+    return max(0.0 if absorbed else float(gains[0, blocks]), *tops)
+
+
 def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
     """Return what an interval must gain over the whole log.
 
@@ -262,18 +268,6 @@ def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) ->
 def score(candidate: Candidate) -> float:
     """Return the gain less what its interval costs."""
     return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
-
-
-def p_value(candidate: Candidate, tried: int, degrees: float = np.inf) -> float:
-    """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
-
-    `degrees` is the number of healthy drives that tell how far sizes vary beyond noise: the smaller the part of noise, the nearer
-    is the distribution to Student's with as many degrees of freedom (Satterthwaite).
-    """
-    statistic = 2.0 * max(candidate.told * candidate.gain, 0.0) / max(candidate.unevenness, 1.0)
-    intervals = candidate.loss.size**candidate.changes
-    effective = min(degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
-    return float(min(1.0, tried * intervals * scipy.stats.f.sf(statistic, 1, effective)))
 
 
 def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:

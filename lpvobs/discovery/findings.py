@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from lpvobs.discovery import outcome
 from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.forms import in_words
@@ -18,19 +19,6 @@ from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Comparison
 from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.outcome import (
-    BalanceError,
-    DayLevel,
-    Finding,
-    Followed,
-    Following,
-    Missing,
-    OutcomeOnLog,
-    OverInputs,
-    Parameter,
-    ResidualOutput,
-    error_output,
-)
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import AFFECTED, PLACED, PROBE
@@ -38,22 +26,22 @@ from lpvobs.discovery.whiteness import structure
 from lpvobs.records import Array, Log
 
 
-def parameter_of(term: Term, standard_error: float) -> Parameter:
+def parameter_of(term: Term, standard_error: float) -> outcome.Parameter:
     """Return an effect's size with its interval."""
     return _with_interval(term.size, term.effect.unit, standard_error)
 
 
-def _with_interval(value: float, unit: str, standard_error: float) -> Parameter:
+def _with_interval(value: float, unit: str, standard_error: float) -> outcome.Parameter:
     half = NINETY * standard_error
-    return Parameter(value, unit, (value - half, value + half))
+    return outcome.Parameter(value, unit, (value - half, value + half))
 
 
-def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding:
+def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> outcome.Finding:
     """Return an accepted effect for people and programs."""
     term = item.candidate.term
     course = term.course
     begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
-    return Finding(
+    return outcome.Finding(
         id=term.effect.id,
         parameters={term.effect.parameter: parameter_of(term, item.standard_error)}
         | {x.name: _with_interval(x.value, x.unit, x.error) for x in item.further},
@@ -62,7 +50,7 @@ def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Finding
         course=plain_course(begin, end) if course is None else course.name,
         follows=UNSET
         if course is None
-        else Following(course.time_constant, course.input, course.low, course.high, course.intervals),
+        else outcome.Following(course.time_constant, course.input, course.low, course.high, course.intervals),
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
@@ -97,10 +85,10 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
     )
 
 
-def known_finding(known_effect: KnownEffect) -> Finding:
+def known_finding(known_effect: KnownEffect) -> outcome.Finding:
     """Return an effect that the model had already."""
-    parameter = Parameter(known_effect.value, known_effect.unit, known_effect.ci90)
-    return Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, ())
+    parameter = outcome.Parameter(known_effect.value, known_effect.unit, known_effect.ci90)
+    return outcome.Finding(known_effect.id, {known_effect.parameter: parameter}, None, None, None, None, ())
 
 
 def outcome_on(
@@ -108,8 +96,8 @@ def outcome_on(
     comparison: Comparison,
     shown: Mapping[str, Any],
     verdict: str,
-    effects: Sequence[tuple[Finding, KnownEffect]],
-) -> OutcomeOnLog:
+    effects: Sequence[tuple[outcome.Finding, KnownEffect]],
+) -> outcome.OutcomeOnLog:
     """Return what is said of one log: the pooled findings that act on it, its own error, and what `shown_by` has of it.
 
     Nothing is `shown` of a log that took no part.
@@ -123,38 +111,40 @@ def outcome_on(
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    error = error_output(comparison, HOW if shown else HOW_WHOLE)
+    error = outcome.error_output(comparison, HOW if shown else HOW_WHOLE)
     more = shown or {"balances": (), "day_to_day": ()}
-    return OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
+    return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
 
 
 def _since(start: float, edge: float) -> float | None:
     return edge - start if np.isfinite(edge) else None
 
 
-def _followed(curve: Curve) -> Followed:
-    return Followed(curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist()))
+def _followed(curve: Curve) -> outcome.Followed:
+    return outcome.Followed(
+        curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist())
+    )
 
 
-def _over_inputs(surface: FactorSurface, amplitude: float) -> OverInputs:
+def _over_inputs(surface: FactorSurface, amplitude: float) -> outcome.OverInputs:
     knots = tuple(surface.first.tolist()), tuple(surface.second.tolist())
     factor = tuple(tuple(row) for row in (1.0 + amplitude * surface.values).tolist())
     errors = tuple(tuple(row) for row in surface.errors.tolist())
-    return OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)
+    return outcome.OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)
 
 
 def shown_by(after: Linear, i: int) -> dict[str, Any]:
     """Return what log i shows: structure of what is left, balances, levels of the day, what is missing."""
     own = structure(after, after.problem.of_log == i)
     return {
-        "residual": ResidualOutput(own.white, tuple(own.correlated_with)),
+        "residual": outcome.ResidualOutput(own.white, tuple(own.correlated_with)),
         "balances": balance_errors(after, i),
         "day_to_day": levels_of(after.problem, after.beta, i),
         "missing": missing_of(after.problem),
     }
 
 
-def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
+def balance_errors(after: Linear, i: int) -> tuple[outcome.BalanceError, ...]:
     """Return every balance of log i where the effects act, of the whole log where there is none.
 
     Map, unknowns and levels of the day are those of the model with the effects in both cases, so that only the effects differ.
@@ -176,27 +166,29 @@ def balance_errors(after: Linear, i: int) -> tuple[BalanceError, ...]:
         B, A, usual = _rms(lost), _rms(left), _rms(left) if healthy is None else healthy
         moved = named and AFFECTED * usual < B and _rms(lost - left) > 0.5 * usual
         recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
-        found.append(BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered))
+        found.append(
+            outcome.BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered)
+        )
     return tuple(found)
 
 
-def levels_of(problem: Problem, beta: Array, i: int) -> tuple[DayLevel, ...]:
+def levels_of(problem: Problem, beta: Array, i: int) -> tuple[outcome.DayLevel, ...]:
     """Return what differs on the day of log i, in units."""
     known = {effect.id for effect in problem.catalogue}
     known |= {name for name, row in zip(problem.model.balances, problem.shown, strict=True) if row.any()}
     return tuple(
-        DayLevel(level.name, value, level.unit, level.deviation)
+        outcome.DayLevel(level.name, value, level.unit, level.deviation)
         for log, level, value in problem.on_days(beta)
         if log == i and level.name in known
     )
 
 
-def missing_of(problem: Problem) -> Missing | UnsetType:
+def missing_of(problem: Problem) -> outcome.Missing | UnsetType:
     """Return what the channels of the logs cannot show, unset where they have all."""
     model = problem.model
     channels = tuple(name for name in model.channels if name not in problem.signals.value)
     balances = tuple(name for name, row in zip(model.balances, problem.shown, strict=True) if not row.any())
-    return Missing(channels, balances, _same_place(problem)) if channels else UNSET
+    return outcome.Missing(channels, balances, _same_place(problem)) if channels else UNSET
 
 
 def _same_place(problem: Problem) -> tuple[tuple[str, ...], ...]:

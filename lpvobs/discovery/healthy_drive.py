@@ -210,9 +210,8 @@ class _LearnedBalance:
     amplitude: float
     lasting: float
     slow: Array
-    shares: (
-        Array  # logarithms of the variances of largest likelihood: of the fast error, the function, and the slow ones
-    )
+    # logarithms of the variances of largest likelihood: of the fast error, the function, and the slow ones
+    shares: Array
     unlikely: float
 
 

@@ -12,17 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery import thresholds
+from lpvobs.discovery import imbalances, thresholds
 from lpvobs.discovery.fit import cholesky, normal_of
-from lpvobs.discovery.imbalances import (
-    Nodes,
-    by_unknowns,
-    imbalances_at,
-    operating_nodes,
-    residual_of,
-    rests_on,
-    scenes_with,
-)
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.patterns import Patterns
 from lpvobs.discovery.residual import Problem, Term
@@ -112,7 +103,7 @@ def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    return rests_on(
+    return imbalances.rests_on(
         (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN), linear.nodes
     )
 
@@ -178,30 +169,32 @@ def losses_on_unseen(
     for linear, acting in zip(models, terms, strict=True):
         raw, nodes = _with_its_levels(linear, acting, unseen, weight)
         losses.append(((weight * raw) ** 2).sum(0))
-        known &= rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
+        known &= imbalances.rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
     return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
 
 
-def _with_its_levels(linear: Linear, terms: Sequence[Term], unseen: Problem, weight: Array) -> tuple[Array, Nodes]:
+def _with_its_levels(
+    linear: Linear, terms: Sequence[Term], unseen: Problem, weight: Array
+) -> tuple[Array, imbalances.Nodes]:
     """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
     for _ in range(thresholds.LEVEL_PASSES if unseen.spread.size > q else 0):
-        scenes = scenes_with(unseen, terms, beta)
-        nodes = operating_nodes(unseen, scenes)
-        each = imbalances_at(unseen, scenes, beta)
-        columns = weight * by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]
-        raw = weight * residual_of(unseen, scenes, beta, linear.theta, nodes)[0]
+        scenes = imbalances.scenes_with(unseen, terms, beta)
+        nodes = imbalances.operating_nodes(unseen, scenes)
+        each = imbalances.imbalances_at(unseen, scenes, beta)
+        columns = weight * imbalances.by_unknowns(unseen, scenes, terms, beta, each)[q:, 0]
+        raw = weight * imbalances.residual_of(unseen, scenes, beta, linear.theta, nodes)[0]
         gram, product = _with_patterns(columns, raw, weight, unseen.patterns)
         prior = np.diag(unseen.spread[q:] ** -2.0)
         shared = thresholds.LEVEL_SHARE  # neighbouring places share their errors
         step = np.linalg.solve(shared * gram + prior, shared * product + prior @ beta[q:])
         beta[q:] -= step
-    scenes = scenes_with(unseen, terms, beta)
-    nodes = operating_nodes(unseen, scenes)
-    return residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
+    scenes = imbalances.scenes_with(unseen, terms, beta)
+    nodes = imbalances.operating_nodes(unseen, scenes)
+    return imbalances.residual_of(unseen, scenes, beta, linear.theta, nodes)[0], nodes
 
 
 def _with_patterns(columns: Array, raw: Array, weight: Array, patterns: Patterns) -> tuple[Array, Array]:

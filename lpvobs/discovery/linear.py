@@ -32,9 +32,8 @@ class Linear:
     beta: Array  # (q,)
     scenes: tuple[Scene, ...]
     nodes: Nodes  # (K, 4)
-    pinned: NDArray[
-        np.bool_
-    ]  # (q + terms,) constants and sizes at an end of their range that would leave it if they could
+    # (q + terms,) constants and sizes at an end of their range that would leave it if they could
+    pinned: NDArray[np.bool_]
     noise: Noise  # whitened values are zero at places that are not used
     raw: Array  # (2, B, K) in the model's unit
     residual: Array  # (2, B, K) whitened, with what `curvature_bias` adds
@@ -114,7 +113,8 @@ class Linear:
         if self.dense is None:
             return self.products_by_block(whitened), self.by_block(whitened, self.residual)
         first, back = self.problem.first, self.noise.dual
-        dense, columns, residual = (back(x)[:, 0] for x in (_one_view(self.dense), self.columns, self.residual[None]))
+        one_view = np.stack([self.dense, np.zeros_like(self.dense)], axis=1)
+        dense, columns, residual = (back(x)[:, 0] for x in (one_view, self.columns, self.residual[None]))
         along = np.concatenate([-dense, columns, residual])
         sums = np.add.reduceat(np.einsum("nbk,bk->nk", along, direction[0]), first, axis=1).T
         return sums[:, :-1], sums[:, -1]
@@ -145,11 +145,6 @@ def residual_with(linear: Linear, terms: Sequence[Term]) -> Array:
     """Return the residual with other terms, map and unknowns as they are, shape (2, B, K), not whitened."""
     problem, scenes = linear.problem, scenes_with(linear.problem, terms, linear.beta)
     return residual_of(problem, scenes, linear.beta, linear.theta, operating_nodes(problem, scenes))
-
-
-def _one_view(values: Array) -> Array:
-    """Return values of shape (n, B, K) as views, the second of them zero."""
-    return np.stack([values, np.zeros_like(values)], axis=1)
 
 
 @njit(cache=True)

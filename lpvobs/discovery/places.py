@@ -45,10 +45,10 @@ def instants_of(model: ResidualModel, logs: Sequence[Log], wide: float) -> Place
         1.0, sum(lasting(log) for log in logs) / thresholds.SPACING / thresholds.MOST_INSTANTS
     )
     views = [_view(model, log, spacing, wide * thresholds.HALF_WIDTH) for log in logs]
-    signals = _joined(model, logs, views)
     apart = int(np.ceil(2.0 * max(view.half_width for view in views) / spacing))
     time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
     of_log = np.repeat(np.arange(len(logs)), [view.time.size for view in views])
+    signals = _joined(model, logs, views, time, time + starts(logs)[of_log])
     return Places(time, of_log, spacing, signals, _transience(model, signals, apart), None)
 
 
@@ -144,7 +144,7 @@ def _halves(values: Array) -> Array:
     return np.concatenate([values[0], values[1]], axis=-1)
 
 
-def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -> Signals:
+def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], time: Array, clock: Array) -> Signals:
     @lru_cache(maxsize=8)  # the fits ask for the same few shifts many times
     def later(shift: float) -> Array:
         seen = []
@@ -161,10 +161,6 @@ def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View]) -
         ]
         return np.asarray(_halves(np.concatenate(rates, axis=-1))[0])
 
-    time = np.concatenate([view.time - log.time[0] for log, view in zip(logs, views, strict=True)])
-    clock = np.concatenate(
-        [view.time - log.time[0] + start for log, view, start in zip(logs, views, starts(logs), strict=True)]
-    )
     value, rate = (
         _halves(np.concatenate([getattr(view, name) for view in views], axis=-1)) for name in ("value", "rate")
     )

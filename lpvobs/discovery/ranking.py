@@ -1,22 +1,12 @@
 """The ranking of all candidates against one model, logged channels included, and the test whether one of them is proven."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+
+import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.curves import channel_candidates, component_candidates
-from lpvobs.discovery.evidence import (
-    Candidate,
-    best_intervals,
-    first_order_gain,
-    fit_candidate,
-    gains_of_intervals,
-    p_value,
-    penalty,
-    score,
-    slope_of,
-    with_best_interval,
-)
+from lpvobs.discovery.evidence import Candidate, best_gain, first_order_gain, fit_candidate, score, with_best_interval
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
@@ -33,7 +23,7 @@ def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> l
     if not intervals or linear.problem.first.size < 3 * thresholds.LEAST_LENGTH:
         expected = {e: first_order_gain(linear, e) for e in effects if not (free and e.in_map)}
         return sorted((fit_candidate(linear, e) for e in most_promising(expected)), key=score, reverse=True)
-    expected = {e: _first_order_gain_of_intervals(linear, e, free and e.in_map) for e in effects}
+    expected = {e: best_gain(linear, e, free and e.in_map) for e in effects}
     found: list[Candidate] = []
     for effect in most_promising(expected):
         absorbed = free and effect.in_map
@@ -61,22 +51,6 @@ def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate
 def most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
     """Return the effects with the largest gain to first order, best first."""
     return sorted(expected, key=lambda effect: expected[effect], reverse=True)[: thresholds.LOOKED_AT]
-
-
-def _first_order_gain_of_intervals(linear: Linear, effect: Effect, absorbed: bool) -> float:
-    """Return the first-order gain of an effect on its best range of blocks, or over the whole logs."""
-    blocks = linear.problem.first.size
-    gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
-    tops = [
-        float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
-        for first, last in best_intervals(gains)
-    ]
-    return max(0.0 if absorbed else float(gains[0, blocks]), *tops)
-
-
-def tried(problem: Problem) -> int:
-    """Return how many hypotheses compete that have not paid for it: a curve's coefficients and a formula's search have a price."""
-    return len(problem.catalogue)
 
 
 def is_relevant(candidate: Candidate, linear: Linear) -> bool:
@@ -108,8 +82,16 @@ def with_model_error(problem: Problem) -> float:
 
 
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
-    """Return the probability of such a gain by chance, all hypotheses counted, where gains vary by more than noise."""
-    return p_value(replace(candidate, gain=candidate.gain / wider), tried(problem), problem.seeming.degrees)
+    """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
+
+    A curve's coefficients and a formula's search have paid a price, and do not compete. `wider` is the variance of a gain, in that
+    of noise. Healthy drives tell how far sizes vary beyond noise: the smaller the part of noise, the nearer is the distribution
+    to Student's with as many degrees of freedom as there are drives (Satterthwaite).
+    """
+    statistic = 2.0 * max(candidate.told * (candidate.gain / wider), 0.0) / max(candidate.unevenness, 1.0)
+    hypotheses = len(problem.catalogue) * candidate.loss.size**candidate.changes
+    effective = min(problem.seeming.degrees / max(1.0 - candidate.told, 1e-6) ** 2, 1e6)
+    return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
 
 
 def best_of(linear: Linear) -> list[Candidate]:

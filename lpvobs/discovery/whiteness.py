@@ -168,12 +168,10 @@ def times_noise(tests: int) -> float:
     return float(scipy.stats.norm.isf(0.5 * COLOURED / max(1, tests)))
 
 
-def structure(linear: Linear, on: NDArray[np.bool_] | None = None) -> Whiteness:
+def structure(linear: Linear, on: NDArray[np.bool_] | slice = slice(None)) -> Whiteness:
     """Return the structure of a model's residual with respect to every input and channel, at some instants or all."""
     problem = linear.problem
     every = problem.inputs() | dict(problem.auxiliary)
-    if on is None:
-        return whiteness(linear.residual[0], problem.first, every)
     first = np.flatnonzero(np.diff(problem.block[on], prepend=-1))
     return whiteness(linear.residual[0][:, on], first, {name: values[on] for name, values in every.items()})
 
