@@ -4,9 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 
 from lpvobs.discovery import select
+from lpvobs.discovery.evidence import Candidate
 from lpvobs.discovery.held_out import Losses
+from lpvobs.discovery.patterns import Seeming
+from lpvobs.discovery.ranking import chance, is_proven
 
 
 @pytest.fixture
@@ -55,3 +59,46 @@ def test_beside_what_no_cause_has_listed_a_second_one_needs_more(better, named):
 def test_two_effects_that_are_nearly_opposite_do_not_explain_each_other(better):
     """An inlet leak at the end of its range stood beside a reading a quarter too high."""
     assert not better(3000.0, 1000.0, 500.0, opposed=True)
+
+
+def judged(gain, told, degrees=np.inf, candidates=20):
+    """Return the chance of a gain on one block, and whether it is proven, where 20 effects compete and healthy drives tell."""
+    problem = SimpleNamespace(
+        seeming=Seeming(degrees=degrees), patterns=(1,), levels=(), data=1000.0, catalogue=(None,) * candidates
+    )
+    term = SimpleNamespace(course=None, begin=-np.inf, end=np.inf)
+    candidate = Candidate(term, gain, 1.0, 1.0, np.zeros(1), 1.0, False, told)
+    return chance(candidate, problem), is_proven(candidate, SimpleNamespace(problem=problem))
+
+
+def test_a_size_whose_variation_few_drives_tell_is_less_sure():
+    gain = 20.0
+    noise_alone, _ = judged(gain, 1.0, degrees=12)
+    assert noise_alone == pytest.approx(20 * scipy.stats.chi2.sf(2.0 * gain, 1), rel=0.01)
+    beside_variation, _ = judged(2.0 * gain, 0.5, degrees=12)  # as far from none, in standard deviations
+    assert beside_variation == pytest.approx(20 * 2.0 * scipy.stats.t.sf(np.sqrt(2.0 * gain), 48))
+    assert judged(2.0 * gain, 0.5, degrees=np.inf)[0] == pytest.approx(noise_alone, rel=0.01)
+
+
+def test_an_effect_is_proven_by_what_is_left_beside_healthy_variation_and_matters_by_all_of_it():
+    assert judged(20.0, 1.0)[1]
+    assert not judged(20.0, 0.5)[1]  # ten are left, fifteen are asked
+    assert judged(31.0, 0.5)[1]
+    assert not judged(14.0, 1.0)[1]
+
+
+@pytest.mark.parametrize(("uneven", "left"), [(1.0, True), (2.5, False)])
+def test_what_changes_from_block_to_block_must_change_more_than_on_healthy_drives(monkeypatch, uneven, left):
+    monkeypatch.setattr(select, "elsewhere_of", lambda _: 2.4)
+    problem = SimpleNamespace(seeming=Seeming(uneven=uneven), coarse_blocks=48.0)
+    assert (select.structure(SimpleNamespace(problem=problem)) > 0.0) == left
+
+
+@pytest.mark.parametrize(("formula", "beats"), [(71.0, False), (69.0, True)])
+def test_a_formula_takes_the_place_of_one_effect_where_it_gains_clearly_more(monkeypatch, formula, beats):
+    first = SimpleNamespace(problem=SimpleNamespace(patterns=(1,)))
+    search = select._Search("effect", [SimpleNamespace(id="leak.inlet")], 100.0, first, ())
+    monkeypatch.setattr(select, "_forms_of", lambda *_: [SimpleNamespace(term=None)])
+    monkeypatch.setattr(select, "objective", lambda linear: linear)
+    monkeypatch.setattr(select, "refit", lambda *_: formula)  # FORM_CLEAR below 100
+    assert select._form_beats(search, None) == beats
