@@ -191,7 +191,7 @@ def estimate_logs(
     results.write_result(out, before.air_path, done.estimate, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
     if method == "observer":
-        from lpvobs.api.search_start import learn_healthy  # loads the search for effects
+        from lpvobs.api.healthy import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
     progress(1.0)

@@ -10,8 +10,9 @@ import numpy as np
 from msgspec import UNSET
 
 from lpvobs.api.files import File, Files, LogAt, Progress, as_path, contents, shown, some_logs, updating, usable
+from lpvobs.api.healthy import healthy_drive
 from lpvobs.api.known_engine import KnownEngine, known_engine
-from lpvobs.api.search_start import Start, healthy_drive, known_from, nothing_known, search_start
+from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Comparison
 from lpvobs.discovery.known_effects import KnownEffect, Span

@@ -64,9 +64,8 @@ def loss_over_rotor_speed(c: DieselConstants, omega_t: float) -> float:
     return c.c_m1 * beyond
 
 
-TURBINE_PASSES = (
-    3  # Passes of the fixed point between flow and back pressure p_es = p_amb + k_exhaust W_t^2 of the turbine
-)
+TURBINE_PASSES = 3
+"""Passes of the fixed point between the turbine's flow and its back pressure p_es = p_amb + k_exhaust W_t^2."""
 
 
 @njit(cache=True)
