@@ -72,15 +72,9 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
 
 
 def _fitted(linear: Linear, effect: Effect, curve: Curve) -> Candidate:
-    """Return a curve as a candidate, its gain less what its coefficients cost.
-
-    It is told by what is left beside what a healthy engine seems to have of the carrier, whose size follows the curve.
-    """
+    """Return a curve as a candidate, its gain less what its coefficients cost."""
     candidate = fit_candidate(linear, effect, like=Term(effect, effect.null, curve=curve))
-    usual = max(float(np.sqrt(np.mean(curve.values**2))), np.finfo(float).tiny)
-    carrier = next(effect for effect in linear.problem.carriers if effect.id == curve.carrier)
-    seems = linear.problem.seems(Term(carrier, usual), candidate.information / candidate.told / usual**2)
-    return replace(candidate, gain=candidate.gain - COST * (curve.knots.size - 1), told=1.0 / (1.0 + seems))
+    return replace(candidate, gain=candidate.gain - COST * (curve.knots.size - 1))
 
 
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:

@@ -126,12 +126,16 @@ class HealthyDrive:
         return replace(found, wider=wide)
 
     def _seeming(self, problem: Problem) -> Seeming:
-        """Return what a healthy engine seems to have of every effect; of a component's curve it is what it has of its factor."""
+        """Return what a healthy engine seems to have of every effect, and of what acts in the place of some: their mean."""
         whole, late, each = (
             dict(zip(self.effects, x.tolist(), strict=True)) for x in (self.whole, self.late, self.beyond)
         )
-        curves = {c.id: each[c.carrier.id] for c in problem.model.curves if c.carrier.id in each}
-        return Seeming(whole, late, curves, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
+        by_place: dict[str, list[float]] = {}
+        for effect in problem.catalogue:
+            if effect.id in each:
+                by_place.setdefault(effect.place, []).append(each[effect.id])
+        places = {place: float(np.mean(own)) for place, own in by_place.items()}
+        return Seeming(whole, late, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
         """Return what the slow error of a balance may look like, independent and of unit size, as far as data tell, (m, K)."""

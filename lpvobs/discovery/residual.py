@@ -130,7 +130,7 @@ class Problem(Places):
         """
         size = (self.seeming.whole if term.whole else self.seeming.late).get(term.effect.id)
         if size is None:
-            return self.seeming.curves.get(term.effect.id, self.seeming.common) * self.data
+            return self.seeming.places.get(term.effect.place, self.seeming.common) * self.data
         return information * size**2 * max(1.0, 0.5 / max(float(np.mean(term.acts(self.clock))), 1.0 / self.K))
 
     def over_columns(self, values: Array) -> Array:

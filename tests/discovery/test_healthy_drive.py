@@ -222,6 +222,27 @@ def test_what_lasts_shorter_than_half_a_drive_varies_more(healthy, plant, config
     assert judged.seems(term, 1e4) == pytest.approx(0.001 * judged.data)
 
 
+def test_a_formula_varies_as_the_effects_in_its_place(healthy, plant, config, prior, other):
+    """Formulas of the reading were weighed by the mean of all effects, on engines whose EGR flow varies: 1 of 12 was found."""
+    seeming = replace(
+        healthy,
+        effects=("maf.gain", "maf.offset", "egr.area"),
+        whole=np.full(3, 0.01),
+        late=np.full(3, 0.02),
+        beyond=np.array([0.001, 0.003, 0.03]),
+        common=0.0113,
+    )
+    problem = seeming.taken_off(lay_out(seeming.unchanged(plant), config.grid(), unmoved(prior), [other(2, 1.0)]))
+    gain = plant.effect("maf.gain")
+
+    def variance(place: str) -> float:
+        return problem.seems(Term(replace(gain, id="form:W_maf ~ T_im", place=place), 0.1), 1e4) / problem.data
+
+    assert variance("sensor") == pytest.approx(0.002)
+    assert variance("EGR") == pytest.approx(0.03)
+    assert variance("turbine") == pytest.approx(0.0113)  # nothing is known of that place
+
+
 def test_fast_errors_last_as_long_at_any_spacing(laid_out, clean, healthy):
     """Of more than 25 minutes, residuals are taken less often: the errors then seemed to last a shorter time."""
     problem = laid_out(clean)
