@@ -39,9 +39,6 @@ def test_how_a_recording_is_cut_changes_no_bit(cuts):
     log = log_of(np.cumsum(rng.uniform(0.1, 0.3, 40)), rng.normal(300.0, 20.0, 40), ((0, 15), (15, 40)))
     (whole,) = log.pieces()
     ends = [0, *cuts, 40]
-    pieces = [
-        Piece(whole.time[a:b], {"gas": whole.channels["gas"][a:b]}, whole.begins[a:b])
-        for a, b in pairwise(ends)
-    ]
+    pieces = [Piece(whole.time[a:b], {"gas": whole.channels["gas"][a:b]}, whole.begins[a:b]) for a, b in pairwise(ends)]
     parts = np.concatenate([piece.channels["wall"] for piece in followed(WALL, pieces)])
     np.testing.assert_array_equal(parts, with_followers(WALL, log)["wall"])
