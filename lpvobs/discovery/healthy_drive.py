@@ -130,11 +130,9 @@ class HealthyDrive:
         whole, late, each = (
             dict(zip(self.effects, x.tolist(), strict=True)) for x in (self.whole, self.late, self.beyond)
         )
-        by_place: dict[str, list[float]] = {}
-        for effect in problem.catalogue:
-            if effect.id in each:
-                by_place.setdefault(effect.place, []).append(each[effect.id])
-        places = {place: float(np.mean(own)) for place, own in by_place.items()}
+        known = [effect for effect in problem.catalogue if effect.id in each]
+        in_place = {effect.place: [each[e.id] for e in known if e.place == effect.place] for effect in known}
+        places = {place: float(np.mean(own)) for place, own in in_place.items()}
         return Seeming(whole, late, places, self.common, self.uneven, len(self.logs) + thresholds.POOLED)
 
     def _slow(self, problem: Problem, b: int, wider: Array) -> Array:
