@@ -244,9 +244,7 @@ def _rms(values: Array) -> float:
 def _library(problem: Problem) -> _Products:
     """Return every channel that moves, every ratio of two of one unit, and the time, with rates and lags."""
     values = {
-        name: recorded_at(problem, name)
-        for name in (*problem.signals.value, *problem.auxiliary)
-        if NAME.fullmatch(name)
+        name: recorded_at(problem, name) for name in (*problem.measured, *problem.auxiliary) if NAME.fullmatch(name)
     }
     moving = [name for name, x in values.items() if np.std(x) > thresholds.STANDS * abs(np.mean(x))]
     units = problem.model.units
@@ -256,7 +254,7 @@ def _library(problem: Problem) -> _Products:
     dynamic = [Factor(name, "rate") for name in names[:-1]]
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
     factors = [*(Factor(name) for name in names), *dynamic]
-    count = 2.0 * len(problem.signals.value) * len(names) * len(factors)
+    count = 2.0 * len(problem.measured) * len(names) * len(factors)
     none = np.empty(0)
     return _Products(problem, _pools(problem), names, (), none, none, none, count).with_factors(factors)
 
@@ -268,7 +266,7 @@ def _targets(problem: Problem) -> list[Form]:
     """
     if len(problem.patterns):
         return [Form(SENSOR)]
-    channels = [name for name, x in problem.signals.value.items() if np.isfinite(x).all()]  # a log may lack one
+    channels = [name for name in problem.measured if np.isfinite(problem.signals[name]).all()]  # a log may lack one
     readings = {"sensor", "fuel", *channels}
     return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
 

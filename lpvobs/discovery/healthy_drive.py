@@ -276,7 +276,7 @@ def _learned(
 def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
     """Return where the bells stand, along what the drives have visited, before anything is learned."""
     s, none = problem.signals, np.zeros(0)
-    moving = tuple(name for name in s.value if np.std(s[name]) > thresholds.STANDS * np.abs(np.mean(s[name])))
+    moving = tuple(name for name in problem.measured if np.std(s[name]) > thresholds.STANDS * np.abs(np.mean(s[name])))
     channels = tuple(name for name in moving if name != SENSOR)
     along = np.stack([*(s[name] for name in channels), *(s.rate[name] for name in moving)], axis=1)
     bare = HealthyDrive(

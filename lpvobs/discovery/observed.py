@@ -22,6 +22,7 @@ from lpvobs.discovery.known_effects import KnownEffect, effect_along
 from lpvobs.discovery.thresholds import WIDE
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.effects import SENSOR, Signals
+from lpvobs.engines.followers import with_followers
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.observer.estimate import calmed, steps_of
@@ -58,8 +59,8 @@ class Refined:
 
 def observed(refined: Refined, log: Log) -> Observed:
     """Return what a log says of the map beside the effects: the reading less the flow of every balance, and where it is read."""
-    right = corrected(refined, log)
     air_path = refined.air_path
+    right = corrected(refined, with_followers(air_path.followers, log))
     calm, rates = calmed(air_path, right, refined.smoothing)
     trajectory = air_path.trajectory(calm, refined.outputs)
     inputs, _ = added(refined, calm, rates)
@@ -114,7 +115,7 @@ def _signals(model: ResidualModel, log: Log, rates: Mapping[str, Array]) -> Sign
     def slow(channel: str) -> Array:
         return np.asarray(smooth(log.time, log[channel][None], log.segments, WIDE)[1][0])
 
-    there = {name: log[name] for name in model.channels if name in log.channels}
+    there = {name: log[name] for name in model.signals if name in log.channels}
     since = log.time - log.time[0]
     return Signals(
         time=since,

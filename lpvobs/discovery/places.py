@@ -67,7 +67,7 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
                 f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
                 f"driving; record a longer log"
             )
-    there = [name for name in model.channels if all(name in log.channels for log in logs)]
+    there = [name for name in model.signals if all(name in log.channels for log in logs)]
     value = {name: np.concatenate([log[name] for log in logs]) for name in there}
     rate = {name: _gradient(values, clock, segments) for name, values in value.items()}
     reading = value.get(SENSOR, np.zeros(clock.size))
@@ -121,7 +121,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
             f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
             f"driving; record a longer log"
         )
-    value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
+    value, rate = at(log, np.stack([log[name] for name in model.signals]), time, half_width)
     return _View(time, half_width, value, rate)
 
 
@@ -167,8 +167,8 @@ def _joined(model: ResidualModel, logs: Sequence[Log], views: Sequence[_View], t
     return Signals(
         time=np.tile(time, 2),
         clock=np.tile(clock, 2),
-        value=dict(zip(model.channels, value, strict=True)),
-        rate=dict(zip(model.channels, rate, strict=True)),
+        value=dict(zip(model.signals, value, strict=True)),
+        rate=dict(zip(model.signals, rate, strict=True)),
         lacks=np.tile(np.array(model.lacks)[:, None], (1, 2 * time.size)),
         later=later,
         slow=slow,

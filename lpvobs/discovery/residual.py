@@ -13,6 +13,7 @@ from lpvobs.discovery.courses import Shape, TracedCourse, state
 from lpvobs.discovery.patterns import Patterns, Seeming
 from lpvobs.discovery.places import Places, blocks_of_logs, instants_of, kept_back, starts, stretches
 from lpvobs.engines.effects import SENSOR, Effect
+from lpvobs.engines.followers import with_followers
 from lpvobs.engines.residual_model import Level, ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Log
@@ -105,6 +106,11 @@ class Problem(Places):
         return tuple(e for e in self.model.catalogue if all(channel in self.signals.value for channel in e.needs))
 
     @property
+    def measured(self) -> tuple[str, ...]:
+        """The signals that sensors show."""
+        return tuple(name for name in self.signals.value if name not in self.model.followers)
+
+    @property
     def carriers(self) -> tuple[Effect, ...]:
         """Those that a logged channel may drive."""
         return tuple(effect for effect in self.catalogue if effect.id in self.model.carriers)
@@ -142,7 +148,7 @@ class Problem(Places):
 
     def inputs(self) -> dict[str, Array]:
         """Return every channel but the sensor under test, at the places."""
-        return {name: self.along(name) for name in self.signals.value if name != SENSOR}
+        return {name: self.along(name) for name in self.measured if name != SENSOR}
 
     def channel(self, name: str) -> Array:
         """Return a channel of the engine, or one of the logs' own, at the places, shape (K,)."""
@@ -222,6 +228,7 @@ def lay_out(
 ) -> Problem:
     """Return the problem of one or more logs; raises DataError if a log has no stretch that is long enough."""
     model = replace(model, units={name: unit for log in logs for name, unit in log.units.items()} | dict(model.units))
+    logs = [with_followers(model.followers, log) for log in logs]
     places = (blocks_of_logs if model.blocks else instants_of)(model, logs, wide)
     length = max(
         thresholds.BLOCK,

@@ -10,6 +10,7 @@ from lpvobs.engines.channels import NONE_SUSPECTED, Channel, Pulsation, Recorded
 from lpvobs.engines.constants import scaled
 from lpvobs.engines.curves import Knowledge
 from lpvobs.engines.effects import SENSOR
+from lpvobs.engines.followers import Follower
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.engines.unknowns import Caution, Component, ComponentMap, Correction, MeasuredPart, Unknowns
@@ -62,6 +63,7 @@ class AirPath(Protocol):
     smoothed: ClassVar[tuple[str, ...]]  # measured states and temperatures that enter the scheduling parameters
     # of these, those that go through a wider window, too: a steep relation reads them, or their noise counts
     calmed: ClassVar[tuple[str, ...]] = ()
+    followers: ClassVar[Mapping[str, Follower]] = {}  # signals that the corrections read and no sensor shows
     balance_names: ClassVar[tuple[str, ...]]  # those of `balances`
     components: ClassVar[tuple[Component, ...]] = ()  # corrections that parts of the engine may need
     measured_parts: ClassVar[tuple[MeasuredPart, ...]] = ()  # flows inside the engine that a bench may measure

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lpvobs.engines.blocks import Blocks
 from lpvobs.engines.curves import Nodes
 from lpvobs.engines.effects import Effect, Signals
+from lpvobs.engines.followers import Follower
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import Component
 from lpvobs.errors import UsageError
@@ -126,7 +127,15 @@ class ResidualModel:
     beyond: Callable[[Sequence[Log], Signals, Blocks | None], Array] | None = None
     # how wrong the balances of a healthy engine are, held out; None weights a residual by its own scatter
     healthy: HealthyErrors | None = None
+    followers: Mapping[str, Follower] = field(
+        default_factory=dict
+    )  # signals that the balances read and no sensor shows
     units: Mapping[str, str] = field(default_factory=dict)  # of the channels, and of those that logs have beside them
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """All that the balances are computed from."""
+        return (*self.channels, *self.followers)
 
     @property
     def spread(self) -> Array:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import Channels, Suspects
+from lpvobs.engines.followers import followed
 from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import cell_numbers
@@ -105,7 +106,7 @@ class Watched:
     def pieces(self) -> Iterator[Piece]:
         """Yield the samples in order."""
         self._sums, rest, means = None, Channels(), Channels()
-        for piece in self.recording.pieces():
+        for piece in followed(self.look[0].air_path.followers, self.recording.pieces()):
             rest = _joined(rest, {"time": piece.time, "begins": piece.begins.astype(float), **piece.channels})
             first = _block_starts(rest)
             means = _joined(means, _block_means(rest, first))

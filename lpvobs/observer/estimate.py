@@ -20,7 +20,7 @@ from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
-from lpvobs.observer.information import NO_LEVEL, Prior, Solution, considered, solve
+from lpvobs.observer.information import AMPLITUDES, NO_LEVEL, Prior, Solution, considered, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
 from lpvobs.observer.settings import EstimateSettings
@@ -42,6 +42,8 @@ class EngineFound:
     mean: Array  # (q,) seen from there
     covariance: Array  # (q, q)
     amplitudes: tuple[float, ...] = ()  # of the groups of corrections
+    # (q,) the mean with corrections as small as they can be, where the engine is still as configured
+    with_little: Array | None = None
 
     def moved(self) -> dict[str, float]:
         """Return by how much each constant has moved from the point."""
@@ -81,7 +83,9 @@ class Point:
         if found is None or not self.configured.calmed:  # nothing steep: balances are linear in what is not known
             return self
         near = all(abs(share) <= LINEAR for share in found.moved().values())
-        return self if near else replace(self, deviation=found.deviation())
+        if near or found.with_little is None:
+            return self if near else replace(self, deviation=found.deviation())
+        return replace(self, deviation=replace(found, mean=found.with_little).deviation())
 
 
 @dataclass(frozen=True)
@@ -152,7 +156,12 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
     unknowns, settings = point.unknowns, point.settings
     layout = Columns(grid.size, unknowns.size, len(point.configured.balance_names))
     total = added_up(grid, layout, noted())
-    solution = solve(layout, total, Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances))
+    prior = Prior(settings.prior_map, unknowns, (NO_LEVEL,) * layout.balances)
+    solution, little = solve(layout, total, prior), None
+    if not point.deviation and (groups := unknowns.groups()):
+        # Far from where it is linearised, a compressor of other constants looks like one that needs large corrections, and
+        # stays there: the first step is of the constants.
+        little = solve(layout, total, replace(prior, amplitudes=(AMPLITUDES[0],) * len(groups))).mean[solution.engine]
     if settings.constants == "consider":
         solution = considered(solution, total, settings.prior_map, unknowns)
     theta, covariance, noise = _since_known(grid, solution, unknowns)
@@ -171,6 +180,7 @@ def merged(grid: Grid, parts: Iterable[LogInformation], point: Point) -> tuple[M
             solution.mean[solution.engine],
             solution.covariance[solution.engine, solution.engine],
             solution.amplitudes,
+            little,
         ),
     )
     return estimate, solution

@@ -76,6 +76,7 @@ class Prior:
     node: float  # [kg/s], standard deviation of a node, far beyond any sensor
     unknowns: Unknowns
     levels: tuple[float, ...]  # [kg/s], standard deviation of each balance's level of the day
+    amplitudes: tuple[float, ...] = ()  # of the groups of corrections; none where they are found from the data
 
     def mean(self, layout: Columns) -> Array:
         """Return the mean of all columns that are solved for."""
@@ -114,7 +115,7 @@ def solve(layout: Columns, moments: Moments, prior: Prior) -> Solution:
         mean, _, spent = state.at(S, amplitudes)
         S, fast = state.errors(mean, spent)
     if groups:
-        amplitudes = state.likeliest(S)
+        amplitudes = prior.amplitudes or state.likeliest(S)
         mean, _, spent = state.at(S, amplitudes)
         S, fast = state.errors(mean, spent)
     mean, covariance, _ = state.at(S, amplitudes)

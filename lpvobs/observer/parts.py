@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
+from lpvobs.engines.followers import followed
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.errors import DataError
 from lpvobs.maps.grid import Grid
@@ -102,7 +103,7 @@ class SlopeSignals:
 
 def signals_for(air_path: AirPath) -> SlopeSignals:
     """Return what the slopes of an engine's balances are computed from."""
-    return SlopeSignals(tuple(air_path.channels), air_path.smoothed)
+    return SlopeSignals((*air_path.channels, *air_path.followers), air_path.smoothed)
 
 
 class Answers:
@@ -210,7 +211,8 @@ def observed_along(
 ) -> Iterator[tuple[Observed, Array]]:
     """Yield what the observer makes of a recording, stretch by stretch, and what the sensor read [kg/s]."""
     signals, x, no_map = signals_for(air_path), np.empty(0), np.zeros(grid.size)
-    for stretch in stretches(recording.pieces(), air_path.smoothed, settings.smoothing, air_path.calmed):
+    pieces = followed(air_path.followers, recording.pieces())
+    for stretch in stretches(pieces, air_path.smoothed, settings.smoothing, air_path.calmed):
         log = calm_log(stretch)
         trajectory, point = air_path.trajectory(log, gain.outputs), operating_point(air_path, log)
         first, before = (air_path.states(log)[0], None) if stretch.begins else (x, stretch.before)

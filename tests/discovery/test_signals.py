@@ -1,5 +1,7 @@
 """Two views of the same signals."""
 
+from dataclasses import replace
+
 import numpy as np
 from reference.drives import log_of
 
@@ -37,3 +39,13 @@ def test_no_window_reaches_across_a_gap():
     value, rate = at(log, signal[None], where, 0.1)
     np.testing.assert_allclose(value[0, 0], np.where(where < 30.0, 1.0, 100.0), rtol=1e-9)
     np.testing.assert_allclose(rate[1, 0], 0.0, atol=1e-6)
+
+
+def test_what_follows_a_channel_is_read_but_is_no_channel_of_the_search(laid_out, clean):
+    """The ports' temperature is computed: nothing that is found may be said to follow it."""
+    problem = laid_out(clean)
+    assert "T_ports" in problem.signals.value
+    assert "T_ports" not in problem.measured
+    hot = replace(clean, channels={**clean.channels, "T_em": clean["T_em"] + 50.0})
+    moved = laid_out(hot).signals["T_ports"] - problem.signals["T_ports"]
+    np.testing.assert_allclose(moved, 50.0, atol=1e-6)

@@ -11,7 +11,7 @@ from lpvobs.observer.windows import LENGTH
 
 STILL = {
     "n_e": 1800.0, "u_delta": 25.0, "u_egr": 8.0, "u_vgt": 60.0, "p_im": 1.6e5, "p_em": 1.9e5, "omega_t": 14000.0,
-    "T_im": 320.0, "T_em": 650.0, "p_amb": 98000.0, "T_amb": 298.0, "W_maf": 0.07,
+    "T_im": 320.0, "T_em": 650.0, "T_ports": 650.0, "p_amb": 98000.0, "T_amb": 298.0, "W_maf": 0.07,
 }  # fmt: skip
 NOISE = {"p_im": 150.0, "p_em": 300.0, "omega_t": 20.0, "T_im": 0.3, "T_em": 2.0}
 

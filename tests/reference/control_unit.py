@@ -5,6 +5,7 @@ import numpy as np
 from lpvobs.engines.base import Trajectory
 from lpvobs.engines.curves import values_at
 from lpvobs.engines.diesel import relations
+from lpvobs.engines.followers import with_followers
 from lpvobs.io.control_unit.sources import MEMORY, PACE
 from lpvobs.observer.estimate import calmed
 from lpvobs.observer.parts import operating_point
@@ -38,7 +39,7 @@ def trajectory_of(unit, log):
 
 def constant(unit, log):
     """Return states (N, n) and map (p,) by the compiled recursion with Gamma constant."""
-    smooth, _ = calmed(unit.air_path, log, unit.half_width)
+    smooth, _ = calmed(unit.air_path, with_followers(unit.followers, log), unit.half_width)
     trajectory = trajectory_of(unit, smooth)
     first = unit.air_path.states(smooth)[[start for start, _ in log.segments]]
     point = operating_point(unit.air_path, log)
@@ -50,7 +51,7 @@ def constant(unit, log):
 
 def falling(unit, log):
     """Return the same by the step as printed, Gamma = gamma I with 1 / gamma = 1 / gamma_0 + (time driven) / PACE."""
-    smooth, _ = calmed(unit.air_path, log, unit.half_width)
+    smooth, _ = calmed(unit.air_path, with_followers(unit.followers, log), unit.half_width)
     trajectory = trajectory_of(unit, smooth)
     measured, (fuel, speed) = unit.air_path.states(smooth), operating_point(unit.air_path, log)
     nodes, weights = unit.grid.regressors(fuel, speed)

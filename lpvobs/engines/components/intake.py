@@ -18,11 +18,12 @@ from lpvobs.engines.curves import Nodes, Weights, nodes, on_surface
 from lpvobs.engines.unknowns import Component
 from lpvobs.records import Array
 
+SLOWEST = 60.0  # [rpm], far below idling: an engine that stands still has no time of a revolution
 USUAL_CHARGE = 320.0  # [K], T_im at which the slope of the filling adds nothing
 SPEED = nodes("rpm", "engine speed", 600, 1000, 1400, 1800, 2300, 2900, 3600, 4400)
-CREST = Nodes(
-    np.arange(500.0, 4501.0, 80.0), "rpm", "engine speed divided by sqrt(T_im / 320 K), which scales pressure waves"
-)
+TURN = Nodes(np.arange(12.0, 90.1, 1.2), "ms", "time of a revolution, times sqrt(T_im / 320 K)")
+"""A pressure wave goes to and fro in a runner of 0.3 to 0.6 m, four lengths, in 3 to 7 ms. So far apart are the crests of what it
+adds to the filling, at any speed; over the speed itself they lie close together below 1500 rpm."""
 PRESSURE = nodes("Pa", "intake manifold pressure", 0.9e5, 1.1e5, 1.4e5, 1.8e5, 2.4e5, 3.2e5)
 DENSITY = nodes("Pa", "intake manifold pressure", 0.9e5, 3.2e5)  # waves are stronger in denser charge
 SHAPE = (
@@ -31,8 +32,8 @@ SHAPE = (
         {"n_e": SPEED, "p_im": PRESSURE}, (700.0, 5e4),
     ),
     Component(
-        "eta_vol_waves", "1", "relative change of the volumetric efficiency within some hundred rpm", 0.02, "eta_vol_waves",
-        {"n_e": CREST, "p_im": DENSITY}, (150.0, 2e5),
+        "eta_vol_waves", "1", "relative change of the volumetric efficiency by waves in the runner", 0.02, "eta_vol_waves",
+        {"turn": TURN, "p_im": DENSITY}, (2.4, 2e5),
     ),
 )  # fmt: skip
 """Corrections of the filling over speed and pressure: 3 % is what bench points left of models fitted to them."""
@@ -137,7 +138,8 @@ def egr_area(c: Constants, u_egr: Array) -> Array:
 def shape_weights(x: Mapping[str, Array]) -> tuple[Weights, Weights]:
     """Return the nodes of `SHAPE` that n places lie between, and their shares."""
     n_e, p_im = x["n_e"], x["p_im"]
-    waves = on_surface(CREST.values, DENSITY.values, n_e * np.sqrt(USUAL_CHARGE / x["T_im"]), p_im)
+    turn = 6e4 / np.maximum(n_e, SLOWEST) * np.sqrt(x["T_im"] / USUAL_CHARGE)
+    waves = on_surface(TURN.values, DENSITY.values, turn, p_im)
     return on_surface(SPEED.values, PRESSURE.values, n_e, p_im), waves
 
 

@@ -14,7 +14,7 @@ from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import balances
 from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, imbalances
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import RATIO
+from lpvobs.engines.diesel.corrections import FOLLOWERS, RATIO
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, reading
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
@@ -90,6 +90,7 @@ def diesel_model(
         balances=BALANCES,
         unit="kg/s",
         channels=balances.CHANNELS,
+        followers=FOLLOWERS,
         moving=("n_e", "u_delta", "u_egr", "u_vgt", "p_im", "p_em", "omega_t", "T_im", "T_em"),
         fuel="u_delta",
         speed="n_e",

@@ -60,6 +60,7 @@ class Diesel(AirPath):
     rate_names = ("a_1", "a_2")
     smoothed = ("p_im", "p_em", "omega_t", "T_im", "T_em")
     calmed = ("p_im", "omega_t", "p_em")
+    followers = correction.FOLLOWERS
     balance_names = BALANCES
     components = correction.COMPONENTS
     measured_parts = correction.MEASURED_PARTS

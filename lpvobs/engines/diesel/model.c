@@ -11,6 +11,7 @@
 #define PI R(3.14159265358979323846)
 #if LPVOBS_CORRECTED
 #define COUNT(a) ((uint32_t)(sizeof(a) / sizeof((a)[0])))
+#define SLOWEST R(60.0)       /* rpm; lpvobs.engines.components.intake */
 #define USUAL_CHARGE R(320.0) /* K; lpvobs.engines.components.intake */
 #define USUAL_RATIO R(1.2)    /* p_em / p_im; lpvobs.engines.diesel.corrections */
 #define USUAL_HEAT R(600.0)   /* K; lpvobs.engines.diesel.corrections */
@@ -113,7 +114,7 @@ static real_t compressor_correction(real_t Psi_c, real_t U)
 }
 
 /* Return the relative change of the volumetric efficiency. */
-static real_t filling_correction(const real_t u[LPVOBS_CHANNELS])
+static real_t filling_correction(const real_t u[LPVOBS_SIGNALS])
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t T_im = u[LPVOBS_IN_T_im];
@@ -121,16 +122,16 @@ static real_t filling_correction(const real_t u[LPVOBS_CHANNELS])
     const uint32_t densities = COUNT(c->eta_vol_waves_p_im);
     const place j = at(c->eta_vol_n_e, COUNT(c->eta_vol_n_e), u[LPVOBS_IN_n_e]);
     const place k = at(c->eta_vol_p_im, across, u[LPVOBS_IN_p_im]);
-    const place wave = at(c->eta_vol_waves_n_e, COUNT(c->eta_vol_waves_n_e), u[LPVOBS_IN_n_e] * root(USUAL_CHARGE / T_im));
+    const place wave = at(c->eta_vol_waves_turn, COUNT(c->eta_vol_waves_turn), R(6e4) / most(u[LPVOBS_IN_n_e], SLOWEST) * root(T_im / USUAL_CHARGE));
     const place dense = at(c->eta_vol_waves_p_im, densities, u[LPVOBS_IN_p_im]);
     return on_surface(c->eta_vol, 0U, j, across, k) + on_surface(c->eta_vol_waves, 0U, wave, densities, dense) +
-           (c->eta_vol_heat * ((u[LPVOBS_IN_T_em] - USUAL_HEAT) / R(100.0))) +
+           (c->eta_vol_heat * ((u[LPVOBS_IN_T_ports] - USUAL_HEAT) / R(100.0))) +
            (c->eta_vol_exhaust * ((u[LPVOBS_IN_p_em] / u[LPVOBS_IN_p_im]) - USUAL_RATIO)) +
            (c->eta_vol_charge * ((T_im - USUAL_CHARGE) / R(100.0)));
 }
 
 /* Return the flow that is added to that of the EGR valve, of that of the open nozzle. */
-static real_t egr_correction(const real_t u[LPVOBS_CHANNELS])
+static real_t egr_correction(const real_t u[LPVOBS_SIGNALS])
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const uint32_t rows = COUNT(c->egr_p_im_over_p_em);
@@ -152,7 +153,7 @@ static real_t egr_flow_function(real_t ratio)
     return R(1.0) - (away * away);
 }
 
-static real_t egr(const real_t u[LPVOBS_CHANNELS])
+static real_t egr(const real_t u[LPVOBS_SIGNALS])
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t p_im = u[LPVOBS_IN_p_im];
@@ -184,7 +185,7 @@ static real_t turbine_loss(real_t omega_t)
 }
 
 /* Return rho_4 of Eq. (3) and fill power with P_t eta_m of Eq. (2). */
-static real_t turbine(const real_t u[LPVOBS_CHANNELS], real_t *delivered)
+static real_t turbine(const real_t u[LPVOBS_SIGNALS], real_t *delivered)
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t p_em = u[LPVOBS_IN_p_em];
@@ -214,7 +215,7 @@ static real_t turbine(const real_t u[LPVOBS_CHANNELS], real_t *delivered)
     return flow;
 }
 
-void lpvobs_model(const real_t u[LPVOBS_CHANNELS], lpvobs_system *system)
+void lpvobs_model(const real_t u[LPVOBS_SIGNALS], lpvobs_system *system)
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t p_im = u[LPVOBS_IN_p_im];

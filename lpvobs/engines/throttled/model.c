@@ -53,7 +53,7 @@ static real_t cylinder_flow(const real_t u[LPVOBS_CHANNELS])
     return eta_vol * (u[LPVOBS_IN_p_im] * u[LPVOBS_IN_n_e] * c->V_d / (R(120.0) * c->R_a * u[LPVOBS_IN_T_ic]));
 }
 
-void lpvobs_model(const real_t u[LPVOBS_CHANNELS], lpvobs_system *system)
+void lpvobs_model(const real_t u[LPVOBS_SIGNALS], lpvobs_system *system)
 {
     const lpvobs_constants *c = &lpvobs_engine;
     const real_t rho_th = throttle_flow(u) / u[LPVOBS_IN_p_ic];

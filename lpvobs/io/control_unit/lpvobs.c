@@ -1,4 +1,6 @@
 /* Eq. (26) and (36) by backward Euler on smoothed signals; the same operations in the same order as lpvobs.observer.recursion. */
+#include <math.h>
+
 #include "lpvobs.h"
 
 #define R(x) ((real_t)(x))
@@ -218,6 +220,28 @@ static uint32_t move_map(lpvobs_state *s, const lpvobs_place *at, real_t h, real
     return flags;
 }
 
+/* Fill u, behind the channels, with the signals that follow one of them: tau ds/dt = x - s. */
+static void follow(lpvobs_state *s, uint32_t k, real_t u[LPVOBS_SIGNALS])
+{
+#if LPVOBS_FOLLOWERS
+    const uint32_t at = index_of(s, k);
+    uint32_t i;
+    for (i = 0U; i < LPVOBS_FOLLOWERS; i++) {
+        const real_t x = s->channel[at][lpvobs_followed[i]];
+        if (s->begun == 0U) {
+            s->following[i] = x;
+        } else {
+            s->following[i] = x + ((s->following[i] - x) * LPVOBS_POW(lpvobs_kept[i], R(s->time[at] - s->before)));
+        }
+        u[LPVOBS_CHANNELS + i] = s->following[i];
+    }
+#else
+    (void)s;
+    (void)k;
+    (void)u;
+#endif
+}
+
 /* Work on held sample k: Eq. (26), its map part local as in Eq. (36). */
 static uint32_t observe(lpvobs_state *s, uint32_t k)
 {
@@ -226,7 +250,7 @@ static uint32_t observe(lpvobs_state *s, uint32_t k)
     uint32_t o;
     uint32_t flags;
     uint32_t sound = 1U;
-    real_t u[LPVOBS_CHANNELS];
+    real_t u[LPVOBS_SIGNALS];
     real_t M[N][N];
     real_t T[N][N];
     real_t drive[N];
@@ -243,6 +267,7 @@ static uint32_t observe(lpvobs_state *s, uint32_t k)
     lpvobs_place at;
 
     smooth(s, k, u);
+    follow(s, k, u);
     lpvobs_model(u, &sys);
     flags = certified(sys.parameters);
     if (s->begun == 0U) {

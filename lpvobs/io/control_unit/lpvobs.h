@@ -44,6 +44,9 @@ typedef struct {
     double time[LPVOBS_RING];
     double before;                    /* s, time of the sample that x belongs to */
     double latest;                    /* s */
+#if LPVOBS_FOLLOWERS
+    real_t following[LPVOBS_FOLLOWERS]; /* signals without a sensor, behind the sample that x belongs to */
+#endif
     real_t channel[LPVOBS_RING][LPVOBS_CHANNELS];
     real_t x[LPVOBS_STATES];
     real_t theta[LPVOBS_NODES];       /* kg/s, the map, speed by speed as in Eq. (23) */
@@ -83,7 +86,8 @@ typedef struct {
 /* Return the node below a value, and fill share with how far it is to the next one; outside, the end holds. */
 uint32_t lpvobs_cell(const real_t nodes[], uint32_t count, real_t value, real_t *share);
 
-void lpvobs_model(const real_t u[LPVOBS_CHANNELS], lpvobs_system *system);
+/* u holds the channels, and behind them the followers. */
+void lpvobs_model(const real_t u[LPVOBS_SIGNALS], lpvobs_system *system);
 void lpvobs_measured(const real_t u[LPVOBS_CHANNELS], real_t x[LPVOBS_STATES]);
 
 #endif

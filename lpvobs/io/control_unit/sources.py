@@ -11,6 +11,7 @@ import numpy as np
 from lpvobs import __version__
 from lpvobs.engines.base import AirPath, EngineKind
 from lpvobs.engines.channels import Channel
+from lpvobs.engines.followers import Follower
 from lpvobs.errors import UsageError
 from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.templates import filled
@@ -51,10 +52,15 @@ class Unit:
         """Samples that wait for their window or belong to one, at most."""
         return 2 * (ceil(JITTER * self.half_width * self.rate) + LEAST) + 2
 
+    @property
+    def followers(self) -> Mapping[str, Follower]:
+        """Signals that corrections read and no sensor shows."""
+        return self.air_path.followers if self.corrections else {}
+
     def bytes_of_state(self, real: int) -> int:
         """Return the size of the C state with reals of so many bytes; the compiler fills up to a multiple of eight."""
         n, p = len(self.air_path.state_names), self.grid.size
-        reals = self.ring * len(self.channels) + n + p * (1 + self.falling) + 2
+        reals = self.ring * len(self.channels) + len(self.followers) + n + p * (1 + self.falling) + 2
         return -(-(8 * (self.ring + 2) + real * reals + 4 * 6) // 8) * 8
 
 
@@ -127,6 +133,9 @@ def _arrays(unit: Unit) -> dict[str, tuple[str, Array]]:
         "output_state": ("uint32_t", np.array([*states, len(path.state_names)])),
         "output_channel": ("uint32_t", np.array([names.index(name) for name in measured])),
     }
+    if unit.followers:
+        found["followed"] = ("uint32_t", np.array([names.index(item.channel) for item in unit.followers.values()]))
+        found["kept"] = ("real_t", np.exp([-1.0 / item.tau for item in unit.followers.values()]))  # after a second
     if sums:
         found["sums"] = ("uint32_t", np.array(sums))
     if unit.falling:

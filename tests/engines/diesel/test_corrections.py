@@ -50,6 +50,25 @@ def test_a_filling_that_is_larger_everywhere_is_a_larger_displacement(air_path, 
         np.testing.assert_allclose(columns[name][:, 0], slope * weight, rtol=1e-6, atol=1e-12)
 
 
+def test_ports_that_are_still_cold_warm_the_charge_less_than_at_rest(air_path, boosted, rates, columns):
+    heat, cold = NAMES.index("eta_vol_heat"), {"T_ports": boosted["T_em"] - 100.0}
+    found = air_path.corrections(replace(boosted, channels={**boosted.channels, **cold}), rates)[heat]
+    slope = air_path.balances(boosted, rates, ("V_d",)).slope[FILLING, 0]
+    np.testing.assert_allclose(columns["eta_vol_heat"][:, 0] - found.columns(1)[:, 0], slope, rtol=1e-6)
+
+
+def test_waves_come_back_in_the_same_time_at_any_speed(air_path, boosted, rates):
+    """What a wave adds belongs to the time of a revolution; the charge's temperature moves its speed of sound."""
+    waves = NAMES.index("eta_vol_waves")
+    hot = {"T_im": 1.21 * boosted["T_im"], "n_e": 1.1 * boosted["n_e"]}
+    found = [
+        air_path.corrections(log, rates)[waves].weights
+        for log in (boosted, replace(boosted, channels={**boosted.channels, **hot}))
+    ]
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_allclose(found[0][1], found[1][1], atol=1e-9)
+
+
 def test_a_compressor_that_passes_more_everywhere_does_so_by_its_flow_without_pressure_rise(
     air_path, boosted, rates, columns
 ):
