@@ -4,7 +4,7 @@ A correction is a factor or a flow over the component's own inputs: a sum of hat
 whose values at the nodes are correlated over a length of each axis (Matern 3/2). One without axes is a single number.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -19,6 +19,10 @@ from lpvobs.records import Array, Item
 
 NEGLIGIBLE = 1e-3
 """Standard deviation below which a mode of the corrections is left out: it moves no flow by more than a thousandth."""
+
+VOLUME = 0.01
+"""Tolerance of a manifold's volume in the closed loop, at most. An estimate finds the volume from transients, and the loop begins
+there; a wider one takes up what a small leak or a pressure sensor that is a little off does in transients."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +236,17 @@ class LoopUnknowns:
     modes: Array  # (v, m)
 
 
-def loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
+def loop_unknowns(
+    tolerance: Mapping[str, float], known: Unknowns | None, volumes: Collection[str] = ()
+) -> LoopUnknowns:
     """Return constants within a tolerance, as if uniform, or as a calibration knows them, with the corrections of components."""
+    found = _loop_unknowns(tolerance, known)
+    most = [VOLUME / np.sqrt(3.0) if name in volumes else np.inf for name in found.names]
+    share = np.minimum(1.0, most / np.sqrt(np.maximum(np.diag(found.covariance), np.finfo(float).tiny)))
+    return replace(found, covariance=found.covariance * np.outer(share, share))
+
+
+def _loop_unknowns(tolerance: Mapping[str, float], known: Unknowns | None) -> LoopUnknowns:
     if known is None:
         return LoopUnknowns(tuple(tolerance), _uniform(tolerance), np.zeros(0), np.zeros((0, 0)))
     n = len(known.constants)

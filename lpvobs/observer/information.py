@@ -35,7 +35,7 @@ LEAST_ERROR = 1e-8  # [kg/s sqrt(s)], below any sensor: balances without errors 
 AMPLITUDES = (0.05, 0.12, 0.3, 0.7, 1.5, 3.0)  # of the corrections, over those of `Component.deviation`: what is tried
 SWEEPS = 2  # over all numbers that are sought one after the other
 LEAST_FREE = 0.5  # share of the rows that counts as left over, even if the unknowns have used up more
-LEAST_DEGREES = 0.5  # of freedom, below which nothing contradicts the map: with one balance there are none
+LEAST_DEGREES = 0.5  # directions of the map that a balance tells of, below which it contradicts no other
 LEAST_SEEN = 4.0  # [s] Of stay, below which a direction of the map tells nothing of whether errors come back
 LEAST_WINDOWS = 40.0  # of a quarter of a second, under which what is not known of the engine absorbs a balance's errors
 NO_LEVEL = 1e-9  # [kg/s], standard deviation of a level of the day where none is configured
@@ -181,23 +181,28 @@ class _Solved:
         S = slow if np.trace(np.linalg.solve(fast, slow)) > self.layout.balances else fast
         # The map takes up what balances have in common, and leaves them with opposite errors: those are none of their own.
         S = np.where(np.eye(self.layout.balances, dtype=bool), S, np.maximum(S, 0.0))
-        return S * self.coming_back(S, left), fast
+        return S + self.coming_back(S, left), fast
 
-    def coming_back(self, S: Array, left: Array) -> float:
-        """Return how much larger the variance of the errors is from visit to visit than S says; at least one."""
-        # An error of the model belongs to an operating point and is the same at each visit, so it does not average out as S
-        # has it. What the balances leave at the nodes, Psi^T r_b, shows it where they contradict each other: the map takes
-        # up the rest. With G = Psi^T Psi, the sum of S^-1_ab r_a^T Psi G^-1 Psi^T r_b is compared with what errors of S
-        # alone would make of it.
-        p, inverse = self.layout.nodes, np.linalg.inv(S)
+    def coming_back(self, S: Array, left: Array) -> Array:
+        """Return what errors that are the same at every visit add to S, shape (B, B) [kg^2/s]."""
+        # An error of the model belongs to an operating point, so it does not average out over visits as S has it. No balance
+        # shows its own, for the map takes it up; but two balances contradict each other at the nodes, Psi^T (r_a - r_b), by
+        # more than S says. Neither is the likelier one to be wrong, so each is charged with half of the least contradiction
+        # that it has with another. Their shares in the map then follow how far they agree, not how little they scatter.
+        p, B = self.layout.nodes, self.layout.balances
         products = self.moments.products[:, :, :p]
-        G = np.einsum("aaij->ij", products[..., :p]) / self.layout.balances
+        G = np.einsum("aaij->ij", products[..., :p]) / B
         stay, axes = np.linalg.eigh(G)
         axes = axes[:, stay > LEAST_SEEN] / np.sqrt(stay[stay > LEAST_SEEN])
         at_nodes = np.einsum("aaij,j->ai", products, left) @ axes
-        seen = np.einsum("ab,ai,bi->", inverse, at_nodes, at_nodes)
-        usual = np.einsum("ab,abij,ik,jk->", inverse * S, products[..., :p], axes, axes) - axes.shape[1]
-        return max(1.0, float(seen / usual)) if usual > LEAST_DEGREES else 1.0
+        visits = np.einsum("abij,ik,jk->ab", products[..., :p], axes, axes)
+        away = ((at_nodes[:, None] - at_nodes) ** 2).sum(axis=2)
+        own, degrees = np.diag(S * visits), np.diag(visits)
+        beyond = away - (own[:, None] + own - 2.0 * S * visits)
+        heard = (degrees[:, None] > LEAST_DEGREES) & (degrees > LEAST_DEGREES) & ~np.eye(B, dtype=bool)
+        each = np.where(heard, beyond / np.maximum(0.5 * (degrees[:, None] + degrees), LEAST_DEGREES), np.inf)
+        least = each.min(axis=1, initial=np.inf)
+        return np.diag(0.5 * np.maximum(np.where(np.isfinite(least), least, 0.0), 0.0))
 
     def without_map(self, S: Array) -> tuple[tuple[Array, Array, Array], Array, Array]:
         """Return the map's part, and information and right side of the engine's unknowns and levels with the map eliminated."""

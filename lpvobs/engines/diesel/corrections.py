@@ -19,7 +19,7 @@ from lpvobs.engines.unknowns import Caution, Component, Correction, MeasuredPart
 from lpvobs.records import Array
 
 COMPRESSOR, FILLING = 0, 1  # numbers of the balances
-
+VOLUMES = ("V_im",)  # constants that the balances owe what they store to
 
 TIP_SPEED = nodes("m/s", "tip speed of the compressor", 60, 140, 220, 300, 380, 460)
 HEAD = nodes("1", "head coefficient Psi_c", -0.4, 0.0, 0.4, 0.7, 0.9, 1.1, 1.25, 1.4)

@@ -14,7 +14,7 @@ from lpvobs.engines.curves import Nodes
 from lpvobs.engines.diesel import balances
 from lpvobs.engines.diesel.balances import BALANCES, IN_ORDER, imbalances
 from lpvobs.engines.diesel.constants import DieselEngine, constants_of
-from lpvobs.engines.diesel.corrections import FOLLOWERS, RATIO
+from lpvobs.engines.diesel.corrections import FOLLOWERS, RATIO, VOLUMES
 from lpvobs.engines.effects import BOOST, STEADY, Effect, Signals, gain, reading
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ComponentCurve, DayToDay, ResidualModel, levels_of
@@ -85,7 +85,7 @@ def diesel_model(
     """Return the diesel as the loop sees it, around its configured constants."""
     # They are known within a tolerance, as if uniformly distributed; or, with the corrections of the components, as a
     # calibration knows them, relative to where it found them.
-    constants, point = constants_of(engine), loop_unknowns(tolerance, known)
+    constants, point = constants_of(engine), loop_unknowns(tolerance, known, VOLUMES)
     return ResidualModel(
         balances=BALANCES,
         unit="kg/s",

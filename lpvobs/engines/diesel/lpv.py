@@ -65,7 +65,7 @@ class Diesel(AirPath):
     components = correction.COMPONENTS
     measured_parts = correction.MEASURED_PARTS
     component_maps = COMPONENT_MAPS
-    volumes = ("V_im",)
+    volumes = correction.VOLUMES
     axes = (FUEL_AXIS, SPEED_AXIS)
     channels = channels("components", "diesel")
 
