@@ -11,7 +11,7 @@ from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.residual import MapPrior
 from lpvobs.discovery.thresholds import LIKENESS
 from lpvobs.engines.diesel.effects import diesel_model
-from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
+from lpvobs.engines.unknowns import VOLUME, LeftAtNodes, Unknowns, loop_unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.engines import EngineOfMap
@@ -19,9 +19,9 @@ from lpvobs.io.results.refinements import StoredRefinement
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Defects, Log
 
-TOLERANCE = {"V_d": 0.01, "V_im": 0.02}
+TOLERANCE = {"V_d": 0.01, "c_vol3": 0.02}
 LAG = KnownEffect("maf.lag", "sensor", "tau", "s", 0.08, (0.07, 0.09), (Span("a", "1", -np.inf, np.inf),), True, None)
-REFINED = StoredRefinement((LAG,), {"V_d": 0.004, "V_im": -0.01}, {"V_d": 0.0001, "V_im": 0.009}, True, "{}")
+REFINED = StoredRefinement((LAG,), {"V_d": 0.004, "c_vol3": -0.01}, {"V_d": 0.0001, "c_vol3": 0.009}, True, "{}")
 
 
 @pytest.fixture(scope="module")
@@ -99,16 +99,18 @@ def test_a_stored_map_and_its_engine_are_conditional_on_what_the_model_takes_as_
     root = 1e-3 * rng.standard_normal((3, 3))
     C, S = root @ root.T, rng.standard_normal((2, 3))
     noise = np.diag([1e-6, 4e-6])
-    found = EngineOfMap(("V_im", "R_a", "V_d"), np.array([2e-3, 5e-4, -1e-3]), C, (), ())
-    result = Result(np.array([[0.01, 0.02]]), noise + S @ C @ S.T, S.T.reshape(3, 1, 2), ("V_im", "R_a", "V_d"), found)
+    found = EngineOfMap(("c_vol3", "R_a", "V_d"), np.array([2e-3, 5e-4, -1e-3]), C, (), ())
+    result = Result(
+        np.array([[0.01, 0.02]]), noise + S @ C @ S.T, S.T.reshape(3, 1, 2), ("c_vol3", "R_a", "V_d"), found
+    )
     known = known_from(result, model, 0.1)
     joint = np.block([[result.covariance, S @ C], [C @ S.T, C]])
-    kept, gone = [0, 1, 4, 2], 3  # map, V_d, V_im; R_a is as configured
+    kept, gone = [0, 1, 4, 2], 3  # map, V_d, c_vol3; R_a is as configured
     answer = joint[kept, gone] / joint[gone, gone]
     mean = np.array([0.01, 0.02, -1e-3, 2e-3]) - answer * 5e-4
     covariance = joint[np.ix_(kept, kept)] - np.outer(answer, joint[gone, kept])
     assert known.prior.mean == pytest.approx(mean[:2], rel=1e-9)
-    assert known.constants == pytest.approx({"V_d": mean[2], "V_im": mean[3]}, rel=1e-9)
+    assert known.constants == pytest.approx({"V_d": mean[2], "c_vol3": mean[3]}, rel=1e-9)
     width = LEAST_LEFT * np.array([0.01, 0.02]) / np.sqrt(3.0)
     relative = covariance[2:, 2:] / np.outer(1.0 + mean[2:], 1.0 + mean[2:])
     np.testing.assert_allclose(known.covariance, relative + np.diag(width**2), rtol=1e-9)
@@ -139,3 +141,13 @@ def test_a_map_that_does_not_tell_of_its_engine_cannot_stand(model):
     result = Result(np.zeros((1, 2)), np.eye(2), np.zeros((0, 1, 2)), (), None, method="published")
     with pytest.raises(DataError, match="its covariance with the engine's constants is stored"):
         known_from(result, model, 0.1)
+
+
+def test_a_volume_is_narrow_in_the_loop_however_wide_the_estimate_has_it():
+    tolerance = {"V_d": 0.01, "V_im": 0.15}
+    for known in (None, unknowns_of(tolerance, ())):
+        found = loop_unknowns(tolerance, known, ("V_im",))
+        assert found.names == ("V_d", "V_im")
+        assert np.sqrt(3.0 * np.diag(found.covariance)) == pytest.approx([0.01, VOLUME], rel=1e-12)
+    narrow = loop_unknowns({"V_im": 0.002}, None, ("V_im",))
+    assert np.sqrt(3.0 * narrow.covariance[0, 0]) == pytest.approx(0.002, rel=1e-12)

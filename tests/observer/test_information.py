@@ -46,3 +46,59 @@ def test_a_balance_that_spoke_for_an_instant_beside_others_is_left_out():
     assert left.products[0, 2].all()
     short = Moments(ones, ones, np.array([3.0, 2.0, 1.0]), np.zeros((1, 4, 4)))
     assert _without_brief(short) is short
+
+
+NODES, VISITS = 40, 30
+LASTING = 1e-3  # [kg/s] of every balance, another one at every node
+
+
+def visited(balances: int, scatter: float, worse: float = 1.0) -> tuple[Columns, Moments, np.ndarray]:
+    """Return sums over visits to nodes one at a time, each for a group of windows, and what every balance lacks at each node."""
+    layout, rng = Columns(NODES, 0, balances), np.random.default_rng(8)
+    lasting = LASTING * rng.standard_normal((balances, NODES))
+    lasting[2:] *= worse
+    node = np.repeat(rng.permuted(np.repeat(np.arange(NODES), VISITS)), GROUP)
+    rows = np.zeros((balances, node.size, layout.size))
+    rows[:, np.arange(node.size), node] = 1.0
+    own = scatter * np.array([1.0, 10.0, 10.0])[:balances, None]  # the first scatters least
+    rows[:, :, layout.z] = lasting[:, node] + own * rng.standard_normal((balances, node.size))
+    products = np.einsum("ani,bnj->abij", rows, rows)
+    grouped = rows.reshape(balances, -1, GROUP, layout.size).sum(2) / np.sqrt(GROUP)
+    slow = np.einsum("ani,bnj->abij", grouped, grouped)
+    return layout, Moments(products, slow, np.full(balances, float(node.size)), np.zeros((1, 4, 4))), lasting
+
+
+def test_balances_that_contradict_each_other_at_every_visit_share_the_map_however_little_one_scatters():
+    """The middle of both is off by LASTING / sqrt(2); the balance that scatters least is off by LASTING."""
+    layout, sums, lasting = visited(2, 1e-4)
+    found = solve(layout, sums, Prior(0.1, unknowns_of({}, ()), (1e-9, 1e-9)))
+    middle = lasting.mean(axis=0)
+    # what windows scatter leaves at a node, 10 x 1e-4 over the root of its windows, and a tenth of the way to either balance
+    assert np.abs(found.theta - middle).max() < 0.1 * np.abs(lasting[0] - lasting[1]).max() + 4e-3 / np.sqrt(
+        VISITS * GROUP
+    )
+    held = np.abs(found.theta) <= 1.645 * np.sqrt(np.diag(found.covariance)[:NODES])
+    assert 0.75 <= held.mean() <= 1.0  # 90 % of 40, less three standard deviations
+
+
+def test_a_balance_that_two_others_contradict_is_charged_with_more_than_they_are():
+    layout, sums, _ = visited(3, 1e-4, worse=5.0)
+    errors = np.diag(solve(layout, sums, Prior(0.1, unknowns_of({}, ()), (1e-9,) * 3)).errors)
+    assert errors[2] > 4.0 * errors[:2].max()  # 13 of 1 by the variances: (1 + 25) / 2 to (1 + 1) / 2
+
+
+def test_balances_that_agree_but_for_scatter_have_the_weights_of_their_scatter():
+    layout, sums, lasting = visited(2, 1e-4)
+    alike = solve(layout, _without(sums, lasting, layout), Prior(0.1, unknowns_of({}, ()), (1e-9, 1e-9)))
+    ratio = alike.errors[1, 1] / alike.errors[0, 0]
+    assert 50.0 < ratio < 200.0  # 100 by the variances, of which each is known to a tenth
+
+
+def _without(sums: Moments, lasting: np.ndarray, layout: Columns) -> Moments:
+    """Return the sums of the same rows without what the balances lack: z less Psi lasting."""
+    found = []
+    for total in (sums.products, sums.slow):
+        onto = np.tile(np.eye(layout.size), (layout.balances, 1, 1))
+        onto[:, :NODES, layout.z] = -lasting
+        found.append(np.einsum("aki,abkl,blj->abij", onto, total, onto))
+    return Moments(found[0], found[1], sums.windows, sums.gram)
