@@ -126,11 +126,10 @@ class Closed:
     def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
         """The error before and after by log, and pooled."""
         trace = self.refinement.trace
-        found = {POOLED: (trace.comparison, False)}
-        if trace.held_out is not None:
-            found[POOLED_UNSEEN] = (trace.held_out, True)
-        each = zip(trace.logs, trace.by_log, strict=True)
-        return found | {part.log: (comparison, part.residual is UNSET) for part, comparison in each}
+        found = {POOLED: (trace.error.comparison, False)}
+        if trace.error_on_held_out_logs:
+            found[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
+        return found | {part.log: (part.error.comparison, part.residual is UNSET) for part in trace.logs}
 
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""

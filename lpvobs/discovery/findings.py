@@ -15,7 +15,7 @@ from lpvobs.discovery import outcome
 from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.forms import in_words
-from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Comparison
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.linear import Linear
@@ -93,7 +93,7 @@ def known_finding(known_effect: KnownEffect) -> outcome.Finding:
 
 def outcome_on(
     log: Log,
-    comparison: Comparison,
+    losses: Losses,
     shown: Mapping[str, Any],
     verdict: str,
     effects: Sequence[tuple[outcome.Finding, KnownEffect]],
@@ -111,7 +111,7 @@ def outcome_on(
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    error = outcome.error_output(comparison, HOW if shown else HOW_WHOLE)
+    error = outcome.error_output(losses.comparison(), HOW if shown else HOW_WHOLE)
     more = shown or {"balances": (), "day_to_day": ()}
     return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from msgspec import UNSET
 
 from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.evidence import in_place, loss_of
@@ -13,11 +14,11 @@ from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
-from lpvobs.discovery.held_out import losses_on_unseen, pooled_losses
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.outcome import Leading, Ranked, Trace
+from lpvobs.discovery.outcome import Leading, Ranked, ResidualOutput, Trace, error_output
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import MOST_CANDIDATES
@@ -94,29 +95,26 @@ def refine(
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), (acting[0], acting[1]), unseen))
     losses = [*(selection.losses.part(problem.of_log == i) for i in range(len(logs))), *judged]
-    by_log = tuple(own.comparison() for own in losses)
     shown: list[dict[str, Any]] = [*(shown_by(after, i) for i in range(len(logs))), *({} for _ in judged)]
-    effects = list(zip(findings, found, strict=True))
+    effects, unexplained = list(zip(findings, found, strict=True)), selection.verdict == "unexplained"
+    white, follows = own[1].white, own[1].correlated_with
+    left = None if white and not unexplained else leftover(after, logs, follows)
     result = Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
-        findings=findings,
-        leading=_leading(selection),
+        effects=findings,
+        error=error_output(selection.losses.comparison(), HOW),
+        residual=ResidualOutput(white, tuple(follows), **({} if left is None else left.as_json())),
+        candidates=_leading(selection) if unexplained else UNSET,
         healthy_drives=() if healthy is None else healthy.logs,
-        ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
-        comparison=selection.losses.comparison(),
-        white=own[1].white,
-        correlated_with=own[1].correlated_with,
-        known_effects=tuple(known_finding(known_effect) for known_effect in kept),
+        known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
+        error_on_held_out_logs=error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
         logs=tuple(
             outcome_on(*each, selection.verdict, effects)
-            for each in zip((*logs, *hold_out), by_log, shown, strict=True)
+            for each in zip((*logs, *hold_out), losses, shown, strict=True)
         ),
-        by_log=by_log,
-        held_out=pooled_losses(judged).comparison() if judged else None,
-        left=None
-        if own[1].white and selection.verdict != "unexplained"
-        else leftover(after, logs, own[1].correlated_with),
+        ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
+        left=left,
     )
     progress(1.0)
     inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.newton_step.size), check_finite=False)

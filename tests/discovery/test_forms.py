@@ -114,7 +114,7 @@ def test_a_housing_that_warms_up_is_found_as_a_formula_and_taken_out(plant, conf
     at_reference = 1.0 + 6e-4 * (form.factors[1].reference - 700.0)  # what is constant belongs to the map
     assert finding.parameters["coefficient"].value == pytest.approx(6e-4 / at_reference, rel=0.03)
     assert finding.formula.startswith("W_maf too high by 0.000")
-    assert found.trace.comparison.ratio < 0.9
+    assert found.trace.error.ratio < 0.9
     again = term_on(found.known_effects[0], found.before.problem, [log])
     assert np.allclose(
         again.effect.apply(found.before.problem.signals, 1e-3)["W_maf"],

@@ -35,7 +35,7 @@ def test_a_clean_log_has_nothing(closed, clean):
     found = closed(clean)
     assert found.trace.verdict == "none"
     assert found.terms == ()
-    assert found.trace.comparison.ratio == 1.0
+    assert found.trace.error.ratio == 1.0
     assert found.before is found.after
     assert found.trace.as_json(refined=False)["error"].keys() == {"measure", "unit", "before", "held_out"}
 
@@ -49,7 +49,7 @@ def test_a_lag_is_named_with_its_time_constant(closed, clean, misread):
     assert found.terms[0].size == pytest.approx(
         0.08, rel=0.03
     )  # noise gives a tenth of that; smoothing what fast transients lose
-    assert found.trace.comparison.ratio_ci90[1] < 1.0
+    assert found.trace.error.ratio_ci90[1] < 1.0
     shown = found.trace.as_json(refined=True)
     assert shown["effects"][0].keys() >= KEYS
     assert shown["error"]["ratio"] == pytest.approx(shown["error"]["after"] / shown["error"]["before"])
