@@ -9,12 +9,12 @@ import scipy
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.course_choice import fit_all
 from lpvobs.discovery.courses import FactorSurface
-from lpvobs.discovery.evidence import Candidate, first_order_gain, fit_candidate, in_place, loss_of, score
+from lpvobs.discovery.evidence import Candidate, best_first, in_place, loss_of
 from lpvobs.discovery.fit import objective, refit
 from lpvobs.discovery.form_search import Inside, with_inside
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import chance, most_promising
+from lpvobs.discovery.ranking import chance, rank_in
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
 
@@ -39,16 +39,12 @@ def finished(
     term = linear.terms[index]
     own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
     like = _as_fitted(linear, bare, own)
-    absorbing = problem.prior.free and own.changes == 0
-    others = [e for e in problem.catalogue if e.id != own.id and not (absorbing and e.in_map)]
+    others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
     others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
     if term.course is not None:
-        rivals = sorted(fit_all(bare, others, term.course), key=score, reverse=True)
+        rivals = best_first(fit_all(bare, others, term.course))
     else:
-        expected = {e: first_order_gain(bare, e, term.begin, term.end) for e in others}
-        rivals = sorted(
-            (fit_candidate(bare, e, term.begin, term.end) for e in most_promising(expected)), key=score, reverse=True
-        )
+        rivals = rank_in(bare, others, term.begin, term.end)
     beside = []
     for rival in rivals[: thresholds.SHORTLIST]:  # in place of the effect, all unknowns fitted with it
         there = refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]])
@@ -79,7 +75,7 @@ def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
     tie = max(thresholds.TIE, thresholds.SHAPE**2 * best.gain if len(problem.patterns) else 0.0)
     if other.gain > best.gain - tie:
         return True
-    difference = np.add.reduceat(other.loss - best.loss, np.arange(0, best.loss.size, problem.per_coarse))
+    difference = problem.by_coarse(other.loss - best.loss)
     ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
     statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
     return max(statistics) <= thresholds.INDISTINGUISHABLE and other.gain > 0.5 * best.gain

@@ -11,13 +11,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.fit import linearised
-from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RATE_WINDOW, RIDGE
 from lpvobs.engines.curves import on_surface, values_at
@@ -97,19 +96,10 @@ def following(
 
 def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
     """Return the gain of several directions together, and their coefficients."""
-    gradient, normal = gradient_and_normal(linear, columns)
+    gradient, normal = linear.beside(columns)
     normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
     coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
     return float(-0.5 * gradient @ coefficients), coefficients
-
-
-def gradient_and_normal(linear: Linear, columns: Array) -> tuple[Array, Array]:
-    """Return the products of whitened directions with the residual and with each other, (m, m), unknowns projected out."""
-    products = np.stack([linear.products(column) for column in columns])
-    answers = scipy.linalg.cho_solve((linear.factor, True), products.T, check_finite=False)
-    mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
-    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
-    return gradient, mean @ mean.T - difference @ difference.T - products @ answers
 
 
 def component_candidates(linear: Linear) -> list[Candidate]:
@@ -155,7 +145,7 @@ def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None
     np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
     seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
     columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
-    gradient, normal = gradient_and_normal(linear, columns)
+    gradient, normal = linear.beside(columns)
     sizes = [size * curve.deviation for size in CURVE_SIZES]
     if known is not None:
         gradient = gradient - normal @ known.reshape(-1)[seen]

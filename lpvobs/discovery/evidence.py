@@ -1,5 +1,6 @@
 """The evidence for one candidate effect: its best size, its gain, its best interval, and whether one size fits every block."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,9 +76,8 @@ def first_order(linear: Linear, effect: Effect, begin: float = -np.inf, end: flo
     """Return gradient and information of an effect's size in an interval, with the residual taken as linear in it."""
     on = Term(effect, effect.null, begin, end).acts(linear.problem.clock)
     slope = linear.whiten(slope_of(linear, effect, effect.null) * on)
-    products = linear.products(slope)
-    gradient = dot(slope, linear.residual) - float(products @ linear.newton_step)
-    return gradient, dot(slope, slope) - float(products @ linear.project(products))
+    (gradient,), ((information,),) = linear.beside(slope[None])
+    return float(gradient), float(information)
 
 
 def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
@@ -170,7 +170,7 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
 
 def unevenness_of(problem: Problem, scores: Array, information: float) -> tuple[float, float]:
     """Return the mean square of block sums of scores over that of noise, and the same without the largest of them."""
-    squares = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse)) ** 2 / information
+    squares = problem.by_coarse(scores) ** 2 / information
     return float(squares.sum()), float(squares.sum() - squares.max())
 
 
@@ -183,9 +183,7 @@ def elsewhere_of(linear: Linear) -> float:
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     """Return an effect of the model as a candidate, with information and unevenness taken from the joint model."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.newton_step.size)
-    unit[at] = 1.0
-    row = linear.project(unit)
+    row = linear.row(index)
     information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
@@ -245,7 +243,7 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
     return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
 
 
-def best_gain(linear: Linear, effect: Effect, absorbed: bool) -> float:
+def best_gain(linear: Linear, effect: Effect) -> float:
     """Return the first-order gain of an effect on its best range of blocks, or over the whole logs."""
     blocks = linear.problem.first.size
     gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
@@ -253,7 +251,7 @@ def best_gain(linear: Linear, effect: Effect, absorbed: bool) -> float:
         float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
         for first, last in best_intervals(gains)
     ]
-    return max(0.0 if absorbed else float(gains[0, blocks]), *tops)
+    return max(0.0 if linear.problem.absorbs(effect) else float(gains[0, blocks]), *tops)
 
 
 def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
@@ -270,18 +268,26 @@ def score(candidate: Candidate) -> float:
     return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
 
 
-def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:
-    """Return the effect on the range of blocks with the best score, sought again with the size found there."""
+def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return candidates by their score."""
+    return sorted(candidates, key=score, reverse=True)
+
+
+def with_best_interval(linear: Linear, whole: Candidate) -> Candidate:
+    """Return the effect on the range of blocks with the best score, sought again with the size found there.
+
+    `whole` is the effect on all of them, which stands as well where the map does not take it up.
+    """
     if linear.problem.first.size < 3 * LEAST_LENGTH:
         return whole
     effect = whole.term.effect
-    absorbed = effect.in_map and linear.problem.prior.free
+    absorbed = linear.problem.absorbs(effect)
     ranges = best_intervals(gains_of_intervals(linear, _direction(linear, effect, whole.term.size)))
     found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
     best = max(found, key=lambda i: score(found[i]))
     again = best_intervals(gains_of_intervals(linear, _direction(linear, effect, found[best].term.size)))[best]
     rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
-    return max([whole, *rivals] if allow_whole else rivals, key=score)
+    return max(rivals if absorbed else [whole, *rivals], key=score)
 
 
 def dated_again(bare: Linear, term: Term) -> Term:

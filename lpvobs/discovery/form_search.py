@@ -8,10 +8,18 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import Candidate, change_of, fit_candidate, score, slope_of, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    change_of,
+    fit_candidate,
+    score,
+    slope_of,
+    with_best_interval,
+)
 from lpvobs.discovery.fit import fit, linearised, objective, refit
 from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, unit_of
-from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
@@ -123,7 +131,7 @@ def beside_forms(linear: Linear, found: list[Candidate], forms: list[Candidate])
     if forms and score(forms[0]) > score(found[0]):
         beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
         return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
-    return sorted([*found, *forms], key=score, reverse=True)
+    return best_first([*found, *forms])
 
 
 def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
@@ -156,8 +164,7 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
     near = [each for each in leading if each.score > thresholds.CLOSE * least] or leading[:1]
     tried = _leading([_refined(plain, library, each.form) if each.form.factors else each for each in near], len(near))
     before = objective(linear)
-    fitted = [_fitted(linear, library, each.form, before) for each in tried if each.score > least or each is tried[0]]
-    return sorted(fitted, key=score, reverse=True)
+    return best_first(_fitted(linear, library, t.form, before) for t in tried if t.score > least or t is tried[0])
 
 
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
@@ -180,7 +187,7 @@ def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Can
     """Return a form as a candidate on its best interval; `start` is the objective without it."""
     problem = linear.problem
     whole = fit_candidate(linear, _effect(form, problem, along_problem(form, problem)))
-    best = with_best_interval(linear, whole, True)
+    best = with_best_interval(linear, whole)
     gain = start - objective(refit(linear, [*linear.terms, best.term]))
     return replace(best, gain=gain - float(library.price(form.unknowns, max(gain, 0.0))))
 
@@ -216,13 +223,12 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
             linear.whiten(change_of(linear, further, step) / thresholds.EFFECT_STEP * term.acts(problem.clock))
         )
     at = linear.p + linear.beta.size + index
-    products = np.stack([linear.products(column) for column in columns])
-    answers = np.stack([linear.project(row) for row in products])
-    known = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
+    _, known = linear.beside(np.stack(columns))
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
-    alone = float(linear.project(np.eye(1, linear.newton_step.size, at)[0])[at])
+    row = linear.row(index)
+    alone, together = float(row[at]), np.array([linear.products(column) @ row for column in columns])
     scale = standard_error / np.sqrt(alone)
-    more = max(float(answers[:, at] @ spread @ answers[:, at]), 0.0)
+    more = max(float(together @ spread @ together), 0.0)
     errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
     inside = [Inside(n, getattr(last, n), float(e), units[n]) for n, e in zip(names, errors, strict=True)]
     return float(scale * np.sqrt(alone + more)), inside

@@ -79,7 +79,7 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     Map, constants and sizes are estimated anew without the blocks, by one step of the linear model from where it stands.
     """
     problem = linear.problem
-    fold = problem.block // problem.per_coarse % thresholds.FOLDS
+    fold = problem.coarse % thresholds.FOLDS
     losses, counted = np.zeros(problem.K), np.zeros(problem.K, dtype=bool)
     for each in range(thresholds.FOLDS):
         out = fold == each
@@ -120,7 +120,7 @@ def compare(before: Linear, after: Linear) -> Losses:
         return cross_validated(before, after)
     noise = after.noise.pointwise().only(use)
     lost, left = ((noise.whiten(linear.raw)[0] ** 2).sum(0) for linear in (before, after))
-    return Losses(lost, left, use, _coarse(problem), _scale(after))
+    return Losses(lost, left, use, problem.coarse, _scale(after))
 
 
 def undated(linear: Linear) -> NDArray[np.bool_]:
@@ -141,11 +141,7 @@ def cross_validated(before: Linear, after: Linear) -> Losses:
     left, also = held_out_losses(after)
     use = counted & also
     lost, left = (np.where(use, loss, 0.0) for loss in (lost, left))
-    return Losses(lost, left, use, _coarse(after.problem), _scale(after))
-
-
-def _coarse(problem: Problem) -> NDArray[np.int64]:
-    return problem.block // problem.per_coarse
+    return Losses(lost, left, use, after.problem.coarse, _scale(after))
 
 
 def _scale(linear: Linear) -> float:
@@ -172,7 +168,7 @@ def losses_on_unseen(
         known &= imbalances.rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
-    return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
+    return Losses(before, left, known, unseen.coarse, scale)
 
 
 def _with_its_levels(

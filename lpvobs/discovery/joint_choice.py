@@ -8,12 +8,13 @@ import numpy as np
 from lpvobs.discovery.course_choice import best_course, finer, sharpened
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.curves import surface_again
-from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, penalty, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import is_proven, rank
+from lpvobs.discovery.ranking import is_proven, rank, rank_in
 from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
+from lpvobs.engines.effects import Effect
 
 
 def without(linear: Linear, index: int) -> Linear:
@@ -35,15 +36,12 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
-        absorbed = problem.prior.free and again.term.effect.in_map
-        rivals = [again, with_best_interval(bare, again, not absorbed)]
-        taken = {term.effect.id for term in bare.terms}
-        others = [effect for effect in problem.catalogue if effect.id not in taken]
-        ranked = rank(bare, others, intervals=False)[:SHORTLIST]
+        rivals = [again, with_best_interval(bare, again)]
+        ranked = rank_in(bare, [effect for effect in _others(bare) if not problem.absorbs(effect)])[:SHORTLIST]
         for rival in ranked:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
         proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
-        again = _joint_best(linear, again, sorted(proven, key=score, reverse=True))
+        again = _joint_best(linear, again, best_first(proven))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
         ids = {rival.id for rival in proven} - {again.id}
@@ -59,12 +57,17 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     return in_place(linear, newest, again), linear
 
 
+def _others(bare: Linear) -> list[Effect]:
+    """Return the effects of the catalogue that a model does not have."""
+    taken = {term.effect.id for term in bare.terms}
+    return [effect for effect in bare.problem.catalogue if effect.id not in taken]
+
+
 def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
     """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
     own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
-    taken = {term.effect.id for term in bare.terms}
-    ranked = rank(bare, [effect for effect in linear.problem.catalogue if effect.id not in taken])[:SHORTLIST]
+    ranked = rank(bare, _others(bare))[:SHORTLIST]
     best = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
     return best if score(best) > own.gain - surface.cost else None
 

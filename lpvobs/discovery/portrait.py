@@ -166,9 +166,7 @@ def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
 def _partial(linear: Linear, index: int) -> Partial:
     """Return the added-variable plot of one effect (Frisch and Waugh), in the linear model around the optimum."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.newton_step.size)
-    unit[at] = 1.0
-    row = linear.project(unit)
+    row = linear.row(index)
     term = linear.terms[index]
     alone = -linear.moved(np.zeros_like(linear.residual), row)[0] / row[at]
     absent = next((effect.null for effect in linear.problem.catalogue if effect.id == term.effect.id), 0.0)

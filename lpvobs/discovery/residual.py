@@ -119,6 +119,19 @@ class Problem(Places):
         """The number of stretches whose sums are taken as independent, without those kept back."""
         return float(self.first.size / self.per_coarse * self.used.mean())
 
+    @property
+    def coarse(self) -> NDArray[np.int64]:
+        """The number of the block of every place whose sums are taken as independent, shape (K,)."""
+        return self.block // self.per_coarse
+
+    def by_coarse(self, values: Array) -> Array:
+        """Return sums over these blocks of values by stretch."""
+        return np.asarray(np.add.reduceat(values, np.arange(0, values.size, self.per_coarse)))
+
+    def absorbs(self, effect: Effect) -> bool:
+        """Return whether the map takes up an effect that acts all the time."""
+        return self.prior.free and effect.in_map
+
     def with_all(self) -> "Problem":
         """Return the same with nothing kept back."""
         return replace(self, used=np.ones(self.K, dtype=bool))

@@ -209,8 +209,7 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
 def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretch]:
     """Return runs of neighbouring blocks with large power, the strongest first."""
     problem = linear.problem
-    coarse = problem.block // problem.per_coarse
-    time, of_log = own_time(problem, logs), problem.of_log
+    coarse, of_log, time = problem.coarse, problem.of_log, own_time(problem, logs)
     first = np.flatnonzero(np.diff(coarse, prepend=-1))
     last = np.append(first[1:], coarse.size) - 1
     mean = np.add.reduceat(power, first) / (last - first + 1)
