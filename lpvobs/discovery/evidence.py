@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -11,13 +12,13 @@ from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.fit import pins
 from lpvobs.discovery.imbalances import change_of_residual
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect fitted beside map and constants."""
 
@@ -138,20 +139,33 @@ def fit_candidate(
 
 
 def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
-    problem = linear.problem
     left = linear.moved(linear.residual + change, answer + linear.newton_step)
     against = linear.products(slope)
     own = linear.project(against)
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
-    unevenness, elsewhere = unevenness_of(problem, scores, information) if known else (1.0, 1.0)
-    told = _told(linear, term, information, unevenness)
-    gain = gain if known else 0.0
-    loss = 0.5 * linear.by_block(left, left)
-    clock = problem.clock
+    clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    return Candidate(term, gain, told * information, unevenness, loss, elsewhere, from_start, told)
+    weighed = _weighed(linear, term, left, scores if known else None, information)
+    return Candidate(gain=gain if known else 0.0, from_start=from_start, **weighed)
+
+
+def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:
+    """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise."""
+    unevenness, elsewhere = 1.0, 1.0
+    if scores is not None:
+        squares = linear.problem.by_coarse(scores) ** 2 / information
+        unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
+    told = _told(linear, term, information, unevenness)
+    return {
+        "term": term,
+        "information": float(told * information),
+        "unevenness": unevenness,
+        "elsewhere": elsewhere,
+        "told": told,
+        "loss": 0.5 * linear.by_block(left, left),
+    }
 
 
 def _told(linear: Linear, term: Term, information: float, unevenness: float) -> float:
@@ -168,12 +182,6 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
 
 
-def unevenness_of(problem: Problem, scores: Array, information: float) -> tuple[float, float]:
-    """Return the mean square of block sums of scores over that of noise, and the same without the largest of them."""
-    squares = problem.by_coarse(scores) ** 2 / information
-    return float(squares.sum()), float(squares.sum() - squares.max())
-
-
 def elsewhere_of(linear: Linear) -> float:
     """Return the largest mean square of the block sums of any general effect that has no name yet, over that of noise."""
     named = {term.effect.id for term in linear.terms}
@@ -187,17 +195,7 @@ def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
-    unevenness, elsewhere = unevenness_of(linear.problem, scores, information)
-    told = _told(linear, linear.terms[index], information, unevenness)
-    return replace(
-        like,
-        term=linear.terms[index],
-        information=float(told * information),
-        told=told,
-        unevenness=unevenness,
-        loss=0.5 * linear.by_block(left, left),
-        elsewhere=elsewhere,
-    )
+    return replace(like, **_weighed(linear, linear.terms[index], left, scores, information))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:

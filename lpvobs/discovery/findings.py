@@ -9,14 +9,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, UnsetType, convert
 
 from lpvobs.discovery import outcome
-from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.courses import Curve, FactorSurface
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
+from lpvobs.discovery.joint_choice import Accepted
 from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import place_in_logs
@@ -26,57 +26,46 @@ from lpvobs.discovery.whiteness import structure
 from lpvobs.records import Array, Log
 
 
-def parameter_of(term: Term, standard_error: float) -> outcome.Parameter:
-    """Return an effect's size with its interval."""
-    return _with_interval(term.size, term.effect.unit, standard_error)
-
-
-def _with_interval(value: float, unit: str, standard_error: float) -> outcome.Parameter:
+def parameter_of(value: float, unit: str, standard_error: float) -> outcome.Parameter:
+    """Return a number with its interval."""
     half = NINETY * standard_error
     return outcome.Parameter(value, unit, (value - half, value + half))
 
 
-def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> outcome.Finding:
+def finding_of(logs: Sequence[Log], item: Accepted) -> outcome.Finding:
     """Return an accepted effect for people and programs."""
     term = item.candidate.term
-    course = term.course
+    course, curve = term.course, term.curve
     begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
+    plain = "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
+    further = {x.name: parameter_of(x.value, x.unit, x.error) for x in item.further}
     return outcome.Finding(
         id=term.effect.id,
-        parameters={term.effect.parameter: parameter_of(term, item.standard_error)}
-        | {x.name: _with_interval(x.value, x.unit, x.error) for x in item.further},
+        parameters={term.effect.parameter: parameter_of(term.size, term.effect.unit, item.standard_error)} | further,
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
-        course=plain_course(begin, end) if course is None else course.name,
-        follows=UNSET
-        if course is None
-        else outcome.Following(course.time_constant, course.input, course.low, course.high, course.intervals),
+        course=plain if course is None else course.name,
+        follows=UNSET if course is None else convert(course, outcome.Following, from_attributes=True),
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
         drive=term.effect.drive if item.indistinguishable else UNSET,
-        curve=_followed(term.curve) if isinstance(term.curve, Curve) else UNSET,
-        surface=_over_inputs(term.curve, term.size) if isinstance(term.curve, FactorSurface) else UNSET,
+        curve=_followed(curve) if isinstance(curve, Curve) else UNSET,
+        surface=_over_inputs(curve, term.size) if isinstance(curve, FactorSurface) else UNSET,
         formula=in_words(term),
     )
-
-
-def plain_course(begin: float, end: float) -> str:
-    """Return the contract's name of what begins and ends once at most."""
-    return "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
 
 
 def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> KnownEffect:
     """Return an accepted effect as the model keeps it."""
     term = item.candidate.term
-    parameter = parameter_of(term, item.standard_error)
     return KnownEffect(
         id=term.effect.id,
         place=term.effect.place,
         parameter=term.effect.parameter,
         unit=term.effect.unit,
-        value=parameter.value,
-        ci90=parameter.ci90,
+        value=term.size,
+        ci90=parameter_of(term.size, term.effect.unit, item.standard_error).ci90,
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
         course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),

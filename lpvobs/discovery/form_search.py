@@ -124,7 +124,7 @@ class _Products:
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
 
-def beside_forms(linear: Linear, found: list[Candidate], forms: list[Candidate]) -> list[Candidate]:
+def beside_forms(linear: Linear, found: Sequence[Candidate], forms: Sequence[Candidate]) -> list[Candidate]:
     """Return all candidates, best first, forms among them."""
     # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
     # noise.
@@ -148,11 +148,12 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         _Tried(0.0, form, lot)
         for target in _targets(problem)
         for lot in [_lot(plain, target, library.first)]
-        for form in _starts(target, problem)
+        for form in (target, replace(target, factors=(Factor(target.target),)))  # by itself, and a share of a reading
+        if not form.factors or target.target in problem.signals.value
     ]
-    alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.FORM_TARGETS)
+    alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.SHORTLIST)
     pool = [tried for start in starts for tried in library.best(start.lot, start.form)]
-    targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.FORM_TARGETS]
+    targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.SHORTLIST]
     for start in starts:
         for name in library.names if start.form.target in targets else ():
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
@@ -263,8 +264,9 @@ def _library(problem: Problem) -> _Products:
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
     factors = [*(Factor(name) for name in names), *dynamic]
     count = 2.0 * len(problem.signals.value) * len(names) * len(factors)
-    none = np.empty(0)
-    return _Products(problem, _pools(problem), names, (), none, none, none, count).with_factors(factors)
+    none, pool = np.empty(0), int(0.5 * thresholds.FORM_CALM / thresholds.SPACING)
+    first = np.flatnonzero((np.diff(problem.of_log, prepend=-1) != 0) | (np.arange(problem.K) % pool == 0))
+    return _Products(problem, first, names, (), none, none, none, count).with_factors(factors)
 
 
 def _targets(problem: Problem) -> list[Form]:
@@ -277,18 +279,6 @@ def _targets(problem: Problem) -> list[Form]:
     channels = [name for name, x in problem.signals.value.items() if np.isfinite(x).all()]  # a log may lack one
     readings = {"sensor", "fuel", *channels}
     return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
-
-
-def _starts(target: Form, problem: Problem) -> list[Form]:
-    """Return the beginnings of its forms: by itself, and a share of a reading."""
-    own = target.target in problem.signals.value
-    return [target, *([replace(target, factors=(Factor(target.target),))] if own else [])]
-
-
-def _pools(problem: Problem) -> NDArray[np.int64]:
-    """Return the first places of pools that last for half of FORM_CALM, each within one log."""
-    new_log = np.diff(problem.of_log, prepend=-1) != 0
-    return np.flatnonzero(new_log | (np.arange(problem.K) % thresholds.FORM_POOL == 0))
 
 
 def _along_pools(form: Form, problem: Problem, first: NDArray[np.int64]) -> Array:

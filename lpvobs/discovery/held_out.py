@@ -101,11 +101,15 @@ def noise_power(linear: Linear, on: NDArray[np.bool_]) -> float:
 
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
+    known = linear.problem.prior.standard_error < thresholds.KNOWN
+    return imbalances.rests_on(_told_by(linear, by) | known, linear.nodes)
+
+
+def _told_by(linear: Linear, by: NDArray[np.bool_] | slice = slice(None)) -> NDArray[np.bool_]:
+    """Return which nodes some of the instants inform, shape (p,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    return imbalances.rests_on(
-        (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN), linear.nodes
-    )
+    return np.asarray(time >= thresholds.SUPPORT)
 
 
 def compare(before: Linear, after: Linear) -> Losses:
@@ -160,12 +164,11 @@ def losses_on_unseen(
     after = models[1]
     root = after.noise.pointwise().root
     weight = np.sqrt(np.mean((root**2).sum(1), axis=0))[:, None] * unseen.shown
-    time: Array = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p).astype(float)
     known, losses = np.ones(unseen.K, dtype=bool), []
     for linear, acting in zip(models, terms, strict=True):
         raw, nodes = _with_its_levels(linear, acting, unseen, weight)
         losses.append(((weight * raw) ** 2).sum(0))
-        known &= imbalances.rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
+        known &= imbalances.rests_on(_told_by(after) | after.problem.prior.estimated, nodes)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
     return Losses(before, left, known, unseen.coarse, scale)
@@ -177,7 +180,7 @@ def _with_its_levels(
     """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
-    for _ in range(thresholds.LEVEL_PASSES if unseen.spread.size > q else 0):
+    for _ in range(thresholds.PASSES if unseen.spread.size > q else 0):
         scenes = imbalances.scenes_with(unseen, terms, beta)
         nodes = imbalances.operating_nodes(unseen, scenes)
         each = imbalances.imbalances_at(unseen, scenes, beta)

@@ -19,7 +19,7 @@ from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Linear:
     """A model at one point, and its derivatives there.
 
@@ -73,6 +73,11 @@ class Linear:
     def project(self, products: Array) -> Array:
         """Return the step of map, constants and terms that answers a gradient, shape (n,)."""
         return np.asarray(scipy.linalg.cho_solve((self.factor, True), products, check_finite=False), dtype=float)
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance of all unknowns, shape (n, n)."""
+        return self.project(np.eye(self.gradient.size))
 
     def row(self, index: int) -> Array:
         """Return the covariance of a term's size with all unknowns, itself in place `p + q + index`, shape (n,)."""

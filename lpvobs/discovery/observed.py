@@ -132,7 +132,7 @@ def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log
     """Return the signals with effects accounted for where they act, in the order of the catalogue; channels come last."""
     order = {effect.id: i for i, effect in enumerate(refined.model.catalogue)}
     for known_effect in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
-        effect, on = effect_along(known_effect, refined.model, log)
+        effect, on = effect_along(known_effect, refined.model, [(log, log.time)])
         signals = signals.where(on, effect.apply(signals, known_effect.value))
     return signals
 

@@ -20,10 +20,8 @@ from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
-LEAST_DRIVEN = 3.0 * thresholds.STRETCH  # [s] Driving without a gap that a log must hold
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Places:
     """Where residuals are taken: K places of all logs, and the signals that they are computed from.
 
@@ -62,11 +60,7 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     middle = blocks.time + clock[0]
     of_log = np.searchsorted(begin, middle, side="right") - 1
     for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
-        if count * blocks.length < LEAST_DRIVEN:
-            raise DataError(
-                f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
-                f"driving; record a longer log"
-            )
+        _refuse_short(log, count * blocks.length)
     there = [name for name in model.channels if all(name in log.channels for log in logs)]
     value = {name: np.concatenate([log[name] for log in logs]) for name in there}
     rate = {name: _gradient(values, clock, segments) for name, values in value.items()}
@@ -85,6 +79,15 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     )
     transience = transience_of(blocks, value, model.moving)
     return Places(middle - begin[of_log], of_log, blocks.length, signals, transience, blocks)
+
+
+def _refuse_short(log: Log, driven: float) -> None:
+    """Raise DataError for a log without gaps for a short time [s] alone."""
+    if driven < 3.0 * thresholds.STRETCH:
+        raise DataError(
+            f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
+            f"driving; record a longer log"
+        )
 
 
 def _gradient(values: Array, clock: Array, segments: Sequence[tuple[int, int]]) -> Array:
@@ -116,11 +119,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
     least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
     time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
     half_width *= least
-    if time.size * spacing < LEAST_DRIVEN:
-        raise DataError(
-            f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
-            f"driving; record a longer log"
-        )
+    _refuse_short(log, time.size * spacing)
     value, rate = at(log, np.stack([log[name] for name in model.channels]), time, half_width)
     return _View(time, half_width, value, rate)
 

@@ -86,14 +86,6 @@ def is_proven(candidate: Candidate, linear: Linear) -> bool:
     return is_relevant(candidate, linear) and chance(candidate, linear.problem) < thresholds.SIGNIFICANT
 
 
-def with_model_error(problem: Problem) -> float:
-    """Return the variance of a gain, in that of noise: the error of a sound model is a share of the data.
-
-    Where healthy drives tell of it, `Candidate.told` has it.
-    """
-    return 1.0 if len(problem.patterns) else 1.0 + thresholds.MODEL_ERROR * problem.data
-
-
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
@@ -107,10 +99,10 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
 
 
-def best_of(linear: Linear) -> list[Candidate]:
+def best_of(linear: Linear) -> tuple[Candidate, ...]:
     """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)
     driven = best_first([*channel_candidates(linear), *component_candidates(linear)])
     if driven and score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
-        return [*driven, *found]
-    return [*found[:1], *driven, *found[1:]]
+        return (*driven, *found)
+    return (*found[:1], *driven, *found[1:])

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy
 from msgspec import UNSET
 
-from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, outcome_on, parameter_of, shown_by
 from lpvobs.discovery.fit import fit, refit
@@ -21,11 +19,11 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.outcome import Leading, Ranked, ResidualOutput, Trace, error_output
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
-from lpvobs.discovery.thresholds import MOST_CANDIDATES
+from lpvobs.discovery.thresholds import MOST_NAMED
 from lpvobs.discovery.whiteness import Whiteness, leftover, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
-from lpvobs.records import Array, Log
+from lpvobs.records import Log
 
 
 @dataclass(frozen=True)
@@ -33,8 +31,6 @@ class Refinement:
     """A trace and the model that it leads to."""
 
     trace: Trace
-    theta: Array  # (p_2, p_1) [kg/s] the map beside the effects
-    covariance: Array  # (p, p) [kg^2/s^2]
     beta: Mapping[str, float]  # relative deviation of each uncertain constant from the configured one
     beta_deviation: Mapping[str, float]  # its standard deviation
     # every effect of the model: first those that it had, estimated again, then those that were found
@@ -83,12 +79,15 @@ def refine(
     kept: tuple[KnownEffect, ...] = ()
     if known:
         errors = standard_errors(after)
-        accepted = _again(after, len(known), accepted, errors)
+        accepted = tuple(
+            replace(item, candidate=in_place(after, i, item.candidate), standard_error=float(errors[i]))
+            for i, item in enumerate(accepted, len(known))
+        )
         kept = tuple(
             _kept(after.terms[i], float(errors[i]), known_effect, logs) for i, known_effect in enumerate(known)
         )
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)
-    findings = tuple(finding_of(problem, logs, item) for item in accepted)
+    findings = tuple(finding_of(logs, item) for item in accepted)
     judged = []
     for log in hold_out:
         unseen = lay([log])
@@ -117,13 +116,9 @@ def refine(
         left=left,
     )
     progress(1.0)
-    inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.newton_step.size), check_finite=False)
-    p, q = after.p, after.beta.size
-    deviation = np.sqrt(np.maximum(np.diag(inverse)[p : p + q], 0.0))
+    deviation = np.sqrt(np.maximum(np.diag(after.covariance)[after.p :], 0.0))
     return Refinement(
         trace=result,
-        theta=after.theta.reshape(grid.shape),
-        covariance=inverse[:p, :p],
         beta=dict.fromkeys(widths, 0.0) | dict(zip(model.names, after.beta.tolist(), strict=False)),
         beta_deviation=widths | dict(zip(model.names, deviation.tolist(), strict=False)),
         known_effects=kept + found,
@@ -158,11 +153,11 @@ def _leading(selection: Selection) -> tuple[Leading, ...]:
     return tuple(
         Leading(
             id=c.id,
-            parameters={c.term.effect.parameter: parameter_of(c.term, c.standard_error)},
+            parameters={c.term.effect.parameter: parameter_of(c.term.size, c.term.effect.unit, c.standard_error)},
             explained=min(c.gain / max(power, c.gain, 1e-300), 1.0),
             formula=in_words(c.term),
         )
-        for c in selection.leading[:MOST_CANDIDATES]
+        for c in selection.leading[:MOST_NAMED]
         if c.gain > 0.0
     )
 
@@ -172,17 +167,9 @@ def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
     return replace(problem, held=(*problem.held, *terms), wider=lambda: _holding(problem.wider(), terms))
 
 
-def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Array) -> tuple[Accepted, ...]:
-    """Return accepted effects as they stand in the joint model, the first of them its term number `first`."""
-    return tuple(
-        replace(item, candidate=in_place(after, first + i, item.candidate), standard_error=float(errors[first + i]))
-        for i, item in enumerate(accepted)
-    )
-
-
 def _kept(term: Term, error: float, known_effect: KnownEffect, logs: Sequence[Log]) -> KnownEffect:
     """Return an effect that the model had, estimated again, with the logs that it is now estimated on."""
-    parameter = parameter_of(term, error)
+    parameter = parameter_of(term.size, term.effect.unit, error)
     known = {(span.log, span.sha256) for span in known_effect.spans}
     new = tuple(known_effect.span_on(log) for log in logs if (log.name, log.sha256) not in known)
     return replace(known_effect, value=parameter.value, ci90=parameter.ci90, spans=known_effect.spans + new)

@@ -38,7 +38,7 @@ class MapPrior:
         return np.asarray((np.diag(self.precision) > thresholds.UNKNOWN * self.precision.max()) & (not self.free))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem(Places):
     """Everything that a search does not change: B balances at K places, q unknowns beside the map."""
 

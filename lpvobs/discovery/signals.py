@@ -7,8 +7,14 @@ independent where that of the sensor is independent from sample to sample.
 import numpy as np
 
 from lpvobs.compiled import njit
-from lpvobs.discovery.thresholds import NEAR
+from lpvobs.discovery.thresholds import FORM_CALM, NEAR
 from lpvobs.records import Array, Log
+
+
+def averaged(values: Array, step: float) -> Array:
+    """Return the means over a second around samples that are a step [s] apart."""
+    width = 2 * int(0.5 * FORM_CALM / step) + 1
+    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
 
 
 def instants(log: Log, spacing: float, half_width: float) -> Array:
