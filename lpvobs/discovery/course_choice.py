@@ -28,7 +28,9 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
     # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
     # channel.
-    bank, relays = _bank(bare.problem), _relays(bare.problem)
+    courses = list(hystereses(_inputs(bare.problem), thresholds.RELAY_LEVELS))
+    relays = courses, np.array([bare.problem.share(course) for course in courses])  # at every place
+    bank = _bank(bare.problem)
     found: list[Candidate] = []
     # A reading that comes and goes may be any disturbance: without a cause in the log it has no name.
     if own.term.effect.place != "sensor":
@@ -45,12 +47,6 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         if driven is not None and score(driven) > score(best):
             return driven
     return best
-
-
-def fit_all(bare: Linear, effects: Sequence[Effect], course: TracedCourse) -> list[Candidate]:
-    """Return effects on a course, those that can be on it."""
-    graded = course.name in GRADED
-    return [fit_course(bare, effect, course) for effect in effects if not graded or can_be_graded(effect)]
 
 
 def timed_again(linear: Linear, index: int) -> Term:
@@ -147,12 +143,6 @@ def _bank(problem: Problem) -> Bank:
             courses += found
             shares += [np.add.reduceat(problem.share(course), problem.first) / count for course in found]
     return courses, np.array(shares)
-
-
-def _relays(problem: Problem) -> Bank:
-    """Return every hysteresis, with its share at the places."""
-    courses = list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS))
-    return courses, np.array([problem.share(course) for course in courses])
 
 
 def _inputs(problem: Problem) -> Mapping[str, Array]:

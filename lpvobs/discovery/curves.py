@@ -17,8 +17,8 @@ from lpvobs.discovery.courses import Curve, FactorSurface, Shape
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.fit import linearised
 from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.signals import averaged
 from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, SPACING
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals

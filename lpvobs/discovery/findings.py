@@ -6,6 +6,7 @@ balances with and without the effects, levels of its day, and missing channels.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from msgspec import UNSET, UnsetType, convert
 
 from lpvobs.discovery import outcome
 from lpvobs.discovery.courses import Curve, FactorSurface
-from lpvobs.discovery.forms import in_words
+from lpvobs.discovery.forms import in_words, rms
 from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
 from lpvobs.discovery.joint_choice import Accepted
-from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
+from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
@@ -57,8 +58,10 @@ def finding_of(logs: Sequence[Log], item: Accepted) -> outcome.Finding:
 
 
 def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> KnownEffect:
-    """Return an accepted effect as the model keeps it."""
-    term = item.candidate.term
+    """Return an accepted effect as the model keeps it: with rates per second."""
+    term, curve = item.candidate.term, item.candidate.term.curve
+    if isinstance(curve, Curve) and curve.of == "rate":
+        curve = replace(curve, knots=curve.knots / problem.spacing)
     return KnownEffect(
         id=term.effect.id,
         place=term.effect.place,
@@ -69,8 +72,8 @@ def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> Kn
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
         course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),
-        curve=stored_curve(term.curve, problem) if isinstance(term.curve, Curve) else None,
-        surface=term.curve if isinstance(term.curve, FactorSurface) else None,
+        curve=curve if isinstance(curve, Curve) else None,
+        surface=curve if isinstance(curve, FactorSurface) else None,
     )
 
 
@@ -83,13 +86,13 @@ def known_finding(known_effect: KnownEffect) -> outcome.Finding:
 def outcome_on(
     log: Log,
     losses: Losses,
-    shown: Mapping[str, Any],
     verdict: str,
     effects: Sequence[tuple[outcome.Finding, KnownEffect]],
+    shown: Mapping[str, Any] = MappingProxyType({"balances": (), "day_to_day": ()}),
 ) -> outcome.OutcomeOnLog:
     """Return what is said of one log: the pooled findings that act on it, its own error, and what `shown_by` has of it.
 
-    Nothing is `shown` of a log that took no part.
+    Of a log that took no part nothing is shown.
     """
     start, acting = float(log.time[0]), []
     for finding, known_effect in effects:
@@ -100,26 +103,22 @@ def outcome_on(
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    error = outcome.error_output(losses.comparison(), HOW if shown else HOW_WHOLE)
-    more = shown or {"balances": (), "day_to_day": ()}
-    return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
+    error = outcome.error_output(losses.comparison(), HOW if "residual" in shown else HOW_WHOLE)
+    return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **shown)
 
 
 def _since(start: float, edge: float) -> float | None:
     return edge - start if np.isfinite(edge) else None
 
 
-def _followed(curve: Curve) -> outcome.Followed:
-    return outcome.Followed(
-        curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist())
-    )
+def _followed(x: Curve) -> outcome.Followed:
+    return outcome.Followed(x.channel, x.of, x.carrier, tuple(x.knots.tolist()), tuple(x.values.tolist()))
 
 
-def _over_inputs(surface: FactorSurface, amplitude: float) -> outcome.OverInputs:
-    knots = tuple(surface.first.tolist()), tuple(surface.second.tolist())
-    factor = tuple(tuple(row) for row in (1.0 + amplitude * surface.values).tolist())
-    errors = tuple(tuple(row) for row in surface.errors.tolist())
-    return outcome.OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)
+def _over_inputs(x: FactorSurface, amplitude: float) -> outcome.OverInputs:
+    knots = tuple(x.first.tolist()), tuple(x.second.tolist())
+    factor, errors = (tuple(map(tuple, rows.tolist())) for rows in (1.0 + amplitude * x.values, x.errors))
+    return outcome.OverInputs(x.inputs, x.units, x.largest, knots, factor, errors)
 
 
 def shown_by(after: Linear, i: int) -> dict[str, Any]:
@@ -152,8 +151,8 @@ def balance_errors(after: Linear, i: int) -> tuple[outcome.BalanceError, ...]:
             continue
         lost, left = before[b, use], after.raw[0][b, use]
         healthy = None if model.healthy is None else float(model.healthy.rms[b])
-        B, A, usual = _rms(lost), _rms(left), _rms(left) if healthy is None else healthy
-        moved = named and AFFECTED * usual < B and _rms(lost - left) > 0.5 * usual
+        B, A, usual = rms(lost), rms(left), rms(left) if healthy is None else healthy
+        moved = named and AFFECTED * usual < B and rms(lost - left) > 0.5 * usual
         recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
         found.append(
             outcome.BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered)
@@ -195,10 +194,6 @@ def _same_place(problem: Problem) -> tuple[tuple[str, ...], ...]:
         if power.max() > 0.0:
             groups.setdefault(tuple((power > PLACED * power.max()).tolist()), []).append(effect.id)
     return tuple(tuple(names) for names in groups.values() if len(names) > 1)
-
-
-def _rms(r: Array) -> float:
-    return float(np.sqrt(np.mean(r**2)))
 
 
 def _median(r: Array) -> float:

@@ -18,7 +18,7 @@ from lpvobs.discovery.evidence import (
     with_best_interval,
 )
 from lpvobs.discovery.fit import fit, linearised, objective, refit
-from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, unit_of
+from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, rms, unit_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
@@ -239,13 +239,9 @@ def _effect(form: Form, problem: Problem, shape: Array) -> Effect:
     catalogued = problem.model.effect(form.target)
     size = catalogued.size if catalogued else thresholds.FORM_NOTICED
     if catalogued is None and not form.relative:
-        size *= _rms(recorded_at(problem, form.target))
+        size *= rms(recorded_at(problem, form.target))
     units = problem.model.units
-    return form.effect(problem.model, problem.over_columns(shape), size / max(_rms(shape), 1e-300), units)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return form.effect(problem.model, problem.over_columns(shape), size / max(rms(shape), 1e-300), units)
 
 
 def _library(problem: Problem) -> _Products:

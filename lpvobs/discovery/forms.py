@@ -15,8 +15,8 @@ import scipy
 from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
-from lpvobs.discovery.signals import averaged
 from lpvobs.engines.effects import SENSOR, Effect, Signals, gain, offset
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
@@ -138,6 +138,11 @@ def in_words(term: Term) -> str | UnsetType:
     target, _, product = term.effect.id.removeprefix(PREFIX).partition(" ~ ")
     size = f"{abs(term.size):.3g}" + ("" if term.effect.unit == "1" else f" {term.effect.unit}")
     return f"{target} too {'high' if term.size > 0 else 'low'} by {size}" + ("" if product == "1" else f" * {product}")
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def parsed(id_: str) -> Form:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from lpvobs.discovery.course_choice import best_course, finer, fit_all, sharpened
-from lpvobs.discovery.courses import FactorSurface
+from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened
+from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
 from lpvobs.discovery.evidence import (
     Candidate,
@@ -170,7 +170,8 @@ def finished(
     others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
     others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
     if term.course is not None:
-        rivals = best_first(fit_all(bare, others, term.course))
+        able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
+        rivals = best_first(fit_course(bare, e, term.course) for e in able)
     else:
         rivals = rank_in(bare, others, term.begin, term.end)
     beside = []

@@ -88,15 +88,14 @@ class KnownEffect:
 
 def spans_of(term: Term, logs: Sequence[Log]) -> tuple[Span, ...]:
     """Return where an interval of the common clock lies on each log."""
-    return tuple(_span(term, log, start) for log, start in zip(logs, starts(logs), strict=True))
-
-
-def _span(term: Term, log: Log, start: float) -> Span:
-    first, last = float(log.time[0]), float(log.time[-1])
-    begin, end = (first + edge - start for edge in (term.begin, term.end))
-    if begin > last or end <= first:
-        return Span(log.name, log.sha256, np.inf, np.inf)
-    return Span(log.name, log.sha256, begin if begin > first else -np.inf, end if end <= last else np.inf)
+    found = []
+    for log, start in zip(logs, starts(logs), strict=True):
+        first, last = float(log.time[0]), float(log.time[-1])
+        begin, end = (first + edge - start for edge in (term.begin, term.end))
+        acts = begin <= last and end > first
+        ends = (begin if begin > first else -np.inf, end if end <= last else np.inf) if acts else (np.inf, np.inf)
+        found.append(Span(log.name, log.sha256, *ends))
+    return tuple(found)
 
 
 def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> Term:
@@ -126,12 +125,6 @@ def course_on(known_effect: KnownEffect, log: Log, time: Array) -> Array:
 def own_time(problem: Problem, logs: Sequence[Log]) -> Array:
     """Return the time of every place on its log's own axis [s], shape (K,)."""
     return np.asarray(problem.time + np.array([log.time[0] for log in logs])[problem.of_log])
-
-
-def stored_curve(curve: Curve, problem: Problem) -> Curve:
-    """Return a fitted curve as it is kept: its rates per second."""
-    spacing = float(np.median(np.diff(problem.time)))
-    return replace(curve, knots=curve.knots / spacing) if curve.of == "rate" else curve
 
 
 def from_off(known_effect: KnownEffect) -> KnownEffect:
@@ -201,7 +194,7 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
     """Return what a curve or a form follows at given times of a log; raises DataError where the log does not have it."""
     if isinstance(curve, Form):
         return along_log(curve, log, time)
-    if np.isnan(log.auxiliary.get(curve.channel, 0.0)).all():  # the channel is there, and nothing is known of it
+    if not np.isfinite(log.auxiliary.get(curve.channel, 0.0)).any():  # the channel is there, and nothing is known of it
         return np.zeros(time.size)
     recorded = channel_on(log, curve.channel, f"channel:{curve.channel}")
     if curve.of == "value":

@@ -100,11 +100,10 @@ def corrected(refined: Refined, log: Log) -> Log:
 def added(refined: Refined, log: Log, rates: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (b, N) [kg/s]."""
     # `log` holds smoothed channels, `rates` their time derivatives.
-    signals = _put(_signals(refined.model, log, rates), refined, refined.effects, log)
+    given = _signals(refined.model, log, rates)
     # Channels are corrected already: only what the engine lacks is added here, computed from the channels as they are given.
-    flows, inputs = refined.model.further(
-        refined.model.constants, replace(_signals(refined.model, log, rates), lacks=signals.lacks)
-    )
+    lacking = replace(given, lacks=_put(given, refined, refined.effects, log).lacks)
+    flows, inputs = refined.model.further(refined.model.constants, lacking)
     return inputs.T, flows
 
 

@@ -39,26 +39,19 @@ def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:
             found.append(with_best_interval(linear, whole))
         elif not problem.absorbs(effect):
             found.append(whole)
-    return _plainest_first(best_first(found), problem)
+    ranked = best_first(found)
+    # Of those that tie with the best in its interval, the effect that the catalogue lists first heads the ranking.
+    order = [effect.id for effect in problem.catalogue]
+    least, ends = score(ranked[0]) - thresholds.TIE, (ranked[0].term.begin, ranked[0].term.end)
+    tied = [c for c in ranked if score(c) > least and (c.term.begin, c.term.end) == ends]
+    head = min(tied, key=lambda c: order.index(c.id))
+    return [head, *(c for c in ranked if c is not head)]
 
 
 def rank_in(linear: Linear, effects: Sequence[Effect], begin: float = -np.inf, end: float = np.inf) -> list[Candidate]:
     """Return the most promising effects in an interval, best first."""
     expected = {effect: first_order_gain(linear, effect, begin, end) for effect in effects}
     return best_first(fit_candidate(linear, effect, begin, end) for effect in _most_promising(expected))
-
-
-def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate]:
-    """Return the ranking headed by the effect that the catalogue lists first, of those that tie with the best in its interval."""
-    order = [effect.id for effect in problem.catalogue]
-    first = ranked[0]
-    tied = [
-        c
-        for c in ranked
-        if score(c) > score(first) - thresholds.TIE and (c.term.begin, c.term.end) == (first.term.begin, first.term.end)
-    ]
-    head = min(tied, key=lambda c: order.index(c.id))
-    return [head, *(c for c in ranked if c is not head)]
 
 
 def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:

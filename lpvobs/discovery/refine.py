@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from msgspec import UNSET
@@ -74,7 +73,7 @@ def refine(
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
-    own = [structure(linear) for linear in (before, after)]
+    whiteness = [structure(linear) for linear in (before, after)]
     accepted = selection.accepted
     kept: tuple[KnownEffect, ...] = ()
     if known:
@@ -93,10 +92,15 @@ def refine(
         unseen = lay([log])
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), (acting[0], acting[1]), unseen))
-    losses = [*(selection.losses.part(problem.of_log == i) for i in range(len(logs))), *judged]
-    shown: list[dict[str, Any]] = [*(shown_by(after, i) for i in range(len(logs))), *({} for _ in judged)]
-    effects, unexplained = list(zip(findings, found, strict=True)), selection.verdict == "unexplained"
-    white, follows = own[1].white, own[1].correlated_with
+    about, unexplained = (
+        (selection.verdict, list(zip(findings, found, strict=True))),
+        selection.verdict == "unexplained",
+    )
+    parts = [selection.losses.part(problem.of_log == i) for i in range(len(logs))]
+    by_log = [
+        outcome_on(log, own, *about, shown_by(after, i)) for i, (log, own) in enumerate(zip(logs, parts, strict=True))
+    ]
+    white, follows = whiteness[1].white, whiteness[1].correlated_with
     left = None if white and not unexplained else leftover(after, logs, follows)
     result = Trace(
         verdict=selection.verdict,
@@ -108,10 +112,7 @@ def refine(
         healthy_drives=() if healthy is None else healthy.logs,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
         error_on_held_out_logs=error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
-        logs=tuple(
-            outcome_on(*each, selection.verdict, effects)
-            for each in zip((*logs, *hold_out), losses, shown, strict=True)
-        ),
+        logs=(*by_log, *(outcome_on(log, own, *about) for log, own in zip(hold_out, judged, strict=True))),
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
         left=left,
     )
@@ -124,8 +125,8 @@ def refine(
         known_effects=kept + found,
         before=before,
         after=after,
-        whiteness_before=own[0],
-        whiteness_after=own[1],
+        whiteness_before=whiteness[0],
+        whiteness_after=whiteness[1],
     )
 
 

@@ -268,16 +268,12 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bo
     an end. It need not be proven: two episodes and the pause between them have no single size.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
-    return any(
-        (c.id == candidate.id and candidate.gain > thresholds.AGAIN * c.gain)
-        or (
-            c.term.effect.place == candidate.term.effect.place
-            and c.changes > 0
-            and stops
-            and (candidate.gain > thresholds.AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
-        )
-        for c in accepted
-    )
+    for c in accepted:
+        again = candidate.gain > thresholds.AGAIN * c.gain
+        beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
+        if (again and (beside or c.id == candidate.id)) or (beside and _separate_in_time(c.term, candidate.term)):
+            return True
+    return False
 
 
 def _separate_in_time(one: Term, other: Term) -> bool:
