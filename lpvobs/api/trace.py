@@ -20,7 +20,7 @@ from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
-from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.results import refinements
 from lpvobs.io.results.gains import StoredGain
@@ -148,7 +148,7 @@ class Closed:
 
     @property
     def _structure(self) -> dict[str, Whiteness]:
-        return {"before": self.refinement.whiteness_before, "after": self.refinement.whiteness_after}
+        return {"before": structure(self.refinement.before), "after": structure(self.refinement.after)}
 
     def _write_pictures(self, group: h5py.Group) -> None:
         found = self.refinement

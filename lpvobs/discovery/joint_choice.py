@@ -18,7 +18,6 @@ from lpvobs.discovery.evidence import (
     fit_candidate,
     in_place,
     loss_of,
-    penalty,
     score,
     with_best_interval,
 )
@@ -143,8 +142,7 @@ def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate,
     last = joint.terms[-1]
     if not last.effect.low < last.size < last.effect.high:
         return -np.inf
-    gain = bare - objective(joint)
-    return gain - penalty(candidate.changes, candidate.loss.size, gain, candidate.from_start)
+    return score(replace(candidate, gain=bare - objective(joint)))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from lpvobs.discovery.outcome import Leading, Ranked, ResidualOutput, Trace, err
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
 from lpvobs.discovery.thresholds import MOST_NAMED
-from lpvobs.discovery.whiteness import Whiteness, leftover, structure
+from lpvobs.discovery.whiteness import leftover, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Log
@@ -36,8 +36,6 @@ class Refinement:
     known_effects: tuple[KnownEffect, ...]
     before: Linear  # residual, regressors and weights of the model as it was, for reports
     after: Linear  # the same of the model with the effects
-    whiteness_before: Whiteness
-    whiteness_after: Whiteness
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -73,7 +71,6 @@ def refine(
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
-    whiteness = [structure(linear) for linear in (before, after)]
     accepted = selection.accepted
     kept: tuple[KnownEffect, ...] = ()
     if known:
@@ -100,14 +97,14 @@ def refine(
     by_log = [
         outcome_on(log, own, *about, shown_by(after, i)) for i, (log, own) in enumerate(zip(logs, parts, strict=True))
     ]
-    white, follows = whiteness[1].white, whiteness[1].correlated_with
-    left = None if white and not unexplained else leftover(after, logs, follows)
+    whole = structure(after)
+    left = None if whole.white and not unexplained else leftover(after, logs, whole.correlated_with)
     result = Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
         effects=findings,
         error=error_output(selection.losses.comparison(), HOW),
-        residual=ResidualOutput(white, tuple(follows), **({} if left is None else left.as_json())),
+        residual=ResidualOutput(whole.white, tuple(whole.correlated_with), **({} if left is None else left.as_json())),
         candidates=_leading(selection) if unexplained else UNSET,
         healthy_drives=() if healthy is None else healthy.logs,
         known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
@@ -125,8 +122,6 @@ def refine(
         known_effects=kept + found,
         before=before,
         after=after,
-        whiteness_before=whiteness[0],
-        whiteness_after=whiteness[1],
     )
 
 

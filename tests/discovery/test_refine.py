@@ -102,11 +102,12 @@ def test_a_logged_channel_is_named(closed, clean, misread):
 @pytest.fixture(scope="module")
 def nominal(closed, clean, config):
     """Return the map of the healthy log as what is known before others."""
-    healthy = closed(clean)
+    healthy, grid = closed(clean).after, config.grid()
+    theta, covariance = healthy.theta.reshape(grid.shape), healthy.covariance[: grid.size, : grid.size]
     spread = np.array(list(config.estimate.tolerance.values())) / np.sqrt(3.0)
-    seen = np.where(np.sqrt(np.diag(healthy.covariance)) < 2e-3, 1.0, np.nan).reshape(healthy.theta.shape)
-    none = np.zeros((spread.size, *healthy.theta.shape))
-    return nominal_map(healthy.theta * seen, healthy.covariance, none, np.diag(spread**2), 0.1)
+    seen = np.where(np.sqrt(np.diag(covariance)) < 2e-3, 1.0, np.nan).reshape(grid.shape)
+    none = np.zeros((spread.size, *grid.shape))
+    return nominal_map(theta * seen, covariance, none, np.diag(spread**2), 0.1)
 
 
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):
