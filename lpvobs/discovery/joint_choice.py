@@ -12,15 +12,7 @@ import scipy
 from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened
 from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
-from lpvobs.discovery.evidence import (
-    Candidate,
-    best_first,
-    fit_candidate,
-    in_place,
-    loss_of,
-    score,
-    with_best_interval,
-)
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
 from lpvobs.discovery.form_search import Inside, with_inside
 from lpvobs.discovery.forms import PREFIX
