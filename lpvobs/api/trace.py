@@ -20,7 +20,7 @@ from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
-from lpvobs.discovery.whiteness import Whiteness
+from lpvobs.discovery.whiteness import Whiteness, structure
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.results import refinements
 from lpvobs.io.results.gains import StoredGain
@@ -126,11 +126,10 @@ class Closed:
     def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
         """The error before and after by log, and pooled."""
         trace = self.refinement.trace
-        found = {POOLED: (trace.comparison, False)}
-        if trace.held_out is not None:
-            found[POOLED_UNSEEN] = (trace.held_out, True)
-        each = zip(trace.logs, trace.by_log, strict=True)
-        return found | {part.log: (comparison, part.residual is UNSET) for part, comparison in each}
+        found = {POOLED: (trace.error.comparison, False)}
+        if trace.error_on_held_out_logs:
+            found[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
+        return found | {part.log: (part.error.comparison, part.residual is UNSET) for part in trace.logs}
 
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""
@@ -149,7 +148,7 @@ class Closed:
 
     @property
     def _structure(self) -> dict[str, Whiteness]:
-        return {"before": self.refinement.whiteness_before, "after": self.refinement.whiteness_after}
+        return {"before": structure(self.refinement.before), "after": structure(self.refinement.after)}
 
     def _write_pictures(self, group: h5py.Group) -> None:
         found = self.refinement

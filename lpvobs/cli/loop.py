@@ -44,7 +44,7 @@ def trace(
     else:
         show(traced.found, traced.map_frozen, refined=False)
         say(
-            f"held-out residual {1e3 * traced.found.comparison.before:.3f} g/s rms; the result of the search is in "
+            f"held-out residual {1e3 * traced.found.error.before:.3f} g/s rms; the result of the search is in "
             f"{result} under /trace"
         )
     leave(traced.refused)
@@ -66,7 +66,7 @@ def show(found: "Trace", frozen: bool, refined: bool) -> None:
             print("\n" + table(*nearest))
     if found.findings:
         print(textwrap.fill(visible(in_words(content["effects"])), WIDTH, initial_indent="  ", subsequent_indent="  "))
-    for title, effects in (("found", found.findings), ("in the model already", found.known_effects)):
+    for title, effects in (("found", found.findings), ("in the model already", found.known_effects or ())):
         if effects:
             print(f"\n{table(*_effects(title, effects))}")
         for effect in effects:
@@ -132,7 +132,7 @@ def refine(
         print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
     else:
         show(traced.found, traced.map_frozen, refined=True)
-        error = traced.found.comparison
+        error = traced.found.error.comparison
         low, high = error.ratio_ci90
         say(
             f"held-out residual {1e3 * error.before:.3f} -> {1e3 * error.after:.3f} g/s rms, "

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
@@ -27,7 +28,9 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
     """Return the newest effect of a model, or it or a rival on the course that explains the residual better."""
     # `bare` is the model without it. Where a logged channel explains as much as a course without a cause, it is the
     # channel.
-    bank, relays = _bank(bare.problem), _relays(bare.problem)
+    courses = list(hystereses(_inputs(bare.problem), thresholds.RELAY_LEVELS))
+    relays = courses, np.array([bare.problem.share(course) for course in courses])  # at every place
+    bank = _bank(bare.problem)
     found: list[Candidate] = []
     # A reading that comes and goes may be any disturbance: without a cause in the log it has no name.
     if own.term.effect.place != "sensor":
@@ -44,12 +47,6 @@ def best_course(linear: Linear, bare: Linear, own: Candidate, rivals: Sequence[E
         if driven is not None and score(driven) > score(best):
             return driven
     return best
-
-
-def fit_all(bare: Linear, effects: Sequence[Effect], course: TracedCourse) -> list[Candidate]:
-    """Return effects on a course, those that can be on it."""
-    graded = course.name in GRADED
-    return [fit_course(bare, effect, course) for effect in effects if not graded or can_be_graded(effect)]
 
 
 def timed_again(linear: Linear, index: int) -> Term:
@@ -90,8 +87,7 @@ def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
     if problem.of_log[-1] > 0:
         return
     gain = advantage(linear, index)
-    acting = switched(gain, thresholds.SWITCH * float(np.log(gain.size))).astype(int)
-    clock = problem.clock
+    acting, clock = _switched_on(gain).astype(int), problem.clock
     between = np.concatenate([clock[:1], 0.5 * (clock[1:] + clock[:-1]), [np.nextafter(clock[-1], np.inf)]])
     edges = between[np.flatnonzero(np.diff(acting, prepend=0, append=0))].reshape(-1, 2)
     if 1 < len(edges) <= thresholds.MOST_SWITCHES:
@@ -100,27 +96,22 @@ def _comes_and_goes(linear: Linear, index: int) -> Iterator[TracedCourse]:
 
 def finer(bare: Linear, found: Candidate) -> Candidate:
     """Return an effect whose course follows an input with the values of that input sought again, others as they are."""
-    for step in thresholds.FINER if found.term.course is not None and found.term.course.input else ():
-        found = max(found, _near(bare, found, step), key=score)
-    return found
-
-
-def _near(bare: Linear, found: Candidate, step: float) -> Candidate:
-    """Return an effect on the best course near its own, which follows an input."""
     problem, own = bare.problem, found.term.effect
-    effect = next((e for e in problem.catalogue if e.id == found.id), own)  # a formula is in no catalogue
-    courses = [] if found.term.course is None else list(near(found.term.course, step))
-    place = np.arange(problem.K)
-    apart = replace(bare, problem=replace(problem, block=place, first=place))
-    gain = gains(apart, slope_of(bare, effect, effect.null), np.array([problem.share(course) for course in courses]))
-    return fit_course(bare, effect, courses[int(gain.argmax())])
+    for step in thresholds.FINER:
+        if found.term.course is None or not found.term.course.input:
+            break
+        effect = next((e for e in problem.catalogue if e.id == found.id), own)  # a formula is in no catalogue
+        courses = list(near(found.term.course, step))
+        shares = np.array([problem.share(course) for course in courses])
+        gain = gains(_by_place(bare), slope_of(bare, effect, effect.null), shares)
+        found = max(found, fit_course(bare, effect, courses[int(gain.argmax())]), key=score)
+    return found
 
 
 def _promising(bare: Linear, effect: Effect, bank: Bank, relays: Bank) -> list[TracedCourse]:
     """Return the courses of an effect that gain most to first order less what they cost, one of each kind at most."""
     slope, problem = slope_of(bare, effect, effect.null), bare.problem
-    place = np.arange(problem.K)
-    each = [(replace(bare, problem=replace(problem, block=place, first=place)), relays)]
+    each = [(_by_place(bare), relays)]
     if can_be_graded(effect):
         each.append((bare, bank))
     best: dict[str, tuple[float, TracedCourse]] = {}
@@ -130,6 +121,12 @@ def _promising(bare: Linear, effect: Effect, bank: Bank, relays: Bank) -> list[T
             if net > best.get(course.name, (0.0,))[0]:
                 best[course.name] = net, course
     return [course for _, course in sorted(best.values(), key=lambda item: -item[0])[: thresholds.MOST_COURSES]]
+
+
+def _by_place(linear: Linear) -> Linear:
+    """Return a model whose stretches are single places."""
+    place = np.arange(linear.problem.K)
+    return replace(linear, problem=replace(linear.problem, block=place, first=place))
 
 
 def _bank(problem: Problem) -> Bank:
@@ -146,12 +143,6 @@ def _bank(problem: Problem) -> Bank:
             courses += found
             shares += [np.add.reduceat(problem.share(course), problem.first) / count for course in found]
     return courses, np.array(shares)
-
-
-def _relays(problem: Problem) -> Bank:
-    """Return every hysteresis, with its share at the places."""
-    courses = list(hystereses(_inputs(problem), thresholds.RELAY_LEVELS))
-    return courses, np.array([problem.share(course) for course in courses])
 
 
 def _inputs(problem: Problem) -> Mapping[str, Array]:
@@ -203,7 +194,7 @@ def comes_and_goes(linear: Linear, index: int) -> bool:
         i for i, t in enumerate(linear.terms) if i != index and np.isfinite(t.end) and cancels(linear, i, index)
     ]
     gain = advantage(linear, index, cancelling)
-    acting = switched(gain, thresholds.SWITCH * float(np.log(gain.size)))
+    acting = _switched_on(gain)
     total = np.concatenate([[0.0], np.cumsum(gain)])
     one = float((total - np.minimum.accumulate(total)).max())
     return float(gain[acting].sum()) > one + least_gain(linear.problem)
@@ -218,6 +209,11 @@ def cancels(linear: Linear, one: int, other: int) -> bool:
     )
     b = b * np.any(a != 0.0, axis=(0, 1))
     return bool(dot(a, b) < -np.sqrt(0.5 * max(dot(a, a) * dot(b, b), 0.0)))
+
+
+def _switched_on(gain: Array) -> NDArray[np.bool_]:
+    """Return where a term acts, from what it gains at every place, shape (K,)."""
+    return np.asarray(switched(gain, thresholds.SWITCH * float(np.log(gain.size))))
 
 
 @njit(cache=True)

@@ -11,15 +11,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from lpvobs.discovery.courses import Curve, FactorSurface
+from lpvobs.discovery.courses import Curve, FactorSurface, Shape
 from lpvobs.discovery.evidence import Candidate, fit_candidate, slope_of
 from lpvobs.discovery.fit import linearised
-from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.linear import Linear
+from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RATE_WINDOW, RIDGE
+from lpvobs.discovery.thresholds import COST, CURVE_SIZES, KNOTS, LARGEST, MOST_LEVELS, RIDGE, SPACING
 from lpvobs.engines.curves import on_surface, values_at
 from lpvobs.engines.effects import Effect, Signals
 from lpvobs.engines.residual_model import ComponentCurve
@@ -28,9 +28,7 @@ from lpvobs.records import Array
 
 def rate_of(values: Array) -> Array:
     """Return the change per instant, averaged over a second."""
-    kernel = np.full(RATE_WINDOW, 1.0 / RATE_WINDOW)
-    calm = np.convolve(np.pad(values, RATE_WINDOW // 2, mode="edge"), kernel, mode="valid")
-    return np.asarray(np.gradient(calm))
+    return np.asarray(np.gradient(averaged(values, SPACING)))
 
 
 def basis(values: Array) -> tuple[Array, Array]:
@@ -60,7 +58,10 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
         middle = np.zeros((knots.size, 1)) if off else hats.mean(1, keepdims=True)
         for effect in carriers:
             columns = linear.whiten(np.stack([slopes[effect.id] * hat for hat in (hats - middle)[1:]]))
-            gain, coefficients = _joint(linear, columns)
+            gradient, normal = linear.beside(columns)
+            normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
+            coefficients = -np.linalg.solve(normal, gradient)
+            gain = float(-0.5 * gradient @ coefficients)
             if gain - COST * coefficients.size > best.get(name, (0.0,))[0]:
                 sizes = np.concatenate([[0.0], coefficients])
                 curve = Curve(name, of, effect.id, knots, sizes - float(sizes @ middle[:, 0]))
@@ -68,13 +69,13 @@ def channel_candidates(linear: Linear) -> list[Candidate]:
                 driven = along_channel(curve, effect, along)
                 best[name] = gain - COST * coefficients.size, driven, curve
     ranked = sorted(best.values(), key=lambda item: -item[0])[:2]
-    return [_fitted(linear, effect, curve) for _, effect, curve in ranked]
+    return [_fitted(linear, effect, curve, COST * (curve.knots.size - 1)) for _, effect, curve in ranked]
 
 
-def _fitted(linear: Linear, effect: Effect, curve: Curve) -> Candidate:
+def _fitted(linear: Linear, effect: Effect, curve: Shape, cost: float, size: float | None = None) -> Candidate:
     """Return a curve as a candidate, its gain less what its coefficients cost."""
-    candidate = fit_candidate(linear, effect, like=Term(effect, effect.null, curve=curve))
-    return replace(candidate, gain=candidate.gain - COST * (curve.knots.size - 1))
+    candidate = fit_candidate(linear, effect, size=size, like=Term(effect, effect.null, curve=curve))
+    return replace(candidate, gain=candidate.gain - cost)
 
 
 def along_channel(curve: Curve, carrier: Effect, shape: Array) -> Effect:
@@ -95,35 +96,14 @@ def following(
     return Effect(name, "amplitude", "1", 0.0, size, -most, most, carrier.place, apply, carrier.drive)
 
 
-def _joint(linear: Linear, columns: Array) -> tuple[float, Array]:
-    """Return the gain of several directions together, and their coefficients."""
-    gradient, normal = gradient_and_normal(linear, columns)
-    normal += 1e-9 * max(float(np.trace(normal)), 1e-300) * np.eye(len(columns))
-    coefficients = -np.asarray(np.linalg.solve(normal, gradient), dtype=float)
-    return float(-0.5 * gradient @ coefficients), coefficients
-
-
-def gradient_and_normal(linear: Linear, columns: Array) -> tuple[Array, Array]:
-    """Return the products of whitened directions with the residual and with each other, (m, m), unknowns projected out."""
-    products = np.stack([linear.products(column) for column in columns])
-    answers = scipy.linalg.cho_solve((linear.factor, True), products.T, check_finite=False)
-    mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
-    gradient = np.array([dot(column, linear.residual) for column in columns]) - products @ linear.newton_step
-    return gradient, mean @ mean.T - difference @ difference.T - products @ answers
-
-
 def component_candidates(linear: Linear) -> list[Candidate]:
     """Return the best curve of every component as a candidate, if it gains more than its coefficients cost."""
     found = []
     for curve in linear.problem.model.curves:
         surface = surface_of(linear, curve)
         if surface is not None:
-            effect = driven_by(curve, surface)
-            like = Term(effect, effect.null, curve=surface)
-            candidate = fit_candidate(linear, effect, size=surface.amplitude, like=like)
-            if abs(candidate.term.size) < LARGEST * curve.deviation:
-                found.append(replace(candidate, gain=candidate.gain - surface.cost))
-    return found
+            found.append(_fitted(linear, driven_by(curve, surface), surface, surface.cost, surface.amplitude))
+    return [each for each in found if each.term.effect.low < each.term.size < each.term.effect.high]
 
 
 def surface_again(linear: Linear, index: int, surface: FactorSurface) -> tuple[FactorSurface, Term] | None:
@@ -155,7 +135,7 @@ def surface_of(linear: Linear, curve: ComponentCurve, known: Array | None = None
     np.add.at(hats, (nodes, np.arange(problem.K)[:, None]), share)
     seen: NDArray[np.bool_] = np.asarray(hats[:, problem.used].any(1))
     columns = linear.whiten(slope_of(linear, curve.carrier, curve.carrier.null) * hats[seen, None, None])
-    gradient, normal = gradient_and_normal(linear, columns)
+    gradient, normal = linear.beside(columns)
     sizes = [size * curve.deviation for size in CURVE_SIZES]
     if known is not None:
         gradient = gradient - normal @ known.reshape(-1)[seen]

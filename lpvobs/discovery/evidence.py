@@ -1,6 +1,8 @@
 """The evidence for one candidate effect: its best size, its gain, its best interval, and whether one size fits every block."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -10,13 +12,13 @@ from lpvobs.discovery.courses import GRADED
 from lpvobs.discovery.fit import pins
 from lpvobs.discovery.imbalances import change_of_residual
 from lpvobs.discovery.linear import Linear, dot
-from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.residual import Term
 from lpvobs.discovery.thresholds import EFFECT_STEP, LEAST_LENGTH, SIZE_PASSES, START, STRETCH, STRONG
 from lpvobs.engines.effects import Effect
 from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """An effect fitted beside map and constants."""
 
@@ -75,9 +77,8 @@ def first_order(linear: Linear, effect: Effect, begin: float = -np.inf, end: flo
     """Return gradient and information of an effect's size in an interval, with the residual taken as linear in it."""
     on = Term(effect, effect.null, begin, end).acts(linear.problem.clock)
     slope = linear.whiten(slope_of(linear, effect, effect.null) * on)
-    products = linear.products(slope)
-    gradient = dot(slope, linear.residual) - float(products @ linear.newton_step)
-    return gradient, dot(slope, slope) - float(products @ linear.project(products))
+    (gradient,), ((information,),) = linear.beside(slope[None])
+    return float(gradient), float(information)
 
 
 def first_order_gain(linear: Linear, effect: Effect, begin: float = -np.inf, end: float = np.inf) -> float:
@@ -138,20 +139,33 @@ def fit_candidate(
 
 
 def _judged(linear: Linear, term: Term, gain: float, change: Array, slope: Array, answer: Array) -> Candidate:
-    problem = linear.problem
     left = linear.moved(linear.residual + change, answer + linear.newton_step)
     against = linear.products(slope)
     own = linear.project(against)
     information = max(dot(slope, slope) - float(against @ own), 1e-9 * float(np.vdot(slope, slope)), 1e-300)
     scores = linear.by_block(left, slope) - linear.products_by_block(left) @ own
     known = information > STRONG * np.sqrt(_blur(linear, slope).sum())
-    unevenness, elsewhere = unevenness_of(problem, scores, information) if known else (1.0, 1.0)
-    told = _told(linear, term, information, unevenness)
-    gain = gain if known else 0.0
-    loss = 0.5 * linear.by_block(left, left)
-    clock = problem.clock
+    clock = linear.problem.clock
     from_start = bool(np.isfinite(term.end)) and term.begin < clock[0] + START * (clock[-1] - clock[0])
-    return Candidate(term, gain, told * information, unevenness, loss, elsewhere, from_start, told)
+    weighed = _weighed(linear, term, left, scores if known else None, information)
+    return Candidate(gain=gain if known else 0.0, from_start=from_start, **weighed)
+
+
+def _weighed(linear: Linear, term: Term, left: Array, scores: Array | None, information: float) -> dict[str, Any]:
+    """Return what a whitened residual that is left beside an effect says of it; no scores by stretch where they are noise."""
+    unevenness, elsewhere = 1.0, 1.0
+    if scores is not None:
+        squares = linear.problem.by_coarse(scores) ** 2 / information
+        unevenness, elsewhere = float(squares.sum()), float(squares.sum() - squares.max())
+    told = _told(linear, term, information, unevenness)
+    return {
+        "term": term,
+        "information": float(told * information),
+        "unevenness": unevenness,
+        "elsewhere": elsewhere,
+        "told": told,
+        "loss": 0.5 * linear.by_block(left, left),
+    }
 
 
 def _told(linear: Linear, term: Term, information: float, unevenness: float) -> float:
@@ -168,12 +182,6 @@ def _told(linear: Linear, term: Term, information: float, unevenness: float) -> 
     return 1.0 - alike * known / (1.0 + known) if known > 0.0 else 1.0
 
 
-def unevenness_of(problem: Problem, scores: Array, information: float) -> tuple[float, float]:
-    """Return the mean square of block sums of scores over that of noise, and the same without the largest of them."""
-    squares = np.add.reduceat(scores, np.arange(0, scores.size, problem.per_coarse)) ** 2 / information
-    return float(squares.sum()), float(squares.sum() - squares.max())
-
-
 def elsewhere_of(linear: Linear) -> float:
     """Return the largest mean square of the block sums of any general effect that has no name yet, over that of noise."""
     named = {term.effect.id for term in linear.terms}
@@ -183,23 +191,11 @@ def elsewhere_of(linear: Linear) -> float:
 def in_place(linear: Linear, index: int, like: Candidate) -> Candidate:
     """Return an effect of the model as a candidate, with information and unevenness taken from the joint model."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.newton_step.size)
-    unit[at] = 1.0
-    row = linear.project(unit)
+    row = linear.row(index)
     information = 1.0 / row[at] - pins(linear)[at, at]
     left = linear.moved(linear.residual, linear.newton_step)
     scores = linear.products_by_block(left) @ (row / row[at])
-    unevenness, elsewhere = unevenness_of(linear.problem, scores, information)
-    told = _told(linear, linear.terms[index], information, unevenness)
-    return replace(
-        like,
-        term=linear.terms[index],
-        information=float(told * information),
-        told=told,
-        unevenness=unevenness,
-        loss=0.5 * linear.by_block(left, left),
-        elsewhere=elsewhere,
-    )
+    return replace(like, **_weighed(linear, linear.terms[index], left, scores, information))
 
 
 def gains_of_intervals(linear: Linear, direction: Array) -> Array:
@@ -245,7 +241,7 @@ def best_intervals(gains: Array) -> list[tuple[int, int]]:
     return [(first, n), (0, last), (int(both[0]) + edge, int(both[1]) + edge)]
 
 
-def best_gain(linear: Linear, effect: Effect, absorbed: bool) -> float:
+def best_gain(linear: Linear, effect: Effect) -> float:
     """Return the first-order gain of an effect on its best range of blocks, or over the whole logs."""
     blocks = linear.problem.first.size
     gains = gains_of_intervals(linear, slope_of(linear, effect, effect.null))
@@ -253,7 +249,7 @@ def best_gain(linear: Linear, effect: Effect, absorbed: bool) -> float:
         float(gains[first, last]) - penalty(1 + (first > 0 and last < blocks), blocks, float(gains[first, last]))
         for first, last in best_intervals(gains)
     ]
-    return max(0.0 if absorbed else float(gains[0, blocks]), *tops)
+    return max(0.0 if linear.problem.absorbs(effect) else float(gains[0, blocks]), *tops)
 
 
 def penalty(changes: int, blocks: int, gain: float, from_start: bool = False) -> float:
@@ -270,18 +266,26 @@ def score(candidate: Candidate) -> float:
     return candidate.gain - penalty(candidate.changes, candidate.loss.size, candidate.gain, candidate.from_start)
 
 
-def with_best_interval(linear: Linear, whole: Candidate, allow_whole: bool) -> Candidate:
-    """Return the effect on the range of blocks with the best score, sought again with the size found there."""
+def best_first(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return candidates by their score."""
+    return sorted(candidates, key=score, reverse=True)
+
+
+def with_best_interval(linear: Linear, whole: Candidate) -> Candidate:
+    """Return the effect on the range of blocks with the best score, sought again with the size found there.
+
+    `whole` is the effect on all of them, which stands as well where the map does not take it up.
+    """
     if linear.problem.first.size < 3 * LEAST_LENGTH:
         return whole
     effect = whole.term.effect
-    absorbed = effect.in_map and linear.problem.prior.free
+    absorbed = linear.problem.absorbs(effect)
     ranges = best_intervals(gains_of_intervals(linear, _direction(linear, effect, whole.term.size)))
     found = {i: _on_blocks(linear, whole, ranges[i]) for i in ((0, 2) if absorbed else (0, 1, 2))}
     best = max(found, key=lambda i: score(found[i]))
     again = best_intervals(gains_of_intervals(linear, _direction(linear, effect, found[best].term.size)))[best]
     rivals = [found[best], *([] if again == ranges[best] else [_on_blocks(linear, found[best], again)])]
-    return max([whole, *rivals] if allow_whole else rivals, key=score)
+    return max(rivals if absorbed else [whole, *rivals], key=score)
 
 
 def dated_again(bare: Linear, term: Term) -> Term:

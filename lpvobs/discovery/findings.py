@@ -6,18 +6,19 @@ balances with and without the effects, levels of its day, and missing channels.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET, UnsetType
+from msgspec import UNSET, UnsetType, convert
 
 from lpvobs.discovery import outcome
-from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.courses import Curve, FactorSurface
-from lpvobs.discovery.forms import in_words
-from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Comparison
+from lpvobs.discovery.forms import in_words, rms
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, Losses
 from lpvobs.discovery.imbalances import residual_of, scenes_with
-from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of, stored_curve
+from lpvobs.discovery.joint_choice import Accepted
+from lpvobs.discovery.known_effects import NINETY, KnownEffect, spans_of
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.places import place_in_logs
 from lpvobs.discovery.residual import Problem, Term
@@ -26,62 +27,53 @@ from lpvobs.discovery.whiteness import structure
 from lpvobs.records import Array, Log
 
 
-def parameter_of(term: Term, standard_error: float) -> outcome.Parameter:
-    """Return an effect's size with its interval."""
-    return _with_interval(term.size, term.effect.unit, standard_error)
-
-
-def _with_interval(value: float, unit: str, standard_error: float) -> outcome.Parameter:
+def parameter_of(value: float, unit: str, standard_error: float) -> outcome.Parameter:
+    """Return a number with its interval."""
     half = NINETY * standard_error
     return outcome.Parameter(value, unit, (value - half, value + half))
 
 
-def finding_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> outcome.Finding:
+def finding_of(logs: Sequence[Log], item: Accepted) -> outcome.Finding:
     """Return an accepted effect for people and programs."""
     term = item.candidate.term
-    course = term.course
+    course, curve = term.course, term.curve
     begin, end = (term.begin, term.end) if course is None else (course.begin, course.end)
+    plain = "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
+    further = {x.name: parameter_of(x.value, x.unit, x.error) for x in item.further}
     return outcome.Finding(
         id=term.effect.id,
-        parameters={term.effect.parameter: parameter_of(term, item.standard_error)}
-        | {x.name: _with_interval(x.value, x.unit, x.error) for x in item.further},
+        parameters={term.effect.parameter: parameter_of(term.size, term.effect.unit, item.standard_error)} | further,
         onset=place_in_logs(logs, begin),
         end=place_in_logs(logs, end),
-        course=plain_course(begin, end) if course is None else course.name,
-        follows=UNSET
-        if course is None
-        else outcome.Following(course.time_constant, course.input, course.low, course.high, course.intervals),
+        course=plain if course is None else course.name,
+        follows=UNSET if course is None else convert(course, outcome.Following, from_attributes=True),
         explained=item.share,
         p_value=item.p_value,
         indistinguishable=item.indistinguishable,
         drive=term.effect.drive if item.indistinguishable else UNSET,
-        curve=_followed(term.curve) if isinstance(term.curve, Curve) else UNSET,
-        surface=_over_inputs(term.curve, term.size) if isinstance(term.curve, FactorSurface) else UNSET,
+        curve=_followed(curve) if isinstance(curve, Curve) else UNSET,
+        surface=_over_inputs(curve, term.size) if isinstance(curve, FactorSurface) else UNSET,
         formula=in_words(term),
     )
 
 
-def plain_course(begin: float, end: float) -> str:
-    """Return the contract's name of what begins and ends once at most."""
-    return "interval" if np.isfinite(end) else "step" if np.isfinite(begin) else "always"
-
-
 def known_effect_of(problem: Problem, logs: Sequence[Log], item: Accepted) -> KnownEffect:
-    """Return an accepted effect as the model keeps it."""
-    term = item.candidate.term
-    parameter = parameter_of(term, item.standard_error)
+    """Return an accepted effect as the model keeps it: with rates per second."""
+    term, curve = item.candidate.term, item.candidate.term.curve
+    if isinstance(curve, Curve) and curve.of == "rate":
+        curve = replace(curve, knots=curve.knots / problem.spacing)
     return KnownEffect(
         id=term.effect.id,
         place=term.effect.place,
         parameter=term.effect.parameter,
         unit=term.effect.unit,
-        value=parameter.value,
-        ci90=parameter.ci90,
+        value=term.size,
+        ci90=parameter_of(term.size, term.effect.unit, item.standard_error).ci90,
         spans=spans_of(term, logs),
         lasting=not np.isfinite(term.end) and (term.course is None or term.course.name != "intermittent"),
         course=None if term.course is None else term.course.shifted(float(logs[0].time[0])),
-        curve=stored_curve(term.curve, problem) if isinstance(term.curve, Curve) else None,
-        surface=term.curve if isinstance(term.curve, FactorSurface) else None,
+        curve=curve if isinstance(curve, Curve) else None,
+        surface=curve if isinstance(curve, FactorSurface) else None,
     )
 
 
@@ -93,14 +85,14 @@ def known_finding(known_effect: KnownEffect) -> outcome.Finding:
 
 def outcome_on(
     log: Log,
-    comparison: Comparison,
-    shown: Mapping[str, Any],
+    losses: Losses,
     verdict: str,
     effects: Sequence[tuple[outcome.Finding, KnownEffect]],
+    shown: Mapping[str, Any] = MappingProxyType({"balances": (), "day_to_day": ()}),
 ) -> outcome.OutcomeOnLog:
     """Return what is said of one log: the pooled findings that act on it, its own error, and what `shown_by` has of it.
 
-    Nothing is `shown` of a log that took no part.
+    Of a log that took no part nothing is shown.
     """
     start, acting = float(log.time[0]), []
     for finding, known_effect in effects:
@@ -111,26 +103,22 @@ def outcome_on(
             acting.append(replace(finding, onset=_since(start, span.begin), end=_since(start, span.end)))
     if verdict == "effect" and not acting:
         verdict = "none"
-    error = outcome.error_output(comparison, HOW if shown else HOW_WHOLE)
-    more = shown or {"balances": (), "day_to_day": ()}
-    return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **more)
+    error = outcome.error_output(losses.comparison(), HOW if "residual" in shown else HOW_WHOLE)
+    return outcome.OutcomeOnLog(log=log.name, verdict=verdict, effects=tuple(acting), error=error, **shown)
 
 
 def _since(start: float, edge: float) -> float | None:
     return edge - start if np.isfinite(edge) else None
 
 
-def _followed(curve: Curve) -> outcome.Followed:
-    return outcome.Followed(
-        curve.channel, curve.of, curve.carrier, tuple(curve.knots.tolist()), tuple(curve.values.tolist())
-    )
+def _followed(x: Curve) -> outcome.Followed:
+    return outcome.Followed(x.channel, x.of, x.carrier, tuple(x.knots.tolist()), tuple(x.values.tolist()))
 
 
-def _over_inputs(surface: FactorSurface, amplitude: float) -> outcome.OverInputs:
-    knots = tuple(surface.first.tolist()), tuple(surface.second.tolist())
-    factor = tuple(tuple(row) for row in (1.0 + amplitude * surface.values).tolist())
-    errors = tuple(tuple(row) for row in surface.errors.tolist())
-    return outcome.OverInputs(surface.inputs, surface.units, surface.largest, knots, factor, errors)
+def _over_inputs(x: FactorSurface, amplitude: float) -> outcome.OverInputs:
+    knots = tuple(x.first.tolist()), tuple(x.second.tolist())
+    factor, errors = (tuple(map(tuple, rows.tolist())) for rows in (1.0 + amplitude * x.values, x.errors))
+    return outcome.OverInputs(x.inputs, x.units, x.largest, knots, factor, errors)
 
 
 def shown_by(after: Linear, i: int) -> dict[str, Any]:
@@ -163,8 +151,8 @@ def balance_errors(after: Linear, i: int) -> tuple[outcome.BalanceError, ...]:
             continue
         lost, left = before[b, use], after.raw[0][b, use]
         healthy = None if model.healthy is None else float(model.healthy.rms[b])
-        B, A, usual = _rms(lost), _rms(left), _rms(left) if healthy is None else healthy
-        moved = named and AFFECTED * usual < B and _rms(lost - left) > 0.5 * usual
+        B, A, usual = rms(lost), rms(left), rms(left) if healthy is None else healthy
+        moved = named and AFFECTED * usual < B and rms(lost - left) > 0.5 * usual
         recovered = (B - A) / (B - healthy) if moved and healthy is not None else None
         found.append(
             outcome.BalanceError(name, model.unit, B, A, healthy, _median(lost), _median(left), moved, recovered)
@@ -206,10 +194,6 @@ def _same_place(problem: Problem) -> tuple[tuple[str, ...], ...]:
         if power.max() > 0.0:
             groups.setdefault(tuple((power > PLACED * power.max()).tolist()), []).append(effect.id)
     return tuple(tuple(names) for names in groups.values() if len(names) > 1)
-
-
-def _rms(r: Array) -> float:
-    return float(np.sqrt(np.mean(r**2)))
 
 
 def _median(r: Array) -> float:

@@ -8,10 +8,18 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.evidence import Candidate, change_of, fit_candidate, score, slope_of, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    change_of,
+    fit_candidate,
+    score,
+    slope_of,
+    with_best_interval,
+)
 from lpvobs.discovery.fit import fit, linearised, objective, refit
-from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, unit_of
-from lpvobs.discovery.linear import Linear, dot
+from lpvobs.discovery.forms import NAME, TIME, Factor, Form, along_problem, parsed, recorded_at, rms, unit_of
+from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import SENSOR, Effect
 from lpvobs.records import Array
@@ -116,14 +124,14 @@ class _Products:
         return _Tried(gain - float(self.price(form.unknowns, gain)), form, lot)
 
 
-def beside_forms(linear: Linear, found: list[Candidate], forms: list[Candidate]) -> list[Candidate]:
+def beside_forms(linear: Linear, found: Sequence[Candidate], forms: Sequence[Candidate]) -> list[Candidate]:
     """Return all candidates, best first, forms among them."""
     # Where a form leads, forms are sought again with the weights that hold beside it: before, what it explains counts as
     # noise.
     if forms and score(forms[0]) > score(found[0]):
         beside = fit(linear.problem, [*linear.terms, forms[0].term], start=linear)
         return [*best_forms(refit(beside, beside.terms[:-1]), found), *found]
-    return sorted([*found, *forms], key=score, reverse=True)
+    return best_first([*found, *forms])
 
 
 def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
@@ -140,11 +148,12 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
         _Tried(0.0, form, lot)
         for target in _targets(problem)
         for lot in [_lot(plain, target, library.first)]
-        for form in _starts(target, problem)
+        for form in (target, replace(target, factors=(Factor(target.target),)))  # by itself, and a share of a reading
+        if not form.factors or target.target in problem.signals.value
     ]
-    alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.FORM_TARGETS)
+    alone = _leading([library.alone(start.lot, start.form) for start in starts], thresholds.SHORTLIST)
     pool = [tried for start in starts for tried in library.best(start.lot, start.form)]
-    targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.FORM_TARGETS]
+    targets = list(dict.fromkeys(tried.form.target for tried in _leading(pool, len(pool))))[: thresholds.SHORTLIST]
     for start in starts:
         for name in library.names if start.form.target in targets else ():
             longer = replace(start.form, factors=(*start.form.factors, Factor(name)))
@@ -156,8 +165,7 @@ def best_forms(linear: Linear, found: Sequence[Candidate]) -> list[Candidate]:
     near = [each for each in leading if each.score > thresholds.CLOSE * least] or leading[:1]
     tried = _leading([_refined(plain, library, each.form) if each.form.factors else each for each in near], len(near))
     before = objective(linear)
-    fitted = [_fitted(linear, library, each.form, before) for each in tried if each.score > least or each is tried[0]]
-    return sorted(fitted, key=score, reverse=True)
+    return best_first(_fitted(linear, library, t.form, before) for t in tried if t.score > least or t is tried[0])
 
 
 def _leading(tried: Sequence[_Tried], most: int) -> list[_Tried]:
@@ -180,7 +188,7 @@ def _fitted(linear: Linear, library: _Products, form: Form, start: float) -> Can
     """Return a form as a candidate on its best interval; `start` is the objective without it."""
     problem = linear.problem
     whole = fit_candidate(linear, _effect(form, problem, along_problem(form, problem)))
-    best = with_best_interval(linear, whole, True)
+    best = with_best_interval(linear, whole)
     gain = start - objective(refit(linear, [*linear.terms, best.term]))
     return replace(best, gain=gain - float(library.price(form.unknowns, max(gain, 0.0))))
 
@@ -216,13 +224,12 @@ def with_inside(linear: Linear, index: int, standard_error: float) -> tuple[floa
             linear.whiten(change_of(linear, further, step) / thresholds.EFFECT_STEP * term.acts(problem.clock))
         )
     at = linear.p + linear.beta.size + index
-    products = np.stack([linear.products(column) for column in columns])
-    answers = np.stack([linear.project(row) for row in products])
-    known = np.array([[dot(a, b) for b in columns] for a in columns]) - products @ answers.T
+    _, known = linear.beside(np.stack(columns))
     spread = np.linalg.inv(known + 1e-9 * np.diag(np.abs(np.diag(known))))
-    alone = float(linear.project(np.eye(1, linear.newton_step.size, at)[0])[at])
+    row = linear.row(index)
+    alone, together = float(row[at]), np.array([linear.products(column) @ row for column in columns])
     scale = standard_error / np.sqrt(alone)
-    more = max(float(answers[:, at] @ spread @ answers[:, at]), 0.0)
+    more = max(float(together @ spread @ together), 0.0)
     errors = scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
     inside = [Inside(n, getattr(last, n), float(e), units[n]) for n, e in zip(names, errors, strict=True)]
     return float(scale * np.sqrt(alone + more)), inside
@@ -232,13 +239,9 @@ def _effect(form: Form, problem: Problem, shape: Array) -> Effect:
     catalogued = problem.model.effect(form.target)
     size = catalogued.size if catalogued else thresholds.FORM_NOTICED
     if catalogued is None and not form.relative:
-        size *= _rms(recorded_at(problem, form.target))
+        size *= rms(recorded_at(problem, form.target))
     units = problem.model.units
-    return form.effect(problem.model, problem.over_columns(shape), size / max(_rms(shape), 1e-300), units)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return form.effect(problem.model, problem.over_columns(shape), size / max(rms(shape), 1e-300), units)
 
 
 def _library(problem: Problem) -> _Products:
@@ -255,8 +258,9 @@ def _library(problem: Problem) -> _Products:
     dynamic += [Factor(name, "lag", tau) for name in names[:-1] for tau in thresholds.FORM_LAGS]
     factors = [*(Factor(name) for name in names), *dynamic]
     count = 2.0 * len(problem.measured) * len(names) * len(factors)
-    none = np.empty(0)
-    return _Products(problem, _pools(problem), names, (), none, none, none, count).with_factors(factors)
+    none, pool = np.empty(0), int(0.5 * thresholds.FORM_CALM / thresholds.SPACING)
+    first = np.flatnonzero((np.diff(problem.of_log, prepend=-1) != 0) | (np.arange(problem.K) % pool == 0))
+    return _Products(problem, first, names, (), none, none, none, count).with_factors(factors)
 
 
 def _targets(problem: Problem) -> list[Form]:
@@ -269,18 +273,6 @@ def _targets(problem: Problem) -> list[Form]:
     channels = [name for name in problem.measured if np.isfinite(problem.signals[name]).all()]  # a log may lack one
     readings = {"sensor", "fuel", *channels}
     return [Form(name) for name in (*channels, *(e.id for e in problem.catalogue if e.place not in readings))]
-
-
-def _starts(target: Form, problem: Problem) -> list[Form]:
-    """Return the beginnings of its forms: by itself, and a share of a reading."""
-    own = target.target in problem.signals.value
-    return [target, *([replace(target, factors=(Factor(target.target),))] if own else [])]
-
-
-def _pools(problem: Problem) -> NDArray[np.int64]:
-    """Return the first places of pools that last for half of FORM_CALM, each within one log."""
-    new_log = np.diff(problem.of_log, prepend=-1) != 0
-    return np.flatnonzero(new_log | (np.arange(problem.K) % thresholds.FORM_POOL == 0))
 
 
 def _along_pools(form: Form, problem: Problem, first: NDArray[np.int64]) -> Array:

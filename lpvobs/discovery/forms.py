@@ -15,6 +15,7 @@ import scipy
 from msgspec import UNSET, UnsetType
 
 from lpvobs.discovery import thresholds
+from lpvobs.discovery.places import averaged
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import SENSOR, Effect, Signals, gain, offset
 from lpvobs.engines.residual_model import ResidualModel
@@ -53,8 +54,7 @@ class Factor:
         first, _, second = self.signal.partition("/")
         x = recorded(first) / recorded(second) if second else recorded(first)
         step = float(np.median(np.diff(time)))
-        width = 2 * int(0.5 * thresholds.FORM_CALM / step) + 1
-        x = np.convolve(np.pad(x, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
+        x = averaged(x, step)
         if self.of == "rate":
             x = np.gradient(x, time)
         elif self.of == "lag":
@@ -140,6 +140,11 @@ def in_words(term: Term) -> str | UnsetType:
     return f"{target} too {'high' if term.size > 0 else 'low'} by {size}" + ("" if product == "1" else f" * {product}")
 
 
+def rms(values: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def parsed(id_: str) -> Form:
     """Return the form of an identifier."""
     target, _, product = id_.removeprefix(PREFIX).partition(" ~ ")
@@ -174,15 +179,17 @@ def recorded_at(problem: Problem, name: str) -> Array:
 
 def along_log(form: Form, log: Log, time: Array) -> Array:
     """Return the product of the factors at given times of a log; raises DataError where the log lacks a channel."""
+    along = form.along(lambda name: channel_on(log, name, form.id({})), log.time)
+    return np.asarray(np.interp(time, log.time, along))
 
-    def recorded(name: str) -> Array:
-        values = {TIME: log.time - log.time[0], **log.auxiliary, **log.channels}.get(name, np.empty(0))
-        known = np.isfinite(values)
-        if not known.any():
-            raise DataError(
-                f"{log.name}: channel '{name}' is missing, but the refined model's effect '{form.id({})}' depends on it; record "
-                "this channel, or give the result that `lpvobs refine` started from"
-            )
-        return np.asarray(np.interp(log.time, log.time[known], values[known]))
 
-    return np.asarray(np.interp(time, log.time, form.along(recorded, log.time)))
+def channel_on(log: Log, name: str, effect: str) -> Array:
+    """Return what an effect follows, a channel of any kind or the time, along a log; raises DataError where the log lacks it."""
+    values = {TIME: log.time - log.time[0], **log.auxiliary, **log.channels}.get(name, np.empty(0))
+    known = np.isfinite(values)
+    if not known.any():
+        raise DataError(
+            f"{log.name}: channel '{name}' is missing, but the refined model's effect '{effect}' depends on it; record this "
+            "channel, or give the result that `lpvobs refine` started from"
+        )
+    return np.asarray(np.interp(log.time, log.time[known], values[known]))

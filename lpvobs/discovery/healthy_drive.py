@@ -11,9 +11,9 @@ function would have said counts as noise.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -61,16 +61,12 @@ class HealthyDrive:
     slow: Annotated[
         Array, Item("kg/s", "standard deviation of the error that lasts all day, and for minutes", ("balance", "error"))
     ]
-    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")] = ()
+    effects: Annotated[tuple[str, ...], Item("1", "effect of the catalogue", name="effect")]
     whole: Annotated[
         Array, Item("1", "standard deviation beyond noise of its size on healthy drives, in its unit", ("effect",))
-    ] = field(default_factory=lambda: np.zeros(0))
-    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))] = field(
-        default_factory=lambda: np.zeros(0)
-    )
-    beyond: Annotated[
-        Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))
-    ] = field(default_factory=lambda: np.zeros(0))
+    ]
+    late: Annotated[Array, Item("1", "the same where it acts from the middle of a drive on", ("effect",))]
+    beyond: Annotated[Array, Item("1", "variance of its size over that of noise, by independent residual", ("effect",))]
     common: Annotated[float, Item("1", "the same of all effects together")] = 0.0
     uneven: Annotated[
         float, Item("1", "largest variance over blocks of the score of an effect, over that of noise")
@@ -182,39 +178,31 @@ def learned_from(
         bare = _bare(problem, logs, width)
         features = np.stack([bare.features(view) for view in bare.inputs(problem)])
         scale = _scales(left.mean(1), problem)
-        for _ in range(thresholds.HEALTHY_PASSES):
+        for _ in range(thresholds.PASSES):
             each = [_learned(problem, features, *row) for row in zip(problem.shown, left, scale, start, strict=True)]
-            start = [own.shares for own in each]
-            weights = np.array([own.weights for own in each])
-            scale = _scales(left.mean(1) - weights @ features.mean(0).T, problem)
-        amplitude = np.array([own.amplitude for own in each])
+            of = _LearnedBalance(*map(np.array, zip(*each, strict=True)))
+            start = list(of.shares)
+            scale = _scales(left.mean(1) - of.weights @ features.mean(0).T, problem)
+        usual = [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
         whole = replace(
-            bare,
-            weights=weights,
-            amplitude=amplitude,
-            scale=np.array(
-                [np.median(row[on]) if on.any() else 1.0 for row, on in zip(scale, problem.shown, strict=True)]
-            ),
-            lasting=problem.spacing * np.array([own.lasting for own in each]),
-            unsure=np.array([own.unsure for own in each]),
-            slow=np.array([own.slow for own in each]),
-        )
-        found.append((sum(own.unlikely for own in each), whole))
+            bare, scale=np.array(usual), weights=of.weights, amplitude=of.amplitude, unsure=of.unsure, slow=of.slow,
+            lasting=problem.spacing * of.lasting,
+        )  # fmt: skip
+        found.append((float(np.sum(of.unlikely)), whole))
     return min(found, key=lambda item: item[0])[1]
 
 
-@dataclass(frozen=True)
-class _LearnedBalance:
-    """What is learned of one balance; `unlikely` is the negative logarithm of the likelihood."""
+class _LearnedBalance(NamedTuple):
+    """What is learned of one balance, or of each along a further axis; `unlikely` is the likelihood's negative logarithm."""
 
     weights: Array
     unsure: Array
-    amplitude: float
-    lasting: float
+    amplitude: Any
+    lasting: Any
     slow: Array
     # logarithms of the variances of largest likelihood: of the fast error, the function, and the slow ones
     shares: Array
-    unlikely: float
+    unlikely: Any
 
 
 _START = np.array([1.0, 0.0, *np.log([thresholds.SLOW_SHARE] * 2)])
@@ -283,6 +271,7 @@ def _bare(problem: Problem, logs: Sequence[str], width: float) -> HealthyDrive:
         logs=tuple(logs), balances=problem.model.balances, channels=channels, rates=moving, middle=along.mean(0),
         spread=along.std(0), centres=np.zeros((0, len(channels))), width=width * float(np.sqrt(len(channels))),
         weights=none, amplitude=none, scale=none, lasting=none, unsure=none, slow=none,
+        effects=(), whole=none, late=none, beyond=none,
     )  # fmt: skip
     visited = bare.inputs(problem)[0][problem.shown.any(axis=0), : len(channels)]
     return replace(bare, centres=_spread_out(visited, thresholds.BELLS))

@@ -3,8 +3,8 @@
 The size of an effect varies by more than noise, because what healthy drives leave differs from day to day. A fault must be larger.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from lpvobs.discovery import thresholds
 from lpvobs.discovery.evidence import elsewhere_of, first_order
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.healthy_drive import HealthyDrive, learned_from, unmoved
-from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import MapPrior, lay_out
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
@@ -23,37 +22,24 @@ def learned(model: ResidualModel, grid: Grid, prior: MapPrior, logs: Sequence[Lo
     """Return what healthy drives show; each of several tells what it seems to have of every effect, seen from the others."""
     found = learned_from(lay_out(model, grid, prior, logs), [log.name for log in logs])
     width = (found.width / float(np.sqrt(len(found.channels))),)
-    seen_by: list[_SeenBy] = []
+    # of every drive, as the others see it: gradient and information of each effect, whole and late
+    seen_by: list[dict[str, list[tuple[float, float]]]] = []
+    data, uneven = [], [1.0]
     for log in logs:
         others = [other for other in logs if other is not log]
         names = [other.name for other in others]
         seen = learned_from(lay_out(model, grid, prior, others), names, width) if others else found
         laid = seen.taken_off(lay_out(seen.unchanged(model), grid, unmoved(prior), [log]))
-        seen_by.append(_seen_by(fit(laid, passes=2)))
-    effects = tuple(effect for effect in seen_by[0].scores if all(effect in each.scores for each in seen_by))
-    scores = np.array([[each.scores[effect] for effect in effects] for each in seen_by])
+        linear, middle = fit(laid, passes=2), 0.5 * float(laid.clock[0] + laid.clock[-1])
+        seen_by.append({e.id: [first_order(linear, e, begin) for begin in (-np.inf, middle)] for e in laid.catalogue})
+        data.append(laid.data)
+        uneven.append(elsewhere_of(linear))
+    effects = tuple(effect for effect in seen_by[0] if all(effect in each for each in seen_by))
+    scores = np.array([[each[effect] for effect in effects] for each in seen_by])
     (whole, beyond), (late, beyond_late) = (beyond_noise(*scores[:, :, i].transpose(2, 0, 1)) for i in (0, 1))
-    data = float(np.mean([each.data for each in seen_by]))
-    uneven = max(1.0, *(each.elsewhere for each in seen_by))
-    beyond = np.maximum(beyond, beyond_late) / data
+    beyond = np.maximum(beyond, beyond_late) / float(np.mean(data))
     common = float(beyond.mean())
-    return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=uneven)
-
-
-@dataclass(frozen=True)
-class _SeenBy:
-    """What one healthy drive seems to have, judged by the others."""
-
-    scores: Mapping[str, list[tuple[float, float]]]  # gradient and information of every effect, whole and late
-    elsewhere: float
-    data: float
-
-
-def _seen_by(linear: Linear) -> _SeenBy:
-    problem = linear.problem
-    middle = 0.5 * float(problem.clock[0] + problem.clock[-1])
-    scores = {e.id: [first_order(linear, e, begin) for begin in (-np.inf, middle)] for e in problem.catalogue}
-    return _SeenBy(scores, elsewhere_of(linear), problem.data)
+    return replace(found, effects=effects, whole=whole, late=late, beyond=beyond, common=common, uneven=max(uneven))
 
 
 def beyond_noise(gradient: Array, information: Array) -> tuple[Array, Array]:

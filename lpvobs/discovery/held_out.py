@@ -79,7 +79,7 @@ def held_out_losses(linear: Linear) -> tuple[Array, NDArray[np.bool_]]:
     Map, constants and sizes are estimated anew without the blocks, by one step of the linear model from where it stands.
     """
     problem = linear.problem
-    fold = problem.block // problem.per_coarse % thresholds.FOLDS
+    fold = problem.coarse % thresholds.FOLDS
     losses, counted = np.zeros(problem.K), np.zeros(problem.K, dtype=bool)
     for each in range(thresholds.FOLDS):
         out = fold == each
@@ -101,11 +101,15 @@ def noise_power(linear: Linear, on: NDArray[np.bool_]) -> float:
 
 def informed(linear: Linear, by: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which instants read the map where some of the instants inform it, or it was known before, shape (K,)."""
+    known = linear.problem.prior.standard_error < thresholds.KNOWN
+    return imbalances.rests_on(_told_by(linear, by) | known, linear.nodes)
+
+
+def _told_by(linear: Linear, by: NDArray[np.bool_] | slice = slice(None)) -> NDArray[np.bool_]:
+    """Return which nodes some of the instants inform, shape (p,)."""
     nodes, weights = linear.nodes
     time = np.bincount(nodes[by].ravel(), weights[by].ravel(), minlength=linear.p)
-    return imbalances.rests_on(
-        (time >= thresholds.SUPPORT) | (linear.problem.prior.standard_error < thresholds.KNOWN), linear.nodes
-    )
+    return np.asarray(time >= thresholds.SUPPORT)
 
 
 def compare(before: Linear, after: Linear) -> Losses:
@@ -120,7 +124,7 @@ def compare(before: Linear, after: Linear) -> Losses:
         return cross_validated(before, after)
     noise = after.noise.pointwise().only(use)
     lost, left = ((noise.whiten(linear.raw)[0] ** 2).sum(0) for linear in (before, after))
-    return Losses(lost, left, use, _coarse(problem), _scale(after))
+    return Losses(lost, left, use, problem.coarse, _scale(after))
 
 
 def undated(linear: Linear) -> NDArray[np.bool_]:
@@ -141,11 +145,7 @@ def cross_validated(before: Linear, after: Linear) -> Losses:
     left, also = held_out_losses(after)
     use = counted & also
     lost, left = (np.where(use, loss, 0.0) for loss in (lost, left))
-    return Losses(lost, left, use, _coarse(after.problem), _scale(after))
-
-
-def _coarse(problem: Problem) -> NDArray[np.int64]:
-    return problem.block // problem.per_coarse
+    return Losses(lost, left, use, after.problem.coarse, _scale(after))
 
 
 def _scale(linear: Linear) -> float:
@@ -164,15 +164,14 @@ def losses_on_unseen(
     after = models[1]
     root = after.noise.pointwise().root
     weight = np.sqrt(np.mean((root**2).sum(1), axis=0))[:, None] * unseen.shown
-    time: Array = np.bincount(after.nodes[0].ravel(), after.nodes[1].ravel(), minlength=after.p).astype(float)
     known, losses = np.ones(unseen.K, dtype=bool), []
     for linear, acting in zip(models, terms, strict=True):
         raw, nodes = _with_its_levels(linear, acting, unseen, weight)
         losses.append(((weight * raw) ** 2).sum(0))
-        known &= imbalances.rests_on((time >= thresholds.SUPPORT) | after.problem.prior.estimated, nodes)
+        known &= imbalances.rests_on(_told_by(after) | after.problem.prior.estimated, nodes)
     before, left = (np.where(known, loss, 0.0) for loss in losses)
     scale = float(unseen.flow / np.sqrt(np.mean((weight**2).sum(0))))
-    return Losses(before, left, known, unseen.block // unseen.per_coarse, scale)
+    return Losses(before, left, known, unseen.coarse, scale)
 
 
 def _with_its_levels(
@@ -181,7 +180,7 @@ def _with_its_levels(
     """Return the residual of a model on another log, shape (B, K), with the fitted levels of its day, and the map's nodes."""
     q = len(unseen.model.names)
     beta = np.concatenate([linear.beta[:q], np.zeros(unseen.spread.size - q)])
-    for _ in range(thresholds.LEVEL_PASSES if unseen.spread.size > q else 0):
+    for _ in range(thresholds.PASSES if unseen.spread.size > q else 0):
         scenes = imbalances.scenes_with(unseen, terms, beta)
         nodes = imbalances.operating_nodes(unseen, scenes)
         each = imbalances.imbalances_at(unseen, scenes, beta)

@@ -49,15 +49,10 @@ def today(problem: Problem, beta: Array) -> Signals:
     for log, level, size in problem.on_days(beta):
         effect = problem.model.effect(level.name)
         if effect is not None and size != 0.0 and effect in problem.catalogue:
-            other = effect.apply(signals, effect.null + size)
-            signals = other if problem.of_log[-1] == 0 else signals.where(_columns(problem, log), other)
+            begins = (problem.clock - problem.time)[problem.of_log == log][0]
+            own = np.isclose(problem.signals.clock - problem.signals.time, begins)  # the log's columns
+            signals = signals.where(own, effect.apply(signals, effect.null + size))
     return signals
-
-
-def _columns(problem: Problem, log: int) -> NDArray[np.bool_]:
-    """Return the columns of the signals that belong to a log, shape (C,)."""
-    begin = problem.clock[problem.of_log == log][0] - problem.time[problem.of_log == log][0]
-    return np.asarray(np.isclose(problem.signals.clock - problem.signals.time, begin))
 
 
 def imbalances_at(problem: Problem, scenes: Sequence[Scene], beta: Array) -> Array:

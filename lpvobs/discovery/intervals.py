@@ -14,6 +14,8 @@ The variance between windows has a single degree of freedom, the others have tho
 the degrees of freedom of the sum (Satterthwaite). The standard error is scaled so that the normal quantile gives the same interval.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -30,11 +32,8 @@ def standard_errors(linear: Linear) -> Array:
     if not linear.terms:
         return np.empty(0)
     prior = prior_precision(linear.problem, linear.terms)
-    factor = cholesky(linear.normal - pins(linear))
-    first = linear.p + linear.beta.size
-    units = np.eye(linear.newton_step.size)[:, first:]
-    rows = scipy.linalg.cho_solve((factor, True), units, check_finite=False).T
-    within = np.array([_variance(linear, row, float(row[first + i]), prior) for i, row in enumerate(rows)])
+    free = replace(linear, factor=cholesky(linear.normal - pins(linear)))
+    within = np.array([_variance(linear, free.row(i), prior, i) for i in range(len(linear.terms))])
     within += [linear.problem.seems(term, 1.0 / own) * own for term, own in zip(linear.terms, within, strict=True)]
     if len(linear.problem.patterns):
         within += [(SHAPE**2 * (term.size - term.effect.null)) ** 2 for term in linear.terms]
@@ -61,16 +60,15 @@ def between_windows(linear: Linear) -> Array:
     return np.array([b.size - a.size for a, b in zip(linear.terms, converged(there).terms, strict=True)])
 
 
-def _variance(linear: Linear, row: Array, plain: float, prior: Array) -> float:
-    """Return the variance of one size for a given window; `plain` is the variance without model error."""
-    problem = linear.problem
+def _variance(linear: Linear, row: Array, prior: Array, index: int) -> float:
+    """Return the variance of one size for a given window; `row` is its covariance with all unknowns without model error."""
+    problem, plain = linear.problem, float(row[linear.p + linear.beta.size + index])
     left = linear.moved(linear.residual, linear.newton_step)
     along = -linear.moved(np.zeros_like(left), row)
     scores = (along[0] * left[0] - along[1] * left[1]).sum(0)
     known = float(row @ prior @ row)
-    stretches = problem.block // problem.per_coarse
     cells = cell_numbers(problem.grid, linear.nodes[0])
-    return known + max(plain - known, spread_of_sums(scores, stretches), spread_of_sums(scores, cells))
+    return known + max(plain - known, spread_of_sums(scores, problem.coarse), spread_of_sums(scores, cells))
 
 
 def spread_of_sums(scores: Array, group: NDArray[np.int64]) -> float:

@@ -1,19 +1,27 @@
-"""The second choice of an effect: size, interval and name once map, constants and the other effects are fitted beside it."""
+"""The second choice of an effect: size, interval and name once map, constants and the other effects are fitted beside it.
+
+Of those that stay it says which others explain the logs as well.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
-from lpvobs.discovery.course_choice import best_course, finer, sharpened
-from lpvobs.discovery.courses import FactorSurface
+from lpvobs.discovery.course_choice import best_course, finer, fit_course, sharpened
+from lpvobs.discovery.courses import GRADED, FactorSurface, can_be_graded
 from lpvobs.discovery.curves import surface_again
-from lpvobs.discovery.evidence import Candidate, fit_candidate, in_place, penalty, score, with_best_interval
+from lpvobs.discovery.evidence import Candidate, best_first, fit_candidate, in_place, loss_of, score, with_best_interval
 from lpvobs.discovery.fit import fit, objective, refit
+from lpvobs.discovery.form_search import Inside, with_inside
+from lpvobs.discovery.forms import PREFIX
+from lpvobs.discovery.known_effects import NINETY
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import is_proven, rank
-from lpvobs.discovery.residual import Term
-from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, CURVE_PASSES, SHORTLIST
+from lpvobs.discovery.ranking import chance, is_proven, rank, rank_in
+from lpvobs.discovery.residual import Problem, Term
+from lpvobs.discovery.thresholds import ADVANTAGE, CLOSE, PASSES, SHAPE, SHORTLIST, TIE
+from lpvobs.engines.effects import Effect
 
 
 def without(linear: Linear, index: int) -> Linear:
@@ -35,15 +43,12 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     bare = without(linear, newest)
     again = fit_candidate(bare, candidate.term.effect, candidate.term.begin, candidate.term.end, candidate.term.size)
     if curve is None:
-        absorbed = problem.prior.free and again.term.effect.in_map
-        rivals = [again, with_best_interval(bare, again, not absorbed)]
-        taken = {term.effect.id for term in bare.terms}
-        others = [effect for effect in problem.catalogue if effect.id not in taken]
-        ranked = rank(bare, others, intervals=False)[:SHORTLIST]
+        rivals = [again, with_best_interval(bare, again)]
+        ranked = rank_in(bare, [effect for effect in _others(bare) if not problem.absorbs(effect)])[:SHORTLIST]
         for rival in ranked:
             rivals += [rival, fit_candidate(bare, rival.term.effect, again.term.begin, again.term.end)]
         proven = [rival for rival in rivals if is_proven(rival, bare)] or [again]
-        again = _joint_best(linear, again, sorted(proven, key=score, reverse=True))
+        again = _joint_best(linear, again, best_first(proven))
         if again.term != linear.terms[newest]:
             linear = fit(problem, [*bare.terms, again.term], start=linear)
         ids = {rival.id for rival in proven} - {again.id}
@@ -59,12 +64,17 @@ def choose_again(linear: Linear, candidate: Candidate) -> tuple[Candidate, Linea
     return in_place(linear, newest, again), linear
 
 
+def _others(bare: Linear) -> list[Effect]:
+    """Return the effects of the catalogue that a model does not have."""
+    taken = {term.effect.id for term in bare.terms}
+    return [effect for effect in bare.problem.catalogue if effect.id not in taken]
+
+
 def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Candidate | None:
     """Return an effect of the catalogue or a logged channel, on whatever course, that explains more than a component's curve."""
     newest, bare = len(linear.terms) - 1, without(linear, len(linear.terms) - 1)
     own = fit_candidate(bare, candidate.term.effect, size=linear.terms[newest].size)
-    taken = {term.effect.id for term in bare.terms}
-    ranked = rank(bare, [effect for effect in linear.problem.catalogue if effect.id not in taken])[:SHORTLIST]
+    ranked = rank(bare, _others(bare))[:SHORTLIST]
     best = best_course(linear, bare, ranked[0], [c.term.effect for c in ranked[1:]])
     return best if score(best) > own.gain - surface.cost else None
 
@@ -72,7 +82,7 @@ def _simpler(linear: Linear, candidate: Candidate, surface: FactorSurface) -> Ca
 def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -> tuple[Candidate, Linear]:
     """Return a component's curve that follows map, constants and weights which now go with it, and the model with that."""
     newest = len(linear.terms) - 1
-    for _ in range(CURVE_PASSES):
+    for _ in range(PASSES):
         moved = surface_again(linear, newest, surface)
         if moved is None:
             break
@@ -81,14 +91,14 @@ def _curve_again(linear: Linear, candidate: Candidate, surface: FactorSurface) -
     return in_place(linear, newest, candidate), linear
 
 
-def choose_all_again(linear: Linear, accepted: list[Candidate]) -> tuple[Linear, list[Candidate]]:
+def choose_all_again(linear: Linear, accepted: tuple[Candidate, ...]) -> tuple[Linear, tuple[Candidate, ...]]:
     """Return the model with every earlier effect chosen again beside the newest one, which may explain part of what they did."""
     for number in range(len(accepted) if len(accepted) > 1 else 0):
         linear = refit(linear, [*linear.terms[1:], linear.terms[0]])
         first = accepted[0]
         if number < len(accepted) - 1:
             first, linear = choose_again(linear, first)
-        accepted = [*accepted[1:], first]
+        accepted = (*accepted[1:], first)
     return linear, accepted
 
 
@@ -124,5 +134,67 @@ def _joint_score(linear: Linear, others: tuple[Term, ...], candidate: Candidate,
     last = joint.terms[-1]
     if not last.effect.low < last.size < last.effect.high:
         return -np.inf
-    gain = bare - objective(joint)
-    return gain - penalty(candidate.changes, candidate.loss.size, gain, candidate.from_start)
+    return score(replace(candidate, gain=bare - objective(joint)))
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """An effect that became part of the model."""
+
+    candidate: Candidate  # fitted beside all the others, with the final weights
+    p_value: float
+    share: float  # of half the sum of squares before any effect
+    indistinguishable: tuple[str, ...]  # effects that explain the logs as well
+    standard_error: float  # of the size, in its unit; of a channel's curve, of its multiple
+    further: tuple[Inside, ...] = ()  # what a form has inside its factors
+
+
+def finished(
+    linear: Linear, bare: Linear, index: int, candidate: Candidate, standard_error: float, forms: tuple[Effect, ...]
+) -> Accepted:
+    """Return an effect of the final model with what is said of it; `bare` is the model without it, `forms` are its rivals."""
+    problem = linear.problem
+    term = linear.terms[index]
+    own = replace(in_place(linear, index, candidate), gain=float((loss_of(bare) - loss_of(linear)).sum()))
+    like = _as_fitted(linear, bare, own)
+    others = [e for e in problem.catalogue if e.id != own.id and (own.changes or not problem.absorbs(e))]
+    others += [e for e in forms if term.effect in forms and e.place != term.effect.place]
+    if term.course is not None:
+        able = [e for e in others if term.course.name not in GRADED or can_be_graded(e)]
+        rivals = best_first(fit_course(bare, e, term.course) for e in able)
+    else:
+        rivals = rank_in(bare, others, term.begin, term.end)
+    beside = []
+    for rival in rivals[:SHORTLIST]:  # in place of the effect, all unknowns fitted with it
+        there = refit(linear, [*linear.terms[:index], rival.term, *linear.terms[index + 1 :]])
+        beside.append(_as_fitted(there, bare, rival))
+    indistinguishable = tuple(c.id for c in beside if fits_as_well(like, c, problem))
+    share = own.gain / max(float(loss_of(bare).sum()), own.gain, 1e-300)
+    if isinstance(term.curve, FactorSurface):
+        standard_error = float(np.hypot(standard_error, term.curve.error))
+    further: Sequence[Inside] = ()
+    if own.id.startswith(PREFIX):
+        standard_error, further = with_inside(linear, index, standard_error)
+    return Accepted(own, chance(own, problem), share, indistinguishable, standard_error, tuple(further))
+
+
+def _as_fitted(linear: Linear, bare: Linear, candidate: Candidate) -> Candidate:
+    """Return an effect with gain and losses of the model that has it."""
+    return replace(candidate, gain=objective(bare) - objective(linear), loss=loss_of(linear))
+
+
+def fits_as_well(best: Candidate, other: Candidate, problem: Problem) -> bool:
+    """Return whether another effect explains the log as well as the best one does.
+
+    Two tests compare the losses by block, and neither may prefer the best effect: the sum of the differences (after Vuong), which
+    a single block with a large difference may spoil, and their signed ranks, which many blocks with small differences may spoil.
+    Where all blocks together differ by less than a tie, neither test is needed. Where healthy drives tell, the engine is not the
+    model, and a cause is not quite the catalogue's: gains that differ by what its shape is off by are a tie.
+    """
+    tie = max(TIE, SHAPE**2 * best.gain if len(problem.patterns) else 0.0)
+    if other.gain > best.gain - tie:
+        return True
+    difference = problem.by_coarse(other.loss - best.loss)
+    ranks = scipy.stats.rankdata(np.abs(difference)) * np.sign(difference)
+    statistics = (float(x.sum() / max(np.sqrt(x @ x), 1e-300)) for x in (difference, ranks))
+    return max(statistics) <= NINETY and other.gain > 0.5 * best.gain

@@ -7,6 +7,7 @@ have it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.courses import GRADED, Curve, FactorSurface, TracedCourse, on_course
 from lpvobs.discovery.curves import along_channel, driven_by, rate_of
-from lpvobs.discovery.forms import PREFIX, Form, along_log, parsed
+from lpvobs.discovery.forms import PREFIX, Form, along_log, channel_on, parsed
 from lpvobs.discovery.places import starts
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.discovery.thresholds import MOST_LEVELS, SPACING, WIDEST
@@ -87,15 +88,14 @@ class KnownEffect:
 
 def spans_of(term: Term, logs: Sequence[Log]) -> tuple[Span, ...]:
     """Return where an interval of the common clock lies on each log."""
-    return tuple(_span(term, log, start) for log, start in zip(logs, starts(logs), strict=True))
-
-
-def _span(term: Term, log: Log, start: float) -> Span:
-    first, last = float(log.time[0]), float(log.time[-1])
-    begin, end = (first + edge - start for edge in (term.begin, term.end))
-    if begin > last or end <= first:
-        return Span(log.name, log.sha256, np.inf, np.inf)
-    return Span(log.name, log.sha256, begin if begin > first else -np.inf, end if end <= last else np.inf)
+    found = []
+    for log, start in zip(logs, starts(logs), strict=True):
+        first, last = float(log.time[0]), float(log.time[-1])
+        begin, end = (first + edge - start for edge in (term.begin, term.end))
+        acts = begin <= last and end > first
+        ends = (begin if begin > first else -np.inf, end if end <= last else np.inf) if acts else (np.inf, np.inf)
+        found.append(Span(log.name, log.sha256, *ends))
+    return tuple(found)
 
 
 def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) -> Term:
@@ -106,7 +106,7 @@ def term_on(known_effect: KnownEffect, problem: Problem, logs: Sequence[Log]) ->
     """
     time = own_time(problem, logs)
     parts = [(log, time[problem.of_log == i]) for i, log in enumerate(logs)]
-    effect, on = _acting(known_effect, problem.model, parts, problem.over_columns)
+    effect, on = effect_along(known_effect, problem.model, parts, problem.over_columns)
     if not known_effect.took_part(logs):
         spread = max(known_effect.standard_deviation, 1e-9 * effect.size)
         effect = replace(effect, null=known_effect.value, size=spread / WIDEST)
@@ -118,26 +118,13 @@ def course_on(known_effect: KnownEffect, log: Log, time: Array) -> Array:
     course, own = known_effect.course, known_effect.spans[0]
     if course is None or (course.in_time and (own.log, own.sha256) != (log.name, log.sha256)):
         return np.full(time.size, float(course is None or course.name in GRADED))
-    return course.share(time, lambda name: np.interp(time, log.time, _channel(log, name)), float(log.time[-1]))
-
-
-def _channel(log: Log, name: str) -> Array:
-    if name in log.channels or name in log.auxiliary:
-        return log.channels[name] if name in log.channels else log.auxiliary[name]
-    raise DataError(
-        f"{log.name}: channel '{name}' is missing, but an effect of the refined model depends on it; record this channel"
-    )
+    followed = partial(channel_on, log, effect=known_effect.id)
+    return course.share(time, lambda name: np.interp(time, log.time, followed(name)), float(log.time[-1]))
 
 
 def own_time(problem: Problem, logs: Sequence[Log]) -> Array:
     """Return the time of every place on its log's own axis [s], shape (K,)."""
     return np.asarray(problem.time + np.array([log.time[0] for log in logs])[problem.of_log])
-
-
-def stored_curve(curve: Curve, problem: Problem) -> Curve:
-    """Return a fitted curve as it is kept: its rates per second."""
-    spacing = float(np.median(np.diff(problem.time)))
-    return replace(curve, knots=curve.knots / spacing) if curve.of == "rate" else curve
 
 
 def from_off(known_effect: KnownEffect) -> KnownEffect:
@@ -162,16 +149,11 @@ def catalogued(name: str, model: ResidualModel) -> Effect:
     return found
 
 
-def effect_along(known_effect: KnownEffect, model: ResidualModel, log: Log) -> tuple[Effect, NDArray[np.bool_]]:
-    """Return the effect as it acts on every sample of one log, seen once, and where it acts, shape (N,)."""
-    return _acting(known_effect, model, [(log, log.time)], lambda values: values)
-
-
-def _acting(
+def effect_along(
     known_effect: KnownEffect,
     model: ResidualModel,
     parts: Sequence[tuple[Log, Array]],
-    over_columns: Callable[[Array], Array],
+    over_columns: Callable[[Array], Array] = lambda values: values,
 ) -> tuple[Effect, NDArray[np.bool_]]:
     """Return an effect as it acts at times of some logs, one log after the other, and where it acts; a log may be without it.
 
@@ -212,16 +194,10 @@ def channel_at(log: Log, curve: Curve | Form, time: Array) -> Array:
     """Return what a curve or a form follows at given times of a log; raises DataError where the log does not have it."""
     if isinstance(curve, Form):
         return along_log(curve, log, time)
-    if curve.channel not in log.auxiliary:
-        raise DataError(
-            f"{log.name}: channel '{curve.channel}' is missing, but the refined model's effect 'channel:{curve.channel}' needs "
-            f"it; record this channel, or give the result that `lpvobs refine` started from"
-        )
-    recorded = log.auxiliary[curve.channel]
-    known = np.isfinite(recorded)
-    if not known.any():
+    if not np.isfinite(log.auxiliary.get(curve.channel, 0.0)).any():  # the channel is there, and nothing is known of it
         return np.zeros(time.size)
+    recorded = channel_on(log, curve.channel, f"channel:{curve.channel}")
     if curve.of == "value":
-        return np.asarray(np.interp(time, log.time[known], recorded[known]))
+        return np.asarray(np.interp(time, log.time, recorded))
     grid = np.arange(log.time[0], log.time[-1] + SPACING, SPACING)
-    return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time[known], recorded[known])) / SPACING))
+    return np.asarray(np.interp(time, grid, rate_of(np.interp(grid, log.time, recorded)) / SPACING))

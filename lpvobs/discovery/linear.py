@@ -19,7 +19,7 @@ from lpvobs.discovery.residual import Problem, Term
 from lpvobs.records import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Linear:
     """A model at one point, and its derivatives there.
 
@@ -73,6 +73,22 @@ class Linear:
     def project(self, products: Array) -> Array:
         """Return the step of map, constants and terms that answers a gradient, shape (n,)."""
         return np.asarray(scipy.linalg.cho_solve((self.factor, True), products, check_finite=False), dtype=float)
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance of all unknowns, shape (n, n)."""
+        return self.project(np.eye(self.gradient.size))
+
+    def row(self, index: int) -> Array:
+        """Return the covariance of a term's size with all unknowns, itself in place `p + q + index`, shape (n,)."""
+        return self.project(np.eye(1, self.gradient.size, self.p + self.beta.size + index)[0])
+
+    def beside(self, columns: Array) -> tuple[Array, Array]:
+        """Return the products of m whitened directions with the residual and with each other, (m, m), unknowns projected out."""
+        products = np.stack([self.products(column) for column in columns])
+        mean, difference = columns.reshape(len(columns), 2, -1).swapaxes(0, 1)
+        gradient = np.array([dot(column, self.residual) for column in columns]) - products @ self.newton_step
+        return gradient, mean @ mean.T - difference @ difference.T - products @ self.project(products.T)
 
     def products(self, y: Array) -> Array:
         """Return the products of a whitened vector with every unknown's column, shape (n,)."""

@@ -101,11 +101,10 @@ def corrected(refined: Refined, log: Log) -> Log:
 def added(refined: Refined, log: Log, rates: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return what the effects add to the state equation, shape (N, n), and to the flow of every balance, shape (b, N) [kg/s]."""
     # `log` holds smoothed channels, `rates` their time derivatives.
-    signals = _put(_signals(refined.model, log, rates), refined, refined.effects, log)
+    given = _signals(refined.model, log, rates)
     # Channels are corrected already: only what the engine lacks is added here, computed from the channels as they are given.
-    flows, inputs = refined.model.further(
-        refined.model.constants, replace(_signals(refined.model, log, rates), lacks=signals.lacks)
-    )
+    lacking = replace(given, lacks=_put(given, refined, refined.effects, log).lacks)
+    flows, inputs = refined.model.further(refined.model.constants, lacking)
     return inputs.T, flows
 
 
@@ -133,7 +132,7 @@ def _put(signals: Signals, refined: Refined, effects: Sequence[KnownEffect], log
     """Return the signals with effects accounted for where they act, in the order of the catalogue; channels come last."""
     order = {effect.id: i for i, effect in enumerate(refined.model.catalogue)}
     for known_effect in sorted(effects, key=lambda effect: order.get(effect.id, len(order))):
-        effect, on = effect_along(known_effect, refined.model, log)
+        effect, on = effect_along(known_effect, refined.model, [(log, log.time)])
         signals = signals.where(on, effect.apply(signals, known_effect.value))
     return signals
 

@@ -1,12 +1,12 @@
 """The outcome of `trace` and `refine`, as plain records and as the contract's JSON."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, UnsetType, to_builtins
 
-from lpvobs.discovery.held_out import HOW, HOW_WHOLE, MEASURE, Comparison
+from lpvobs.discovery.held_out import MEASURE, Comparison
 from lpvobs.discovery.whiteness import Frequency, Leftover, When, Where
 from lpvobs.kinds import Finite, Fraction
 from lpvobs.records import Item
@@ -182,6 +182,15 @@ class ErrorOutput:
     ratio_ci90: tuple[float, float] | UnsetType = UNSET
     held_out: str
 
+    @property
+    def comparison(self) -> Comparison:
+        """Its numbers, where it has all of them."""
+        return Comparison(**{field.name: getattr(self, field.name) for field in fields(Comparison)})
+
+    def before_alone(self) -> "ErrorOutput":
+        """Return the same without what follows from the error after."""
+        return replace(self, after=UNSET, ratio=UNSET, ratio_ci90=UNSET)
+
 
 def error_output(comparison: Comparison, how: str) -> ErrorOutput:
     """Return the contract's `error`."""
@@ -260,43 +269,29 @@ class StoredOutcome(Outcome):
     map_frozen: bool
 
 
-@dataclass(frozen=True)
-class Trace:
-    """What the logs hold that the model lacks."""
+@dataclass(frozen=True, kw_only=True)
+class Trace(Outcome):
+    """What was found, with the error before and after, and what a result keeps for figures beside it."""
 
-    verdict: str  # `effect`, `none` or `unexplained`
-    p_value: float  # that nothing is there: the probability of the strongest candidate of all by chance
-    findings: tuple[Finding, ...]
-    leading: tuple[Leading, ...]  # what comes nearest where the verdict is `unexplained`, best first
     ranking: tuple[Ranked, ...]  # best first
-    comparison: Comparison
-    white: bool  # of the residual that is left
-    correlated_with: Mapping[str, float]  # signals that it follows, with the correlation
-    known_effects: tuple[Finding, ...]  # effects that the model had already, estimated again
-    logs: tuple[OutcomeOnLog, ...]  # one for each log, then one for each log held out
-    by_log: tuple[Comparison, ...]  # their errors
-    held_out: Comparison | None  # of all logs held out together
     left: Leftover | None  # what is known of what is left; None where that is white noise
-    healthy_drives: tuple[str, ...] = ()  # that told what the engine leaves when it is healthy
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The effects that are named."""
+        return self.effects
 
     def output(self, refined: bool) -> Outcome:
         """Return what is printed; `after` and what follows from it only where refined."""
-        left = {} if self.left is None else self.left.as_json()
-
-        def shown(error: ErrorOutput) -> ErrorOutput:
-            return error if refined else replace(error, after=UNSET, ratio=UNSET, ratio_ci90=UNSET)
-
-        return Outcome(
-            verdict=self.verdict,
-            p_value=self.p_value,
-            effects=self.findings,
-            error=shown(error_output(self.comparison, HOW)),
-            residual=ResidualOutput(self.white, tuple(self.correlated_with), **left),
-            candidates=self.leading if self.verdict == "unexplained" else UNSET,
-            healthy_drives=self.healthy_drives,
-            known_effects=self.known_effects or UNSET,
-            error_on_held_out_logs=shown(error_output(self.held_out, HOW_WHOLE)) if self.held_out else UNSET,
-            logs=tuple(replace(part, error=shown(part.error)) for part in self.logs),
+        whole = Outcome(**{field.name: getattr(self, field.name) for field in fields(Outcome)})
+        if refined:
+            return whole
+        unseen = self.error_on_held_out_logs
+        return replace(
+            whole,
+            error=self.error.before_alone(),
+            error_on_held_out_logs=unseen.before_alone() if unseen else UNSET,
+            logs=tuple(replace(part, error=part.error.before_alone()) for part in self.logs),
         )
 
     def as_json(self, refined: bool) -> dict[str, Any]:

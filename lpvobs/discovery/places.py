@@ -1,8 +1,9 @@
 """Where residuals are taken, by one of two strategies: instants that are seen twice, or blocks of samples.
 
 Where an engine's constants are known, the residual holds the noise of the sensors, which is new at every instant. Two views of the
-same signal with independent noise keep it out of every product. Where curves are learned, errors last for seconds: means over
-blocks lose nothing then, and the storage in the manifold is a difference of two pressures.
+same signal with independent noise keep it out of every product: one from the even samples of a log, one from the odd ones, by the
+parabola through a window around each instant. Where curves are learned, errors last for seconds: means over blocks lose nothing
+then, and the storage in the manifold is a difference of two pressures.
 """
 
 from collections.abc import Sequence
@@ -12,18 +13,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from lpvobs.compiled import njit
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.signals import at, instants, values_at
 from lpvobs.engines.blocks import Blocks, block_length, blocks_along, transience_of
 from lpvobs.engines.effects import SENSOR, Signals
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Log
 
-LEAST_DRIVEN = 3.0 * thresholds.STRETCH  # [s] Driving without a gap that a log must hold
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Places:
     """Where residuals are taken: K places of all logs, and the signals that they are computed from.
 
@@ -62,11 +61,7 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     middle = blocks.time + clock[0]
     of_log = np.searchsorted(begin, middle, side="right") - 1
     for log, count in zip(logs, np.bincount(of_log, minlength=len(logs)), strict=True):
-        if count * blocks.length < LEAST_DRIVEN:
-            raise DataError(
-                f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
-                f"driving; record a longer log"
-            )
+        _refuse_short(log, count * blocks.length)
     there = [name for name in model.signals if all(name in log.channels for log in logs)]
     value = {name: np.concatenate([log[name] for log in logs]) for name in there}
     rate = {name: _gradient(values, clock, segments) for name, values in value.items()}
@@ -85,6 +80,15 @@ def blocks_of_logs(model: ResidualModel, logs: Sequence[Log], wide: float) -> Pl
     )
     transience = transience_of(blocks, value, model.moving)
     return Places(middle - begin[of_log], of_log, blocks.length, signals, transience, blocks)
+
+
+def _refuse_short(log: Log, driven: float) -> None:
+    """Raise DataError for a log without gaps for a short time [s] alone."""
+    if driven < 3.0 * thresholds.STRETCH:
+        raise DataError(
+            f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
+            f"driving; record a longer log"
+        )
 
 
 def _gradient(values: Array, clock: Array, segments: Sequence[tuple[int, int]]) -> Array:
@@ -116,11 +120,7 @@ def _view(model: ResidualModel, log: Log, spacing: float, half_width: float) -> 
     least = max(1.0, 0.5 * thresholds.LEAST_SAMPLES * float(np.median(np.diff(log.time))) / thresholds.HALF_WIDTH)
     time = instants(log, spacing, least * thresholds.WIDER * thresholds.HALF_WIDTH)  # the same instants for all widths
     half_width *= least
-    if time.size * spacing < LEAST_DRIVEN:
-        raise DataError(
-            f"{log.name}: the stretches without gaps last under a minute in all; a search for effects needs several minutes of "
-            f"driving; record a longer log"
-        )
+    _refuse_short(log, time.size * spacing)
     value, rate = at(log, np.stack([log[name] for name in model.signals]), time, half_width)
     return _View(time, half_width, value, rate)
 
@@ -209,3 +209,70 @@ def _transience(model: ResidualModel, signals: Signals, apart: int) -> Array:
         change = (calm[after] - calm[before]) / np.maximum(signals.time[after] - signals.time[before], 1e-9)
         total += (change / max(float(np.std(calm)), 1e-9)) ** 2
     return np.searchsorted(np.quantile(total, thresholds.TRANSIENT), total).astype(float)
+
+
+def averaged(values: Array, step: float) -> Array:
+    """Return the means over a second around samples that are a step [s] apart."""
+    width = 2 * int(0.5 * thresholds.FORM_CALM / step) + 1
+    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), mode="valid")
+
+
+def instants(log: Log, spacing: float, half_width: float) -> Array:
+    """Return the middles of windows that fit between the gaps of a log, shape (K,) [s]."""
+    found = []
+    for start, stop in log.segments:
+        first, last = log.time[start] + half_width, log.time[stop - 1] - half_width
+        if last > first:
+            found.append(np.arange(first, last, spacing))
+    return np.concatenate(found) if found else np.empty(0)
+
+
+def at(log: Log, columns: Array, time: Array, half_width: float) -> tuple[Array, Array]:
+    """Return values and rates around each instant, both of shape (2, m, K)."""
+    # The first of two is made from the even samples, the second from the odd ones: same signal, independent noise. A value
+    # is that of a local quadratic fit; a rate is the derivative of the smoothed signal, not the slope of the fit, so that a
+    # balance of smoothed signals stays the balance that it was.
+    h = thresholds.NEAR * half_width
+    value, later, earlier = (values_at(log, columns, time + shift, half_width) for shift in (0.0, h, -h))
+    return value, (later - earlier) / (2.0 * h)
+
+
+def values_at(log: Log, columns: Array, time: Array, half_width: float) -> Array:
+    """Return the values of both views around each instant, shape (2, m, K)."""
+    value = np.empty((2, columns.shape[0], time.size))
+    for half in (0, 1):
+        edges = np.array([(start + 1 - half) // 2 for start, _ in log.segments] + [(log.time.size + 1 - half) // 2])
+        every = np.ascontiguousarray(columns[:, half::2], dtype=float)
+        value[half] = _quadratics(np.ascontiguousarray(log.time[half::2]), every, edges, time, half_width)
+    return value
+
+
+@njit(cache=True)
+def _quadratics(t, columns, edges, time, half_width):  # type: ignore[no-untyped-def]
+    m = columns.shape[0]
+    value = np.zeros((m, time.size))
+    for k in range(time.size):
+        lo = np.searchsorted(t, time[k] - half_width)
+        hi = np.searchsorted(t, time[k] + half_width, side="right")
+        middle = min(max(np.searchsorted(t, time[k]), 0), t.size - 1)
+        segment = max(np.searchsorted(edges, middle, side="right") - 1, 0)
+        lo = max(min(lo, middle - 2), edges[segment])
+        hi = min(max(hi, middle + 3), edges[segment + 1])
+        reach = 1.001 * max(half_width, time[k] - t[lo], t[hi - 1] - time[k])
+        s0, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(lo, hi):
+            tau = (t[i] - time[k]) / reach
+            w = (1.0 - tau * tau) ** 2
+            s0 += w
+            s1 += w * tau
+            s2 += w * tau**2
+            s3 += w * tau**3
+            s4 += w * tau**4
+        c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
+        determinant = s0 * c00 + s1 * c01 + s2 * c02
+        for i in range(lo, hi):
+            tau = (t[i] - time[k]) / reach
+            w = (1.0 - tau * tau) ** 2 / determinant * (c00 + c01 * tau + c02 * tau * tau)
+            for c in range(m):
+                value[c, k] += w * columns[c, i]
+    return value

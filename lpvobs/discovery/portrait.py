@@ -13,7 +13,7 @@ from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.refine import Refinement
 from lpvobs.discovery.residual import Problem
 from lpvobs.discovery.thresholds import LAGS
-from lpvobs.discovery.whiteness import block_sums, correlation, times_noise
+from lpvobs.discovery.whiteness import block_sums, correlations, times_noise
 from lpvobs.records import Array, Item, Log
 
 MOST_COLUMNS = 500  # columns of the figure for all logs together; each holds the smallest and the largest value
@@ -94,48 +94,32 @@ def portrait(found: Refinement, logs: Sequence[Log]) -> Portrait:
     both = (found.before, found.after)
     problem = found.after.problem
     first = problem.first
-    signals = _signals(problem)
-    states = [_of_state(linear.residual[0], problem, signals) for linear in both]
+    signals, residuals = _signals(problem), [linear.residual[0] for linear in both]
+    sums = [block_sums(residual, first) for residual in residuals]
+    spectra = [_spectrum(residual, problem.spacing) for residual in residuals]
+    cross = [cross_correlations(residual, first, signals) for residual in residuals]
     return Portrait(
         balances=problem.model.balances,
         tracks=tuple(_tracks(both, logs)),
         partials=tuple(_partial(found.after, i) for i in range(len(found.after.terms))),
         block=float(np.median(np.diff(problem.begins))) if first.size > 1 else 0.0,
         blocks=first.size,
-        frequency=_spectrum(found.before.residual[0], problem.spacing)[0],
+        frequency=spectra[0][0],
         signals=tuple(signals),
-        **{name: np.stack([state[name] for state in states]) for name in states[0]},
+        spectrum=np.stack([power for _, power in spectra]),
+        cumulated=np.stack([_cumulated(each) for each in sums]),
+        cross=np.stack([r for r, _ in cross]),
+        cross_limit=np.stack([limit for _, limit in cross]),
+        effective=np.stack([_effective(each) for each in sums]),
     )
 
 
-def _of_state(residual: Array, problem: Problem, signals: Mapping[str, Array]) -> dict[str, Array]:
-    """Return what the figures have of the residual of one model, shape (B, K)."""
-    sums = block_sums(residual, problem.first)
-    cross, limit = cross_correlations(residual, problem.first, signals)
-    _, spectrum = _spectrum(residual, problem.spacing)
-    return {
-        "spectrum": spectrum,
-        "cumulated": _cumulated(sums),
-        "cross": cross,
-        "cross_limit": limit,
-        "effective": _effective(sums),
-    }
-
-
 def cross_correlations(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return correlations with signals at lags of blocks, the strongest among the balances, and their limits.
-
-    Both of shape (S, 2 LAGS + 1). At a positive lag the residual comes after the signal.
-    """
-    sums = block_sums(residual, first)
-    counts = np.diff(np.append(first, residual.shape[1]))
-    found = np.zeros((2, len(signals), 2 * LAGS + 1))
-    for s, values in enumerate(signals.values()):
-        mean = np.add.reduceat(values, first) / counts
-        for at, lag in enumerate(range(-LAGS, LAGS + 1)):
-            pairs = [correlation(row, mean, lag) for row in sums]
-            found[:, s, at] = max(pairs, key=lambda pair: abs(pair[0]))
-    return found[0], times_noise(found[0].size * sums.shape[0]) * found[1]
+    """Return the strongest correlation among the balances, and its limit, both of shape (S, L), see `correlations`."""
+    pairs = correlations(residual, first, signals)
+    strongest = np.abs(pairs[..., 0]).argmax(1)
+    r, noise = np.moveaxis(np.take_along_axis(pairs, strongest[:, None, :, None], 1)[:, 0], -1, 0)
+    return r, times_noise(pairs[..., 0].size) * noise
 
 
 def _signals(problem: Problem) -> dict[str, Array]:
@@ -166,9 +150,7 @@ def _extremes(values: Array, starts: NDArray[np.int64]) -> Array:
 def _partial(linear: Linear, index: int) -> Partial:
     """Return the added-variable plot of one effect (Frisch and Waugh), in the linear model around the optimum."""
     at = linear.p + linear.beta.size + index
-    unit = np.zeros(linear.newton_step.size)
-    unit[at] = 1.0
-    row = linear.project(unit)
+    row = linear.row(index)
     term = linear.terms[index]
     alone = -linear.moved(np.zeros_like(linear.residual), row)[0] / row[at]
     absent = next((effect.null for effect in linear.problem.catalogue if effect.id == term.effect.id), 0.0)

@@ -2,11 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
 from lpvobs.discovery.curves import channel_candidates, component_candidates
-from lpvobs.discovery.evidence import Candidate, best_gain, first_order_gain, fit_candidate, score, with_best_interval
+from lpvobs.discovery.evidence import (
+    Candidate,
+    best_first,
+    best_gain,
+    first_order_gain,
+    fit_candidate,
+    score,
+    with_best_interval,
+)
 from lpvobs.discovery.linear import Linear
 from lpvobs.discovery.residual import Problem
 from lpvobs.engines.effects import Effect
@@ -17,38 +26,35 @@ def uneven_share(candidate: Candidate, problem: Problem) -> float:
     return 0.5 * (candidate.unevenness - 1.0) * problem.coarse_blocks / max(candidate.gain, 1e-9)
 
 
-def rank(linear: Linear, effects: Sequence[Effect], intervals: bool = True) -> list[Candidate]:
+def rank(linear: Linear, effects: Sequence[Effect]) -> list[Candidate]:
     """Return the most promising effects, best first; the leading ones on their best intervals."""
-    free = linear.problem.prior.free
-    if not intervals or linear.problem.first.size < 3 * thresholds.LEAST_LENGTH:
-        expected = {e: first_order_gain(linear, e) for e in effects if not (free and e.in_map)}
-        return sorted((fit_candidate(linear, e) for e in most_promising(expected)), key=score, reverse=True)
-    expected = {e: best_gain(linear, e, free and e.in_map) for e in effects}
+    problem = linear.problem
+    if problem.first.size < 3 * thresholds.LEAST_LENGTH:
+        return rank_in(linear, [effect for effect in effects if not problem.absorbs(effect)])
+    expected = {effect: best_gain(linear, effect) for effect in effects}
     found: list[Candidate] = []
-    for effect in most_promising(expected):
-        absorbed = free and effect.in_map
+    for effect in _most_promising(expected):
         whole = fit_candidate(linear, effect)
         if len(found) < thresholds.SHORTLIST:
-            found.append(with_best_interval(linear, whole, not absorbed))
-        elif not absorbed:
+            found.append(with_best_interval(linear, whole))
+        elif not problem.absorbs(effect):
             found.append(whole)
-    return _plainest_first(sorted(found, key=score, reverse=True), linear.problem)
-
-
-def _plainest_first(ranked: list[Candidate], problem: Problem) -> list[Candidate]:
-    """Return the ranking headed by the effect that the catalogue lists first, of those that tie with the best in its interval."""
+    ranked = best_first(found)
+    # Of those that tie with the best in its interval, the effect that the catalogue lists first heads the ranking.
     order = [effect.id for effect in problem.catalogue]
-    first = ranked[0]
-    tied = [
-        c
-        for c in ranked
-        if score(c) > score(first) - thresholds.TIE and (c.term.begin, c.term.end) == (first.term.begin, first.term.end)
-    ]
+    least, ends = score(ranked[0]) - thresholds.TIE, (ranked[0].term.begin, ranked[0].term.end)
+    tied = [c for c in ranked if score(c) > least and (c.term.begin, c.term.end) == ends]
     head = min(tied, key=lambda c: order.index(c.id))
     return [head, *(c for c in ranked if c is not head)]
 
 
-def most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
+def rank_in(linear: Linear, effects: Sequence[Effect], begin: float = -np.inf, end: float = np.inf) -> list[Candidate]:
+    """Return the most promising effects in an interval, best first."""
+    expected = {effect: first_order_gain(linear, effect, begin, end) for effect in effects}
+    return best_first(fit_candidate(linear, effect, begin, end) for effect in _most_promising(expected))
+
+
+def _most_promising(expected: Mapping[Effect, float]) -> list[Effect]:
     """Return the effects with the largest gain to first order, best first."""
     return sorted(expected, key=lambda effect: expected[effect], reverse=True)[: thresholds.LOOKED_AT]
 
@@ -73,14 +79,6 @@ def is_proven(candidate: Candidate, linear: Linear) -> bool:
     return is_relevant(candidate, linear) and chance(candidate, linear.problem) < thresholds.SIGNIFICANT
 
 
-def with_model_error(problem: Problem) -> float:
-    """Return the variance of a gain, in that of noise: the error of a sound model is a share of the data.
-
-    Where healthy drives tell of it, `Candidate.told` has it.
-    """
-    return 1.0 if len(problem.patterns) else 1.0 + thresholds.MODEL_ERROR * problem.data
-
-
 def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     """Return the probability of such a gain by chance, after all effects and intervals that were tried (Bonferroni).
 
@@ -94,10 +92,10 @@ def chance(candidate: Candidate, problem: Problem, wider: float = 1.0) -> float:
     return float(min(1.0, hypotheses * scipy.stats.f.sf(statistic, 1, effective)))
 
 
-def best_of(linear: Linear) -> list[Candidate]:
+def best_of(linear: Linear) -> tuple[Candidate, ...]:
     """Return all candidates, best first, those with a curve among them where they beat the catalogue."""
     found = rank(linear, linear.problem.catalogue)
-    driven = sorted([*channel_candidates(linear), *component_candidates(linear)], key=score, reverse=True)
+    driven = best_first([*channel_candidates(linear), *component_candidates(linear)])
     if driven and score(driven[0]) > thresholds.ADVANTAGE * max(score(found[0]), 0.0):
-        return [*driven, *found]
-    return [*found[:1], *driven, *found[1:]]
+        return (*driven, *found)
+    return (*found[:1], *driven, *found[1:])

@@ -2,29 +2,27 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import scipy
+from msgspec import UNSET
 
-from lpvobs.discovery.accepted import Accepted
 from lpvobs.discovery.evidence import in_place, loss_of
 from lpvobs.discovery.findings import finding_of, known_effect_of, known_finding, outcome_on, parameter_of, shown_by
 from lpvobs.discovery.fit import fit, refit
 from lpvobs.discovery.forms import in_words
 from lpvobs.discovery.healthy_drive import HealthyDrive, unmoved
-from lpvobs.discovery.held_out import losses_on_unseen, pooled_losses
+from lpvobs.discovery.held_out import HOW, HOW_WHOLE, losses_on_unseen, pooled_losses
 from lpvobs.discovery.intervals import standard_errors
 from lpvobs.discovery.known_effects import KnownEffect, term_on
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.outcome import Leading, Ranked, Trace
+from lpvobs.discovery.outcome import Leading, Ranked, ResidualOutput, Trace, error_output
 from lpvobs.discovery.residual import MapPrior, Problem, Term, lay_out
 from lpvobs.discovery.select import Selection, select
-from lpvobs.discovery.thresholds import MOST_CANDIDATES
-from lpvobs.discovery.whiteness import Whiteness, leftover, structure
+from lpvobs.discovery.thresholds import MOST_NAMED
+from lpvobs.discovery.whiteness import leftover, structure
 from lpvobs.engines.residual_model import ResidualModel
 from lpvobs.maps.grid import Grid
-from lpvobs.records import Array, Log
+from lpvobs.records import Log
 
 
 @dataclass(frozen=True)
@@ -32,16 +30,12 @@ class Refinement:
     """A trace and the model that it leads to."""
 
     trace: Trace
-    theta: Array  # (p_2, p_1) [kg/s] the map beside the effects
-    covariance: Array  # (p, p) [kg^2/s^2]
     beta: Mapping[str, float]  # relative deviation of each uncertain constant from the configured one
     beta_deviation: Mapping[str, float]  # its standard deviation
     # every effect of the model: first those that it had, estimated again, then those that were found
     known_effects: tuple[KnownEffect, ...]
     before: Linear  # residual, regressors and weights of the model as it was, for reports
     after: Linear  # the same of the model with the effects
-    whiteness_before: Whiteness
-    whiteness_after: Whiteness
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -77,62 +71,57 @@ def refine(
     problem = lay(logs)
     terms = tuple(term_on(known_effect, problem, logs) for known_effect in known)
     selection, before, after = _selected(problem, terms, lambda share: progress(0.9 * share))
-    own = [structure(linear) for linear in (before, after)]
     accepted = selection.accepted
     kept: tuple[KnownEffect, ...] = ()
     if known:
         errors = standard_errors(after)
-        accepted = _again(after, len(known), accepted, errors)
+        accepted = tuple(
+            replace(item, candidate=in_place(after, i, item.candidate), standard_error=float(errors[i]))
+            for i, item in enumerate(accepted, len(known))
+        )
         kept = tuple(
             _kept(after.terms[i], float(errors[i]), known_effect, logs) for i, known_effect in enumerate(known)
         )
     found = tuple(known_effect_of(problem, logs, item) for item in accepted)
-    findings = tuple(finding_of(problem, logs, item) for item in accepted)
+    findings = tuple(finding_of(logs, item) for item in accepted)
     judged = []
     for log in hold_out:
         unseen = lay([log])
         acting = [[term_on(item, unseen, [log]) for item in effects] for effects in (kept, kept + found)]
         judged.append(losses_on_unseen((before, after), (acting[0], acting[1]), unseen))
-    losses = [*(selection.losses.part(problem.of_log == i) for i in range(len(logs))), *judged]
-    by_log = tuple(own.comparison() for own in losses)
-    shown: list[dict[str, Any]] = [*(shown_by(after, i) for i in range(len(logs))), *({} for _ in judged)]
-    effects = list(zip(findings, found, strict=True))
+    about, unexplained = (
+        (selection.verdict, list(zip(findings, found, strict=True))),
+        selection.verdict == "unexplained",
+    )
+    parts = [selection.losses.part(problem.of_log == i) for i in range(len(logs))]
+    by_log = [
+        outcome_on(log, own, *about, shown_by(after, i)) for i, (log, own) in enumerate(zip(logs, parts, strict=True))
+    ]
+    whole = structure(after)
+    left = None if whole.white and not unexplained else leftover(after, logs, whole.correlated_with)
     result = Trace(
         verdict=selection.verdict,
         p_value=selection.p_value,
-        findings=findings,
-        leading=_leading(selection),
+        effects=findings,
+        error=error_output(selection.losses.comparison(), HOW),
+        residual=ResidualOutput(whole.white, tuple(whole.correlated_with), **({} if left is None else left.as_json())),
+        candidates=_leading(selection) if unexplained else UNSET,
         healthy_drives=() if healthy is None else healthy.logs,
+        known_effects=tuple(known_finding(known_effect) for known_effect in kept) or UNSET,
+        error_on_held_out_logs=error_output(pooled_losses(judged).comparison(), HOW_WHOLE) if judged else UNSET,
+        logs=(*by_log, *(outcome_on(log, own, *about) for log, own in zip(hold_out, judged, strict=True))),
         ranking=tuple(Ranked(c.id, c.term.size, c.term.effect.unit, c.gain, c.unevenness) for c in selection.ranking),
-        comparison=selection.losses.comparison(),
-        white=own[1].white,
-        correlated_with=own[1].correlated_with,
-        known_effects=tuple(known_finding(known_effect) for known_effect in kept),
-        logs=tuple(
-            outcome_on(*each, selection.verdict, effects)
-            for each in zip((*logs, *hold_out), by_log, shown, strict=True)
-        ),
-        by_log=by_log,
-        held_out=pooled_losses(judged).comparison() if judged else None,
-        left=None
-        if own[1].white and selection.verdict != "unexplained"
-        else leftover(after, logs, own[1].correlated_with),
+        left=left,
     )
     progress(1.0)
-    inverse = scipy.linalg.cho_solve((after.factor, True), np.eye(after.newton_step.size), check_finite=False)
-    p, q = after.p, after.beta.size
-    deviation = np.sqrt(np.maximum(np.diag(inverse)[p : p + q], 0.0))
+    deviation = np.sqrt(np.maximum(np.diag(after.covariance)[after.p :], 0.0))
     return Refinement(
         trace=result,
-        theta=after.theta.reshape(grid.shape),
-        covariance=inverse[:p, :p],
         beta=dict.fromkeys(widths, 0.0) | dict(zip(model.names, after.beta.tolist(), strict=False)),
         beta_deviation=widths | dict(zip(model.names, deviation.tolist(), strict=False)),
         known_effects=kept + found,
         before=before,
         after=after,
-        whiteness_before=own[0],
-        whiteness_after=own[1],
     )
 
 
@@ -160,11 +149,11 @@ def _leading(selection: Selection) -> tuple[Leading, ...]:
     return tuple(
         Leading(
             id=c.id,
-            parameters={c.term.effect.parameter: parameter_of(c.term, c.standard_error)},
+            parameters={c.term.effect.parameter: parameter_of(c.term.size, c.term.effect.unit, c.standard_error)},
             explained=min(c.gain / max(power, c.gain, 1e-300), 1.0),
             formula=in_words(c.term),
         )
-        for c in selection.leading[:MOST_CANDIDATES]
+        for c in selection.leading[:MOST_NAMED]
         if c.gain > 0.0
     )
 
@@ -174,17 +163,9 @@ def _holding(problem: Problem, terms: Sequence[Term]) -> Problem:
     return replace(problem, held=(*problem.held, *terms), wider=lambda: _holding(problem.wider(), terms))
 
 
-def _again(after: Linear, first: int, accepted: Sequence[Accepted], errors: Array) -> tuple[Accepted, ...]:
-    """Return accepted effects as they stand in the joint model, the first of them its term number `first`."""
-    return tuple(
-        replace(item, candidate=in_place(after, first + i, item.candidate), standard_error=float(errors[first + i]))
-        for i, item in enumerate(accepted)
-    )
-
-
 def _kept(term: Term, error: float, known_effect: KnownEffect, logs: Sequence[Log]) -> KnownEffect:
     """Return an effect that the model had, estimated again, with the logs that it is now estimated on."""
-    parameter = parameter_of(term, error)
+    parameter = parameter_of(term.size, term.effect.unit, error)
     known = {(span.log, span.sha256) for span in known_effect.spans}
     new = tuple(known_effect.span_on(log) for log in logs if (log.name, log.sha256) not in known)
     return replace(known_effect, value=parameter.value, ci90=parameter.ci90, spans=known_effect.spans + new)

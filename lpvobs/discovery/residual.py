@@ -39,7 +39,7 @@ class MapPrior:
         return np.asarray((np.diag(self.precision) > thresholds.UNKNOWN * self.precision.max()) & (not self.free))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem(Places):
     """Everything that a search does not change: B balances at K places, q unknowns beside the map."""
 
@@ -124,6 +124,19 @@ class Problem(Places):
     def coarse_blocks(self) -> float:
         """The number of stretches whose sums are taken as independent, without those kept back."""
         return float(self.first.size / self.per_coarse * self.used.mean())
+
+    @property
+    def coarse(self) -> NDArray[np.int64]:
+        """The number of the block of every place whose sums are taken as independent, shape (K,)."""
+        return self.block // self.per_coarse
+
+    def by_coarse(self, values: Array) -> Array:
+        """Return sums over these blocks of values by stretch."""
+        return np.asarray(np.add.reduceat(values, np.arange(0, values.size, self.per_coarse)))
+
+    def absorbs(self, effect: Effect) -> bool:
+        """Return whether the map takes up an effect that acts all the time."""
+        return self.prior.free and effect.in_map
 
     def with_all(self) -> "Problem":
         """Return the same with nothing kept back."""

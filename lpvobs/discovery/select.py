@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import scipy
 
 from lpvobs.discovery import thresholds
-from lpvobs.discovery.accepted import Accepted, finished
 from lpvobs.discovery.course_choice import cancels, comes_and_goes, sharpened, timed_again
 from lpvobs.discovery.courses import FactorSurface
 from lpvobs.discovery.evidence import Candidate, dated_again, elsewhere_of, in_place
@@ -18,13 +18,13 @@ from lpvobs.discovery.form_search import beside_forms, best_forms
 from lpvobs.discovery.forms import PREFIX
 from lpvobs.discovery.held_out import Losses, compare, cross_validated, noise_power
 from lpvobs.discovery.intervals import standard_errors
-from lpvobs.discovery.joint_choice import choose_again, choose_all_again, without
+from lpvobs.discovery.joint_choice import Accepted, choose_again, choose_all_again, finished, without
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share, with_model_error
+from lpvobs.discovery.ranking import best_of, chance, is_proven, is_relevant, uneven_share
 from lpvobs.discovery.residual import Problem, Term
 from lpvobs.engines.effects import Effect
 
-Result = TypeVar("Result")
+Once = Callable[..., Any]  # returns what work on the same objects gives, or gave before
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class _Search:
 
 def select(problem: Problem, progress: Callable[[float], None] = lambda _: None) -> Selection:
     """Return the effects that the logs prove, or the verdict that there are none or that something stays unexplained."""
-    once = _Once()
+    # The search with formulas takes the steps of the first one where none of them leads.
+    once: Once = cache(lambda work, *on: work(*on))
     search = _search(problem, progress, once)
     ranking = [*search.ranking, *_forms_of(search, once)[:1]] if len(problem.patterns) else search.ranking
     nothing = chance_of_nothing(search.first, ranking)
@@ -81,22 +82,7 @@ def select(problem: Problem, progress: Callable[[float], None] = lambda _: None)
     return Selection(search.verdict, found, bare, final, losses, tuple(search.ranking), nothing, leading)
 
 
-class _Once:
-    """Results of work on the same objects: the search with formulas takes the steps of the first one where none of them leads."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[object, ...], tuple[Any, tuple[object, ...]]] = {}
-
-    def __call__(self, work: Callable[..., Result], *on: object) -> Result:
-        """Return what the work gives, or gave before."""
-        key = (work, *(id(each) for each in on))
-        if key not in self._known:
-            self._known[key] = work(*on), on  # kept alive, so that no other object has its identity
-        result: Result = self._known[key][0]
-        return result
-
-
-def _form_beats(search: _Search, once: _Once) -> bool:
+def _form_beats(search: _Search, once: Once) -> bool:
     """Return whether one formula explains the logs better than what was named, or no worse than several names do."""
     listed, problem = [c.id for c in search.accepted], search.first.problem
     if not listed or any(name.startswith("channel:") for name in listed):
@@ -110,13 +96,14 @@ def _form_beats(search: _Search, once: _Once) -> bool:
     return any(objective(refit(search.linear, [c.term])) < most for c in rivals)
 
 
-def _forms_of(search: _Search, once: _Once) -> Sequence[Candidate]:
+def _forms_of(search: _Search, once: Once) -> Sequence[Candidate]:
     """Return the formulas of the first round, best first; none for a model of blocks, where only what is left is asked for them."""
     first = search.first
-    return () if first.problem.blocks is not None else once(best_forms, first, once(best_of, first))
+    forms: Sequence[Candidate] = once(best_forms, first, once(best_of, first)) if first.problem.blocks is None else ()
+    return forms
 
 
-def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once, search: _Search) -> _Search:
+def _with_forms(problem: Problem, progress: Callable[[float], None], once: Once, search: _Search) -> _Search:
     """Return what the search comes to with formulas among the candidates; only where it proves one that leaves nothing."""
     wider = _search(problem, progress, once, with_forms=True)
     few = len(wider.accepted) <= (len(search.accepted) or 3)
@@ -130,11 +117,11 @@ def _with_forms(problem: Problem, progress: Callable[[float], None], once: _Once
     return replace(search, on_the_way=wider.on_the_way) if search.verdict == "unexplained" else search
 
 
-def _search(problem: Problem, progress: Callable[[float], None], once: _Once, with_forms: bool = False) -> _Search:
+def _search(problem: Problem, progress: Callable[[float], None], once: Once, with_forms: bool = False) -> _Search:
     """Return what the search comes to; kept stretches take no part."""
     before = linear = once(fit, problem)
-    ranking: list[Candidate] = []
-    accepted: Sequence[Candidate] = ()  # the same object in every search, as `once` needs it
+    ranking: Sequence[Candidate] = ()
+    accepted: tuple[Candidate, ...] = ()
     for step in range(thresholds.MOST_EFFECTS):
         progress(0.05 + 0.85 * step / thresholds.MOST_EFFECTS)
         found = once(best_of, linear)
@@ -142,7 +129,9 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
             found = beside_forms(linear, found, once(best_forms, linear, found))
         ranking = ranking or found
         best = next((c for c in found if is_proven(c, linear)), found[0])
-        if any(_same_place_again(c, accepted) for c in (found[0], best) if _counts(c, linear)):
+        # More than what may be left: proven, where healthy drives tell how errors look.
+        counts = is_proven if len(problem.patterns) else is_relevant
+        if any(_same_place_again(c, accepted) for c in (found[0], best) if counts(c, linear)):
             return _Search("unexplained", [], before, before, ranking, accepted)
         if not is_proven(best, linear):
             break
@@ -152,26 +141,26 @@ def _search(problem: Problem, progress: Callable[[float], None], once: _Once, wi
         if longer is None:
             break
         linear, accepted = longer
-    accepted, linear = _pruned(linear, accepted)
-    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c in accepted)
+    needed, linear = _pruned(linear, accepted)
+    uneven = any(uneven_share(c, problem) > thresholds.MOST_UNEVEN for c in needed)
     goes = any(t.course is None and comes_and_goes(linear, i) for i, t in enumerate(linear.terms))
-    apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(accepted, 2))
+    apart = any(_separate_in_time(a.term, b.term) for a, b in combinations(needed, 2))
     varies = structure(linear) >= thresholds.MOST_STRUCTURE * 0.5 * problem.data
     if uneven or goes or apart or varies:
-        return _Search("unexplained", [], before, before, ranking, accepted)
-    return _Search("effect" if accepted else "none", accepted, linear, before, ranking)
+        return _Search("unexplained", [], before, before, ranking, needed)
+    return _Search("effect" if needed else "none", needed, linear, before, ranking)
 
 
 def _with_one_more(
-    linear: Linear, best: Candidate, accepted: Sequence[Candidate]
-) -> tuple[Linear, list[Candidate]] | None:
+    linear: Linear, best: Candidate, accepted: tuple[Candidate, ...]
+) -> tuple[Linear, tuple[Candidate, ...]] | None:
     """Return the model with a further effect, and all effects chosen again beside it; None where it does not predict enough."""
     problem = linear.problem
     trial = fit(problem, [*linear.terms, best.term], start=linear)
     named, trial = choose_again(trial, best)
     if not _predicts_better(linear, trial) or _is_remainder(named, accepted, problem) or _at_its_end(named.term):
         return None
-    return choose_all_again(trial, [*accepted, named])
+    return choose_all_again(trial, (*accepted, named))
 
 
 def _bare(linear: Linear) -> Linear:
@@ -209,7 +198,8 @@ def chance_of_nothing(first: Linear, ranking: Sequence[Candidate]) -> float:
     formula has paid the price of its search.
     """
     problem, blocks = first.problem, first.problem.coarse_blocks
-    wider = with_model_error(problem)
+    # In units of the variance by noise; where healthy drives tell of the error, `Candidate.told` has it.
+    wider = 1.0 if len(problem.patterns) else 1.0 + thresholds.MODEL_ERROR * problem.data
     single = min(chance(c, problem, wider) for c in ranking)
     elsewhere = elsewhere_of(first) / problem.seeming.uneven
     uneven = float(scipy.stats.chi2.sf(elsewhere * blocks / wider, blocks)) * len(problem.carriers)
@@ -278,21 +268,12 @@ def _same_place_again(candidate: Candidate, accepted: Sequence[Candidate]) -> bo
     an end. It need not be proven: two episodes and the pause between them have no single size.
     """
     stops = candidate.changes > 0 and bool(np.isfinite(candidate.term.end))
-    return any(
-        (c.id == candidate.id and candidate.gain > thresholds.AGAIN * c.gain)
-        or (
-            c.term.effect.place == candidate.term.effect.place
-            and c.changes > 0
-            and stops
-            and (candidate.gain > thresholds.AGAIN * c.gain or _separate_in_time(c.term, candidate.term))
-        )
-        for c in accepted
-    )
-
-
-def _counts(candidate: Candidate, linear: Linear) -> bool:
-    """Return whether a candidate is more than what may be left: proven, where healthy drives tell how errors look."""
-    return (is_proven if len(linear.problem.patterns) else is_relevant)(candidate, linear)
+    for c in accepted:
+        again = candidate.gain > thresholds.AGAIN * c.gain
+        beside = stops and c.changes > 0 and c.term.effect.place == candidate.term.effect.place
+        if (again and (beside or c.id == candidate.id)) or (beside and _separate_in_time(c.term, candidate.term)):
+            return True
+    return False
 
 
 def _separate_in_time(one: Term, other: Term) -> bool:

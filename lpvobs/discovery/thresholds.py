@@ -76,8 +76,6 @@ BELLS = 150
 """[1] Bells that the function stands on which says what a healthy engine leaves. Set by time: a second."""
 BELL_WIDTHS = (0.5, 1.0)
 """[1] Widths of a bell that are tried, in standard deviations of every channel. Set by choice; held-out minutes choose."""
-HEALTHY_PASSES = 2
-"""[1] Times that the function is found, the second with the errors beyond it. Set by time."""
 PIECE = 6.0
 """[s] Length of the means that show the errors of a healthy engine. Set by choice: their scatter counts as fast."""
 MEMORY = 60.0
@@ -119,13 +117,14 @@ PIN = 1e6
 FARTHEST = 2.0
 """[1] Standard deviations of its prior within which an unknown is sought. Set by choice: 15 % beyond a uniform tolerance; half or
 twice of it turns a verdict of run 9."""
+PASSES = 2
+"""[1] Times that what depends on its own result is found: a component's curve beside all the rest, the function of healthy drives
+with the errors beyond it, the levels of a day on an unseen log. Set by time: a second curve moves by a tenth of the first."""
 SIZE_PASSES = 6
 """[1] Gauss-Newton steps in the size of one candidate. Set by time."""
 STRONG = 5.0
 """[1] Standard deviations of its own noise by which the information about a size must exceed zero. Set by choice; held by run
 9."""
-LEVEL_PASSES = 2
-"""[1] Gauss-Newton steps in the levels of a day on an unseen log. Set by choice: a gain moves a balance in a curve."""
 LEVEL_SHARE = 0.333
 """[1] Share of the places that count as independent when a level of the day is estimated. Set by choice: errors last for
 seconds."""
@@ -146,11 +145,6 @@ little shows should not pay for coefficients that a large one needs."""
 LARGEST = 4.0
 """[1] Largest amplitude of a component's curve, in its deviation before any data. Set by choice. Without it a leak
 of the real engine was taken for cylinders that take 37 % less; half or twice of it was not tried."""
-CURVE_PASSES = 2
-"""[1] Times that a component's curve is found again beside all the rest. Set by time: the
-second moves it by a tenth of the first."""
-RATE_WINDOW = 11
-"""[1] Instants over which a channel's rate is averaged. Set by choice: a second."""
 ADVANTAGE = 1.05
 """[1] Multiple of the score of a plain effect that one with a curve or a course must have. Set by choice: a twentieth is what
 smoothing and a linear step leave."""
@@ -166,12 +160,14 @@ MOST_SWITCHES = 20
 MOST_COURSES = 2
 """[1] Courses of an effect that are fitted at all: those with the largest gain to first order. Set by time."""
 SHORTLIST = 4
-"""[1] Leading effects that are tried on intervals at their fitted size. Set by time; held by run 9."""
+"""[1] Leading effects that are tried on intervals at their fitted size, and places for which forms of two factors are tried. Set by
+time; held by run 9."""
 LOOKED_AT = 9
 """[1] Effects that are fitted at all: those with the largest gain to first order. Set by time."""
 SIGNIFICANT = 1e-3
-"""[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together, and that of nothing
-below which a residual without a name is `unexplained`, where healthy drives tell how errors look. Set by choice."""
+"""[1] Probability of naming anything by chance on a log without effects, all candidates and intervals together, that of nothing
+below which a residual without a name is `unexplained`, where healthy drives tell how errors look, and that of calling white noise
+coloured. Set by choice; held by run 9."""
 POOLED = 6.0
 """[1] Healthy drives that what all effects have in common counts as, beside those that show one. Set by choice."""
 MODEL_ERROR = 5e-5
@@ -224,9 +220,6 @@ SHAPE = 0.35
 """[1] Share by which the course of a cause may differ from the catalogue's, rms, where the engine is not the model. Its
 square is the share of a gain that decides nothing, and of a size that is not known. Set by trial on drives of another structure:
 a sensor that reads 9 % too little was told from an inlet leak by a ninth of the gain, wrongly; sizes were off by a tenth."""
-INDISTINGUISHABLE = 1.645
-"""[1] Standard deviations of the difference of losses by block within which two effects cannot be told apart. Set by choice: 90 %;
-held by run 9."""
 SLOWEST = 0.055
 """[s] Sample spacing up to which a residual without a name says something of the engine. Set by clean logs on all cycles: none at
 20 and 50 Hz leaves a residual; at 10 and 5 Hz every cycle does, the windows that hold enough samples blur fast transients; half or
@@ -260,25 +253,19 @@ PROBE = 10.0
 # --- What is said of the rest ----------------------------------------------------------------------------------------------
 LARGE = 2.0
 """[1] Multiple of the median power above which a stretch is named. Set by choice; held by run 9."""
-MOST_CANDIDATES = 5
-"""[1] Largest number of leading candidates that a residual without a name is handed over with. Set by choice."""
 MOST_NAMED = 5
-"""[1] Largest number of stretches that are named. Set by choice."""
+"""[1] Largest number of stretches, and of leading candidates, that a residual without a name is handed over with. Set by choice."""
 LEAST_VISIT = 20
 """[1] Places that a cell of the map must hold to be named. Set by choice: two seconds; held by run 9."""
 LAGS = 10
 """[1] Largest lag, in blocks, at which correlation is sought; for other signals on both sides. Set by choice: 20 seconds."""
-COLOURED = 1e-3
-"""[1] Probability that white noise is called coloured. Set by choice: as rare as naming an effect by chance; held by run 9."""
 NOTABLE = 0.15
 """[1] Correlation that is reported. Set by choice: a weaker one explains under a fortieth of the power; held by run 9."""
 
 # --- What a formula may be ---------------------------------------------------------------------------------------------------
 FORM_CALM = 1.0
-"""[s] Time over which the channels of a form are averaged. Set by choice: their noise would weaken every product, and what a form
-describes lasts longer."""
-FORM_POOL = 5
-"""[1] Places whose means the first screening of forms takes. Set by time: half of FORM_CALM."""
+"""[s] Time over which the channels of a form, and the rates of a channel, are averaged; the first screening of forms takes means
+over half of it. Set by choice: their noise would weaken every product, and what a form describes lasts longer."""
 FORM_LAGS = (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
 """[s] Time constants that the search starts from. Set by trial: at four times apart a housing of 40 s that follows the exhaust was
 taken for one that follows the fuel; the best are refined to a twenty-fifth."""
@@ -317,5 +304,3 @@ FORM_RIVALS = 3
 not always the best beside all unknowns."""
 FORM_TRIED = 6
 """[1] Forms that are fitted beside all unknowns. Set by time."""
-FORM_TARGETS = 4
-"""[1] What may be off, the most promising first, for which forms with two factors are tried. Set by time."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lpvobs.discovery.known_effects import own_time
 from lpvobs.discovery.linear import Linear
-from lpvobs.discovery.thresholds import COLOURED, LAGS, LARGE, LEAST_VISIT, MOST_NAMED, NOTABLE
+from lpvobs.discovery.thresholds import LAGS, LARGE, LEAST_VISIT, MOST_NAMED, NOTABLE, SIGNIFICANT
 from lpvobs.kinds import Finite
 from lpvobs.maps.excitation import cell_numbers
 from lpvobs.records import Array, Item, Log
@@ -105,12 +105,11 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
 
     `first`, shape (blocks,), is the first instant of every block; the residual may be correlated with the signals, shape (K,) each.
     """
-    sums, counts = block_sums(residual, first), np.diff(np.append(first, residual.shape[1]))
+    sums = block_sums(residual, first)
     found = [portmanteau(row) for row in sums]
     rho, band, p = (np.array([item[i] for item in found]) for i in range(3))
     distance = np.array([periodogram_distance(row) for row in sums])
-    means = {name: np.add.reduceat(values, first) / counts for name, values in signals.items()}
-    coloured = (p < COLOURED) & (np.abs(rho).max(1) > NOTABLE)
+    coloured = (p < SIGNIFICANT) & (np.abs(rho).max(1) > NOTABLE)
     return Whiteness(
         white=not bool(coloured.any()),
         autocorrelation=rho,
@@ -118,7 +117,7 @@ def whiteness(residual: Array, first: NDArray[np.int64], signals: Mapping[str, A
         p_values=p,
         periodogram_distance=distance,
         periodogram_band=1.36 / np.sqrt(max(sums.shape[1] // 2 - 1, 1)),
-        correlated_with=_followed(sums, means),
+        correlated_with=_followed(list(signals), correlations(residual, first, signals)),
     )
 
 
@@ -142,15 +141,23 @@ def periodogram_distance(x: Array) -> float:
     return float(np.max(np.abs(np.cumsum(power) / power.sum() - line)))
 
 
-def _followed(sums: Array, signals: Mapping[str, Array]) -> dict[str, float]:
-    limit = times_noise(len(signals) * sums.shape[0] * (2 * LAGS + 1))
-    found = {}
-    for name, values in signals.items():
-        pairs = [correlation(row, values, lag) for row in sums for lag in range(-LAGS, LAGS + 1)]
-        strongest = max((r for r, noise in pairs if abs(r) > limit * noise), key=abs, default=0.0)
-        if abs(strongest) > NOTABLE:
-            found[name] = strongest
+def _followed(names: Sequence[str], pairs: Array) -> dict[str, float]:
+    """Return the strongest correlation with each signal that is significant and notable, the strongest first."""
+    r, noise = np.moveaxis(pairs, -1, 0)
+    strong = np.where((np.abs(r) > times_noise(r.size) * noise) & (np.abs(r) > NOTABLE), r, 0.0)
+    found = {name: max(each.ravel().tolist(), key=abs) for name, each in zip(names, strong, strict=True) if each.any()}
     return dict(sorted(found.items(), key=lambda item: -abs(item[1])))
+
+
+def correlations(residual: Array, first: NDArray[np.int64], signals: Mapping[str, Array]) -> Array:
+    """Return the correlation of S signals with B balances at L lags of blocks, and its deviation for noise, shape (S, B, L, 2).
+
+    Lags go from -LAGS to LAGS. At a positive lag the residual comes after the signal.
+    """
+    sums, counts = block_sums(residual, first), np.diff(np.append(first, residual.shape[1]))
+    means, lags = [np.add.reduceat(values, first) / counts for values in signals.values()], range(-LAGS, LAGS + 1)
+    found = [[[correlation(row, mean, lag) for lag in lags] for row in sums] for mean in means]
+    return np.reshape(found, (len(means), len(sums), len(lags), 2))
 
 
 def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
@@ -165,7 +172,7 @@ def correlation(x: Array, y: Array, lag: int) -> tuple[float, float]:
 
 def times_noise(tests: int) -> float:
     """Return how many standard deviations a correlation must have to count, where so many are looked at."""
-    return float(scipy.stats.norm.isf(0.5 * COLOURED / max(1, tests)))
+    return float(scipy.stats.norm.isf(0.5 * SIGNIFICANT / max(1, tests)))
 
 
 def structure(linear: Linear, on: NDArray[np.bool_] | slice = slice(None)) -> Whiteness:
@@ -209,8 +216,7 @@ def leftover(linear: Linear, logs: Sequence[Log], follows: Mapping[str, float]) 
 def _stretches(linear: Linear, power: Array, logs: Sequence[Log]) -> list[Stretch]:
     """Return runs of neighbouring blocks with large power, the strongest first."""
     problem = linear.problem
-    coarse = problem.block // problem.per_coarse
-    time, of_log = own_time(problem, logs), problem.of_log
+    coarse, of_log, time = problem.coarse, problem.of_log, own_time(problem, logs)
     first = np.flatnonzero(np.diff(coarse, prepend=-1))
     last = np.append(first[1:], coarse.size) - 1
     mean = np.add.reduceat(power, first) / (last - first + 1)

@@ -6,6 +6,7 @@ import shutil
 
 import pyarrow.parquet as pq
 import pytest
+from msgspec import UNSET
 from typer.testing import CliRunner
 
 import lpvobs.selftest.cases
@@ -20,6 +21,7 @@ from lpvobs.discovery.outcome import (
     Missing,
     OutcomeOnLog,
     Parameter,
+    ResidualOutput,
     Trace,
     error_output,
 )
@@ -189,20 +191,11 @@ def test_what_the_chain_does_not_show(validator, verb, refined, verdict):
         missing=Missing(("T_ic",), ("ambient",), (("a", "b"),)),
     )  # fmt: skip
     found = Trace(
-        verdict,
-        1e-9,
-        (FINDING,),
-        (LEADING,),
-        (),
-        ERROR,
-        False,
-        {"T_im": 0.4},
-        (FINDING,),
-        (part,),
-        (ERROR,),
-        ERROR,
-        LEFT,
-    )
+        verdict=verdict, p_value=1e-9, effects=(FINDING,), error=error_output(ERROR, "parts"),
+        residual=ResidualOutput(False, ("T_im",), **LEFT.as_json()),
+        candidates=(LEADING,) if verdict == "unexplained" else UNSET, healthy_drives=(), known_effects=(FINDING,),
+        error_on_held_out_logs=error_output(ERROR, "whole"), logs=(part,), ranking=(), left=LEFT,
+    )  # fmt: skip
     said = json.loads(json.dumps(found.as_json(refined)))
     content = {"schema": f"lpvobs/{verb}/1", "map_frozen": True, "refused": ["bad.parquet: damaged"], **said}
     validator(verb).validate(content)

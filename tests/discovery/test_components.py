@@ -45,7 +45,7 @@ def test_cylinders_that_take_more_around_a_speed_are_a_curve(found):
     low, high = finding.parameters["amplitude"].ci90
     assert low < BUMP < high
     assert finding.surface.largest_at[0] == pytest.approx(2000.0, abs=200.0)  # rpm; a distance of nodes
-    assert found.trace.comparison.ratio_ci90[1] < 1.0
+    assert found.trace.error.ratio_ci90[1] < 1.0
 
 
 def test_the_curve_is_that_of_the_engine(found, clean):

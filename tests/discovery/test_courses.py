@@ -40,7 +40,7 @@ def test_the_course_is_named_with_the_size_of_the_whole(case):
 def test_the_share_is_that_of_the_truth(case):
     truth, _, log, found = case
     (known,) = found.known_effects
-    effect, on = effect_along(known, found.after.problem.model, log)
+    effect, on = effect_along(known, found.after.problem.model, [(log, log.time)])
     signals = found.after.problem.signals
     assert on.any()
     (term,) = found.terms

@@ -11,7 +11,7 @@ from lpvobs.discovery import form_search
 from lpvobs.discovery.fit import fit
 from lpvobs.discovery.forms import Factor, Form, along_log, along_problem, in_words, parsed
 from lpvobs.discovery.known_effects import term_on
-from lpvobs.discovery.ranking import rank
+from lpvobs.discovery.ranking import rank_in
 from lpvobs.discovery.refine import refine
 from lpvobs.discovery.residual import Term, free_map
 from lpvobs.errors import DataError
@@ -83,7 +83,7 @@ def test_a_log_and_a_problem_of_it_see_the_same(laid_out, clean):
 def test_a_formula_that_holds_at_no_place_ends_no_search(laid_out, clean, monkeypatch):
     """Means may show a factor that varies too little at the places themselves; `trace` then ended with an IndexError."""
     linear = fit(laid_out(clean))
-    found = rank(linear, linear.problem.catalogue, intervals=False)
+    found = rank_in(linear, linear.problem.catalogue)
     monkeypatch.setattr(form_search, "_refined", lambda _, __, form: form_search._Tried(-np.inf, form, None))
     monkeypatch.setattr(form_search._Products, "alone", lambda _, lot, form: form_search._Tried(-np.inf, form, lot))
     assert form_search.best_forms(linear, found) == []
@@ -114,7 +114,7 @@ def test_a_housing_that_warms_up_is_found_as_a_formula_and_taken_out(plant, conf
     at_reference = 1.0 + 6e-4 * (form.factors[1].reference - 700.0)  # what is constant belongs to the map
     assert finding.parameters["coefficient"].value == pytest.approx(6e-4 / at_reference, rel=0.03)
     assert finding.formula.startswith("W_maf too high by 0.000")
-    assert found.trace.comparison.ratio < 0.9
+    assert found.trace.error.ratio < 0.9
     again = term_on(found.known_effects[0], found.before.problem, [log])
     assert np.allclose(
         again.effect.apply(found.before.problem.signals, 1e-3)["W_maf"],

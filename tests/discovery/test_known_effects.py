@@ -109,7 +109,7 @@ def learned(first, other_cycle, misread, plant, config):
 def test_an_effect_learned_on_one_cycle_lowers_the_error_on_another(learned):
     found, *_ = learned
     assert found.known_effects[0].id == "maf.lag"
-    unseen = found.trace.held_out
+    unseen = found.trace.error_on_held_out_logs
     assert unseen.ratio_ci90[1] < 0.9
     assert unseen.ratio == pytest.approx(unseen.after / unseen.before)
     shown = found.trace.as_json(refined=True)
@@ -145,4 +145,4 @@ def test_a_further_effect_is_added_to_those_that_stand(learned, other_cycle, mis
     lag = again.known_effects[0]
     assert [span.log for span in lag.spans] == ["first", "other"]
     assert lag.standard_deviation < found.known_effects[0].standard_deviation  # two logs know more than one
-    assert again.trace.comparison.ratio < 0.9
+    assert again.trace.error.ratio < 0.9

@@ -129,7 +129,7 @@ def test_a_stretch_in_which_an_effect_begins_is_not_judged(linear):
 
 def test_two_effects_that_gain_alike_are_not_told_apart(linear):
     """Small differences of one sign all along a log once told apart effects whose sums were equal to a tenth."""
-    from lpvobs.discovery.accepted import fits_as_well
+    from lpvobs.discovery.joint_choice import fits_as_well
 
     best = replace(_like(linear, linear.problem.catalogue[0]), gain=90.0)
     steady = 0.4 / best.loss.size
@@ -140,7 +140,7 @@ def test_two_effects_that_gain_alike_are_not_told_apart(linear):
 
 def test_where_healthy_drives_tell_a_difference_in_shape_is_a_tie(linear):
     """An air flow sensor that read 9 % too little was named an inlet leak, and nothing else, by a ninth of the gain."""
-    from lpvobs.discovery.accepted import fits_as_well
+    from lpvobs.discovery.joint_choice import fits_as_well
 
     shapes = Patterns(tuple(np.ones((1, linear.problem.K)) for _ in linear.problem.model.balances))
     learned = replace(linear.problem, patterns=shapes)

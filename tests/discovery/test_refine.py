@@ -35,7 +35,7 @@ def test_a_clean_log_has_nothing(closed, clean):
     found = closed(clean)
     assert found.trace.verdict == "none"
     assert found.terms == ()
-    assert found.trace.comparison.ratio == 1.0
+    assert found.trace.error.ratio == 1.0
     assert found.before is found.after
     assert found.trace.as_json(refined=False)["error"].keys() == {"measure", "unit", "before", "held_out"}
 
@@ -49,7 +49,7 @@ def test_a_lag_is_named_with_its_time_constant(closed, clean, misread):
     assert found.terms[0].size == pytest.approx(
         0.08, rel=0.03
     )  # noise gives a tenth of that; smoothing what fast transients lose
-    assert found.trace.comparison.ratio_ci90[1] < 1.0
+    assert found.trace.error.ratio_ci90[1] < 1.0
     shown = found.trace.as_json(refined=True)
     assert shown["effects"][0].keys() >= KEYS
     assert shown["error"]["ratio"] == pytest.approx(shown["error"]["after"] / shown["error"]["before"])
@@ -102,11 +102,12 @@ def test_a_logged_channel_is_named(closed, clean, misread):
 @pytest.fixture(scope="module")
 def nominal(closed, clean, config):
     """Return the map of the healthy log as what is known before others."""
-    healthy = closed(clean)
+    healthy, grid = closed(clean).after, config.grid()
+    theta, covariance = healthy.theta.reshape(grid.shape), healthy.covariance[: grid.size, : grid.size]
     spread = np.array(list(config.estimate.tolerance.values())) / np.sqrt(3.0)
-    seen = np.where(np.sqrt(np.diag(healthy.covariance)) < 2e-3, 1.0, np.nan).reshape(healthy.theta.shape)
-    none = np.zeros((spread.size, *healthy.theta.shape))
-    return nominal_map(healthy.theta * seen, healthy.covariance, none, np.diag(spread**2), 0.1)
+    seen = np.where(np.sqrt(np.diag(covariance)) < 2e-3, 1.0, np.nan).reshape(grid.shape)
+    none = np.zeros((spread.size, *grid.shape))
+    return nominal_map(theta * seen, covariance, none, np.diag(spread**2), 0.1)
 
 
 def test_against_a_nominal_map_a_constant_gain_is_an_effect(nominal, clean, misread, plant, config):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from reference.drives import log_of
 
-from lpvobs.discovery.signals import at, instants
+from lpvobs.discovery.places import at, instants
 
 
 def test_a_parabola_is_seen_exactly_by_both_views():

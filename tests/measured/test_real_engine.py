@@ -66,7 +66,7 @@ def test_a_fault_that_somebody_built_in_is_named_sized_and_dated(traced, name):
         assert abs(size.value - factor) < 0.03  # what is asked for
     # The record of the data: between 115 and 135 s, differently in each file.
     assert 110.0 < found.findings[0].onset < 140.0
-    assert found.comparison.after < found.comparison.before
+    assert found.error.after < found.error.before
     moved = {item.balance: item.recovered for item in found.logs[0].balances if item.affected}
     # Under the leak the mixture at idle is not stoichiometric, so the fuel keeps a rest that is no air.
     assert all(share > 0.7 for balance, share in moved.items() if (name, balance) != ("wltp_f_iml_6mm", "fuel"))
