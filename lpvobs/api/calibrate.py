@@ -24,7 +24,6 @@ from lpvobs.io.results.engines import ComponentPoint, EngineRow, StoredEngine, r
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import Point
-from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
 from lpvobs.report.engines import PlannedPoint
 
@@ -129,9 +128,8 @@ def _calibrated(
         progress(FROM_BENCH)
         logs = [read_log(path, air_path.channels, config.reading) for path in known]
         logs += [_metered(config, path) for path in metered]
-        made = gain_for(config, [*known, *metered], gain, "observer", air_path)
+        state = gain_for(config, [*known, *metered], gain, "observer", air_path).state
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
-        state = StateGain(made.outputs, made.gain.L, made.gain.region)
         share = max((stored.left[name] for name in air_path.balance_names if name in stored.left), default=USUALLY_LEFT)
         found = taught(point, config.grid(), state, logs, within(progress, FROM_BENCH, 1.0), share)
         digests = {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}

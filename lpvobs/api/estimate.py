@@ -9,18 +9,18 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api import fleet, known_engine, verify
+from lpvobs.api import fleet, verify
 from lpvobs.api.doubts import doubts_of
 from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import Workers, processors
+from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
-from lpvobs.io.results import engines, gains, results
+from lpvobs.io.results import gains, results
 from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
-from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
@@ -121,21 +121,12 @@ def estimate(
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
         workers = workers_for(method, len(paths), jobs, scheduler)
-        known = used_engine(configuration, calibrated, method)
-        before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
+        if calibrated is not None and method != "observer" and not configuration.kind.air_path.learns:
+            raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
+        before = engine_before(configuration, paths, calibrated)
         stored = gain_for(configuration, paths, given, method, before.air_path)
-        done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers, known)
+        done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers)
     return replace(done, engine=calibrated)
-
-
-def used_engine(config: Config, engine: Path | None, method: str) -> engines.CalibratedEngine | None:
-    """Return the calibrated engine to start from; raises UsageError for a method that knows the configured one alone."""
-    if engine is None:
-        return None
-    if method != "observer" and not config.kind.air_path.learns:
-        raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
-    stored = engines.read_engine(engine, config.engine_path())
-    return engines.CalibratedEngine(engine.name, file_digest(engine), stored)
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -150,7 +141,7 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
 
 
 def estimate_logs(
-    before: known_engine.KnownEngine,
+    before: KnownEngine,
     config_text: str,
     stored: gains.StoredGain,
     paths: Sequence[Path],
@@ -158,24 +149,20 @@ def estimate_logs(
     method: str,
     progress: Progress,
     workers: Workers | None = None,
-    engine: engines.CalibratedEngine | None = None,
 ) -> fleet.Estimated:
     """Estimate the map of an engine from logs and write the result; raises as `estimate` does."""
     # References are read after the map is final.
     if method not in METHODS:
         raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     names = finding.log_names(paths)
-    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+    gain = stored.state
     if method == "observer":
-        joint = None if before.air_path.learns else engine
-        done = fleet.estimate_fleet(before, config_text, gain, paths, out, workers or Workers(), progress, joint)
+        done = fleet.estimate_fleet(before, config_text, gain, paths, out, workers or Workers(), progress)
     else:
         done = _one_after_another(before, gain, paths, method, progress)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
-    if engine is not None:
-        inputs[engine.name] = engine.sha256
-    provenance = Provenance(inputs, config_text)
+    provenance = Provenance({**inputs, **before.inputs}, config_text)
     found, doubts = done.estimate, done.doubts
     seen = found.theta, found.covariance, found.supported
     says = headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
@@ -199,7 +186,7 @@ def estimate_logs(
 
 
 def _one_after_another(
-    before: known_engine.KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
+    before: KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
@@ -261,7 +248,7 @@ def gain_for(
     return stored
 
 
-def _estimate(before: known_engine.KnownEngine, gain: StateGain, logs: Sequence[Log], method: str) -> MapEstimate:
+def _estimate(before: KnownEngine, gain: StateGain, logs: Sequence[Log], method: str) -> MapEstimate:
     config, air_path, grid = before.config, before.air_path, before.config.grid()
     settings = config.estimate
     if method == "published":

@@ -237,10 +237,8 @@ def informed_with_each(config: Config, path: Path, log: Log, lacking: Sequence[s
         return ()
     from lpvobs.api.estimate import gain_for  # load the compiler and the solver, which `inspect` needs for this alone
     from lpvobs.observer.estimate import estimate_default
-    from lpvobs.observer.parts import StateGain
 
-    stored = gain_for(config, [path], None, "observer")
-    gain, grid = StateGain(stored.outputs, stored.gain.L, stored.gain.region), config.grid()
+    gain, grid = gain_for(config, [path], None, "observer").state, config.grid()
     now = estimate_default(air_path, grid, gain, [log], config.estimate)
     found = [_informed(None, "", now, now)]
     for name, (supposed, values) in stand_ins.items():

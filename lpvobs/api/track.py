@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, groupby
 from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
-from lpvobs.api.estimate import gain_for, used_engine, workers_for
+from lpvobs.api.estimate import gain_for, workers_for
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, begun, gone_through, learned_digest, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
@@ -19,7 +20,6 @@ from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.results.engines import CalibratedEngine
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
@@ -143,13 +143,12 @@ def track(
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
         whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
         if whose:
-            stored = gain_for(configuration, found, given, "observer")
-            state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+            state = gain_for(configuration, found, given, "observer").state
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            adding = _Adding(*_known(configuration, calibrated), text, state, target, workers)
-            sums, more, reused = adding.to(sums, whose, every, shown(progress))
+            engine_known = _known(configuration, calibrated)
+            sums, more, reused = _added(sums, engine_known, text, state, target, workers, whose, every, shown(progress))
             refused += more
         if sums is None:
             raise DataError("; ".join(refused))
@@ -196,17 +195,16 @@ def _other(path: Path) -> DataError:
     )
 
 
-def _known(config: Config, engine: Path | None) -> tuple[KnownEngine, CalibratedEngine | None]:
+def _known(config: Config, engine: Path | None) -> KnownEngine:
     """Return what is known of the engine before the logs; raises UsageError for curves that every log would learn anew."""
-    start = used_engine(config, engine, "observer")
-    before = engine_before(config, (), None if start is None else start.stored)
+    before = engine_before(config, (), engine)
     air_path = before.air_path
     if air_path.learns and air_path.knowledge() is None:
         raise UsageError(
             f"air_path = '{air_path.name}': the curves of this engine must not be learned from the fleet's own logs, because they "
             f"would hide sensor drift; learn them once with `lpvobs calibrate --healthy LOG`, and give --engine"
         )
-    return before, None if air_path.learns else start
+    return before
 
 
 def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
@@ -228,77 +226,63 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
     return found, refused
 
 
-@dataclass(frozen=True)
-class _SumsTask:
-    """A log whose weighed sums are wanted, and whose it is."""
-
-    part: PartTask
-    basis: Basis
-    whose: _Whose
-
-
-def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
-    """Go through one log."""
-    grid, its = task.part.grid, task.whose
+def sums_of(task: PartTask, basis: Basis, whose: _Whose) -> LogOutcome[KeptLog]:
+    """Go through one log for its weighed sums."""
 
     def left(_: LogFile, log: Beginning) -> KeptLog:
-        part = task.part.inform(log)
+        part, grid = task.inform(log), task.grid
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        origin = (its.path.stem, its.vehicle, its.kind, its.day)
-        return kept(part, weighed(part, task.basis), task.basis, origin, cells)
+        origin = (whose.path.stem, whose.vehicle, whose.kind, whose.day)
+        return kept(part, weighed(part, basis), basis, origin, cells)
 
-    return gone_through(replace(task.part, path=its.path), left)
+    return gone_through(task, whose.path, left)
 
 
-@dataclass(frozen=True)
-class _Adding:
-    """How logs are added to a fleet."""
+def _added(
+    before: FleetSums | None,
+    known: KnownEngine,
+    text: str,
+    gain: StateGain,
+    out: Path,
+    workers: Workers,
+    whose: Sequence[_Whose],
+    every: str,
+    progress: Progress,
+) -> tuple[FleetSums | None, list[str], int]:
+    """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
+    whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
+    with workers:
+        task = begun(known, gain, workers)
+        if before is None:
+            basis, task, refused = _weighed_by(workers, task, whose, progress)
+            if basis is None:
+                return None, refused, 0
+        else:
+            basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
+        key = _key(text, task.point, gain)
+        if before is not None and before.key != key:
+            raise _other(out)
+        folder = PartsFolder(out, key + basis.digest(), KeptLog)
+        task = replace(task, done=folder.found())
+        outcomes = outcomes_of(workers, partial(sums_of, task, basis), whose, folder.keep, progress)
+    logs = {} if before is None else {log.sha256: log for log in before.logs}
+    sums = {} if before is None else {each.vehicle: each for each in before.sums}
+    usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
+    for sha256 in usable:
+        added = folder.read(sha256)
+        logs[sha256], name = added.log, added.log.vehicle
+        sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
+    total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
+    refused = [said for each in whose if (said := outcomes[each].refusal) is not None]
+    effects = () if before is None else before.effects
+    fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
+    return fleet, refused, len(task.done.intersection(usable))
 
-    known: KnownEngine
-    engine: CalibratedEngine | None
-    text: str
-    gain: StateGain
-    out: Path
-    workers: Workers
 
-    def key(self, point: Point) -> str:
-        """Return a digest of all that the sums of a log depend on beside it."""
-        known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-        taught = learned_digest(point.air_path)
-        return run_key(self.text + taught + repr((sorted(point.deviation.items()), known)), self.gain)
-
-    def to(
-        self, before: FleetSums | None, whose: Sequence[_Whose], every: str, progress: Progress
-    ) -> tuple[FleetSums | None, list[str], int]:
-        """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
-        whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
-        with self.workers as workers:
-            task = begun(self.known, self.gain, workers, self.engine)
-            if before is None:
-                basis, task, refused = _weighed_by(workers, task, whose, progress)
-                if basis is None:
-                    return None, refused, 0
-            else:
-                basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
-                if before.key != self.key(task.point):
-                    raise _other(self.out)
-            key = self.key(task.point)
-            folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
-            task = replace(task, done=folder.found())
-            tasks = {each.path: _SumsTask(task, basis, each) for each in whose}
-            outcomes = outcomes_of(workers, sums_of, tasks, folder.keep, progress)
-        logs = {} if before is None else {log.sha256: log for log in before.logs}
-        sums = {} if before is None else {each.vehicle: each for each in before.sums}
-        usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
-        for sha256 in usable:
-            added = folder.read(sha256)
-            logs[sha256], name = added.log, added.log.vehicle
-            sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
-        total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
-        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        effects = () if before is None else before.effects
-        fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
-        return fleet, refused, len(task.done.intersection(usable))
+def _key(text: str, point: Point, gain: StateGain) -> str:
+    """Return a digest of all that the sums of a log depend on beside it."""
+    known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
+    return run_key(text + learned_digest(point.air_path) + repr((sorted(point.deviation.items()), known)), gain)
 
 
 def _weighed_by(
@@ -314,7 +298,7 @@ def _weighed_by(
         missing = [each.path for logs in first for each in logs if each.path not in outcomes]
         if not missing:
             break
-        outcomes |= outcomes_of(workers, part_of, {path: replace(task, path=path) for path in missing}, None, progress)
+        outcomes |= outcomes_of(workers, partial(part_of, task), missing, None, progress)
     if not first:
         return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
     stored = [[outcomes[each.path].stored for each in logs] for logs in first]
