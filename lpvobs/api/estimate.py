@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from lpvobs.api import fleet, verify
 from lpvobs.api.doubts import doubts_of
-from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
+from lpvobs.api.files import File, Files, Progress, as_path, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import Workers, processors
 from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.engines.base import AirPath
@@ -193,16 +193,18 @@ def _one_after_another(
     config, air_path = before.config, before.air_path
     logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
-    logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
+    logs = {path: replace(log, name=names[path]) for path, log in logs.items()}
     progress(0.5)
-    estimate = _estimate(before, gain, contents(logs), method)
+    estimate = _estimate(before, gain, [*logs.values()], method)
     fleet.refuse_empty(estimate)
     engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
-    doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
+    doubts = doubts_of(
+        config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for log in logs.values())
+    )
     progress(0.9)
     summaries = tuple(
         results.summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
-        for (path, log), run in zip(logs, estimate.runs, strict=True)
+        for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     return fleet.Estimated(estimate, summaries, refused, doubts)
 

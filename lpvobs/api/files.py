@@ -5,13 +5,12 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.safety.atomic import claimed, is_same, replacing
-from lpvobs.records import Log
 
 File: TypeAlias = str | os.PathLike[str]
 Files: TypeAlias = File | Iterable[File]
@@ -129,26 +128,23 @@ def within(progress: Progress, begin: float, end: float) -> Progress:
     return lambda done: progress(begin + (end - begin) * done)
 
 
-LogAt = tuple[Path, Log]
+Found = TypeVar("Found")
 
 
-def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:
-    """Return the logs that can be used with their paths, and why the others cannot.
+def usable(
+    paths: Sequence[Path], read: Callable[[Path], Found], one: bool = True
+) -> tuple[dict[Path, Found], tuple[str, ...]]:
+    """Return what is read of the logs that can be used, and why the others cannot.
 
-    Raises DataError if there are logs, and none can be used.
+    Raises DataError if there are logs, none can be used, and at least one has to be.
     """
-    logs: list[LogAt] = []
+    logs: dict[Path, Found] = {}
     refused: list[str] = []
     for path in paths:
         try:
-            logs.append((path, read(path)))
+            logs[path] = read(path)
         except DataError as error:
             refused.append(str(error))
-    if paths and not logs:
+    if one and paths and not logs:
         raise DataError("; ".join(refused))
-    return tuple(logs), tuple(refused)
-
-
-def contents(logs: Iterable[LogAt]) -> tuple[Log, ...]:
-    """Return logs without their paths."""
-    return tuple(log for _, log in logs)
+    return logs, tuple(refused)

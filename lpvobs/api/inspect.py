@@ -1,18 +1,18 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from lpvobs.api.files import File, Files, as_path, as_paths
+from lpvobs.api.files import File, Files, as_path, as_paths, usable
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
-from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, parquet, reading
@@ -131,27 +131,21 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
     config : path, optional
         Engine and policies; by default the first engine that the log serves.
     """
-    return inspect_log(as_path(log), *_engine_of(config))
+    return _inspecting(config)(as_path(log))
 
 
-def inspect_logs(logs: Files, config: File | None = None) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
+def inspect_logs(logs: Files, config: File | None = None) -> InspectOutput:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
-    engine = _engine_of(config)
-    found, refused = [], []
-    for path in finding.find_logs(as_paths(logs)):
-        try:
-            found.append(inspect_log(path, *engine))
-        except DataError as error:
-            refused.append(str(error))
-    return tuple(found), tuple(refused)
+    found, refused = usable(finding.find_logs(as_paths(logs)), _inspecting(config), one=False)
+    return InspectOutput(logs=tuple(found.values()), refused=refused)
 
 
-def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPolicies, Config | None]:
-    """Return the channels that the configured engine needs, the policies, and the configuration; without it the default ones."""
+def _inspecting(config: File | None) -> Callable[[Path], InspectedLog]:
+    """Return the function that inspects a log for the configured engine, else for the first one that the log serves."""
     if config is None:
-        return None, LogPolicies(), None
-    configuration, _ = load_config(as_path(config))
-    return configuration.engine_path().channels, configuration.policies, configuration
+        return partial(inspect_log, needed=None, policies=LogPolicies())
+    known, _ = load_config(as_path(config))
+    return partial(inspect_log, needed=known.engine_path().channels, policies=known.policies, config=known)
 
 
 def inspect_log(

@@ -93,14 +93,14 @@ def inspect(
         from lpvobs.cli.report import report
 
         return report(logs[0], logs[1:], None, None, None, None, list_metrics=False, as_json=as_json)
-    from lpvobs.api.inspect import InspectOutput, inspect_logs
+    from lpvobs.api.inspect import inspect_logs
 
-    found, refused = inspect_logs(logs, config or folder_config())
+    found = inspect_logs(logs, config or folder_config())
     if as_json:
-        print_json("inspect", InspectOutput(logs=found, refused=refused))
+        print_json("inspect", found)
     else:
-        print("\n\n".join(_text(item) for item in found))
-    return leave(refused)
+        print("\n\n".join(map(_text, found.logs)))
+    return leave(found.refused)
 
 
 def _text(found: "InspectedLog") -> str:
