@@ -1,4 +1,4 @@
-"""Names of files, and claims on them while they are written; the configuration of a folder."""
+"""Names of files, claims on them while they are written, and the logs among them that can be used."""
 
 import os
 import sys
@@ -15,7 +15,6 @@ from lpvobs.io.safety.atomic import claimed, is_same, replacing
 File: TypeAlias = str | os.PathLike[str]
 Files: TypeAlias = File | Iterable[File]
 Progress: TypeAlias = Callable[[float], None]
-CONFIG_NAME = "lpvobs.toml"
 LONGEST_NAME = 255  # [bytes] Longest name of a file in its folder
 
 
@@ -45,17 +44,6 @@ def some(files: Files, kind: str) -> list[Path]:
 def some_logs(logs: Files) -> list[Path]:
     """Return the logs that names, patterns and folders mean, of which at least one is needed."""
     return find_logs(some(logs, "log"))
-
-
-def find_config(folder: Path) -> Path | None:
-    """Return `lpvobs.toml` in a folder or the nearest one above it that may be looked into, None where there is none."""
-    for place in (folder, *folder.parents):
-        try:
-            if (place / CONFIG_NAME).is_file():
-                return place / CONFIG_NAME
-        except OSError:
-            continue
-    return None
 
 
 def refuse_copies(paths: Sequence[Path]) -> None:

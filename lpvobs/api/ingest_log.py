@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.api.files import File, Files, as_path, some, writing
+from lpvobs.api.files import File, Files, as_path, some, write_text, writing
 from lpvobs.ingest import foreign, profiles
 from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.ingest.record import KEY
 from lpvobs.io.logs import finding, parquet
-from lpvobs.io.safety.atomic import replacing
 
 
 def ingest_log(
@@ -68,10 +67,7 @@ def draft_profile(source: File, out: File | None = None, names: File | None = No
         Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
     """
     own = None if names is None else as_path(names)
-    if out is None:
-        return draft(as_path(source), own)
-    with writing(out, [source, names]) as target:
-        text = draft(as_path(source), own)
-        with replacing(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    text = draft(as_path(source), own)
+    if out is not None:
+        write_text(out, text, [source, names])
     return text

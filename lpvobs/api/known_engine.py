@@ -1,16 +1,16 @@
 """The engine of a stored result: its configuration, and what a calibration or healthy logs have taught of it."""
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import h5py
 
+from lpvobs.api.files import usable
 from lpvobs.engines import base, unknowns
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs import parquet, reading
 from lpvobs.io.results import engines, hdf, results
@@ -84,8 +84,6 @@ def engine_before(config: Config, paths: Sequence[Path], engine: Path | None = N
         if stored.learned is None:
             return KnownEngine(config, air_path, None, stored.unknowns, inputs)
         return KnownEngine(config, air_path.knowing(stored.learned.known), stored.learned.healthy, inputs=inputs)
-    logs = []
-    for path in paths if air_path.learns else ():
-        with suppress(DataError):  # whoever uses the logs next says which cannot be read
-            logs.append(reading.read_log(path, air_path.channels, config.reading))
-    return learned_engine(config, logs)
+    read = partial(reading.read_log, channels=air_path.channels, policies=config.reading)
+    logs, _ = usable(paths if air_path.learns else (), read, one=False)  # whoever uses them next says which cannot be
+    return learned_engine(config, [*logs.values()])

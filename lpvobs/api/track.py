@@ -1,6 +1,6 @@
 """`track`: maps by vehicle and time, from sums that add up without the logs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, groupby
@@ -10,7 +10,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from lpvobs.api.estimate import gain_for, workers_for
-from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, writing
+from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, usable, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, begun, gone_through, learned_digest, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine, engine_before
@@ -141,15 +141,16 @@ def track(
         sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
-        whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
-        if whose:
+        told_by = Origins(path, None if origins is None else as_path(origins)).of(fresh)
+        belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
+        if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
             state = gain_for(configuration, found, given, "observer").state
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
             engine_known = _known(configuration, calibrated)
             sums, more, reused = _added(sums, engine_known, text, state, target, workers, whose, every, shown(progress))
-            refused += more
+            refused = (*refused, *more)
         if sums is None:
             raise DataError("; ".join(refused))
         periods = {log.sha256: date_of(log.date).strftime(PERIODS[every]) for log in sums.logs}
@@ -162,7 +163,7 @@ def track(
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({f"{log.vehicle}/{log.name}": log.sha256 for log in sums.logs}, text)
-        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, tuple(refused))
+        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, refused)
         write_fleet(fleet)
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
@@ -207,23 +208,16 @@ def _known(config: Config, engine: Path | None) -> KnownEngine:
     return before
 
 
-def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
-    """Return whose each log is, and why others are left out."""
-    found: list[_Whose] = []
-    refused: list[str] = []
-    for path, origin in origins.of(paths).items():
-        try:
-            if not origin.get(by):
-                metadata_of(path)  # raises where there is no such log, or it is damaged
-                raise DataError(
-                    f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
-                    "log with `lpvobs ingest --vehicle NAME`"
-                )
-            kind = origin.get("engine") or config.air_path
-            found.append(_Whose(path, origin[by], kind, day_of(path, origin)))
-        except DataError as error:
-            refused.append(str(error))
-    return found, refused
+def _whose(by: str, config: Config, origins: Mapping[Path, Mapping[str, str]], path: Path) -> _Whose:
+    """Return whose a log is; raises DataError where that is not known, or there is no such log."""
+    origin = origins[path]
+    if not origin.get(by):
+        metadata_of(path)  # raises where there is no such log, or it is damaged
+        raise DataError(
+            f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
+            "log with `lpvobs ingest --vehicle NAME`"
+        )
+    return _Whose(path, origin[by], origin.get("engine") or config.air_path, day_of(path, origin))
 
 
 def sums_of(task: PartTask, basis: Basis, whose: _Whose) -> LogOutcome[KeptLog]:
@@ -249,8 +243,10 @@ def _added(
     every: str,
     progress: Progress,
 ) -> tuple[FleetSums | None, list[str], int]:
-    """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
-    whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
+    """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read.
+
+    The logs are in the order of vehicles and dates.
+    """
     with workers:
         task = begun(known, gain, workers)
         if before is None:

@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.estimate import SIDE_BY_SIDE
-from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, REGION, SCHEDULER, argument, flag, needed, option
+from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, PERIODS, REGION, SCHEDULER, argument, flag, needed, option
 
 
 @guarded
@@ -109,7 +108,7 @@ def track(
         "A result of refine on logs of this fleet. track then shows when the effects in it were present. Repeatable.",
         "--refined",
     ),
-    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    jobs: int | None = JOBS,
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag(
         "--verbose", "Show every vehicle, not only vehicles that drift, have changed or differ from their type."

@@ -8,7 +8,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
@@ -99,16 +99,15 @@ def chosen_config(given: Path | None) -> Path:
 
 
 def folder_config() -> Path | None:
-    """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
-    from lpvobs.api.files import find_config
-
-    try:
-        found = find_config(Path.cwd())
-    except FileNotFoundError:  # somebody has removed the working folder
-        return None
-    if found is not None:
-        say(f"configuration: {found}")
-    return found
+    """Return the `lpvobs.toml` of the working folder, or the nearest one above it that may be looked into, and say so."""
+    with suppress(OSError):  # somebody has removed the working folder
+        here = Path.cwd()
+        for folder in (here, *here.parents):
+            with suppress(OSError):
+                if (found := folder / "lpvobs.toml").is_file():
+                    say(f"configuration: {found}")
+                    return found
+    return None
 
 
 def say(message: str) -> None:

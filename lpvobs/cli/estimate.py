@@ -3,13 +3,12 @@
 from pathlib import Path
 
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
+from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JOBS, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections together with the map; consider: keep them as configured and widen "
     "the map's intervals by their tolerances. By default the configuration decides."
 )
-SIDE_BY_SIDE = "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors."
 MOST_ROWS = 12
 """Logs that are shown one by one; of more, a summary and the unusual ones."""
 MOST_LINES = 5
@@ -33,7 +32,7 @@ def estimate(
         default="observer",
     ),
     constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
-    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    jobs: int | None = JOBS,
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", f"Print a row for each log even if there are more than {MOST_ROWS}."),
     config: Path | None = CONFIG,

@@ -50,6 +50,9 @@ CONFIG = option(
     "--config",
 )
 GAIN = option("GAIN.h5", "An observer gain made by synth-gain. Without it, the command makes and proves a gain first.")
+JOBS = option(
+    "N", "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors.", min=1
+)
 SCHEDULER = option(
     "tcp://HOST:PORT",
     "Process the logs on the workers of this Dask scheduler. The workers must find the logs under the same paths.",
