@@ -1,5 +1,6 @@
 """`estimate`: logs in, map and metrics out."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +25,7 @@ from lpvobs.io.results.provenance import Provenance, write_refused
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
-from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
+from lpvobs.observer.balance_agreement import BalanceAgreement, Watched, judged
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import CONSTANTS
@@ -190,31 +191,30 @@ def _one_after_another(
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
-    config, air_path = before.config, before.air_path
+    config, air_path, settings, grid = before.config, before.air_path, before.config.estimate, before.config.grid()
     logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
     logs = {path: replace(log, name=names[path]) for path, log in logs.items()}
     progress(0.5)
-    estimate = _estimate(before, gain, [*logs.values()], method)
+    given = (air_path, grid, gain, [*logs.values()])
+    if method == "published":
+        estimate = rivals.estimate_published(*given, config.published, settings)
+    elif method == "ekf":
+        estimate = rivals.estimate_ekf(*given, config.ekf, settings)
+    else:
+        estimate = rivals.estimate_batch(*given, settings)
     fleet.refuse_empty(estimate)
-    engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
-    doubts = doubts_of(
-        config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for log in logs.values())
-    )
+    engine = judged(air_path, settings.of_engine(air_path.usual_tolerance), None)
+    watched = [Watched(log, engine, grid, config.kind.suspects) for log in logs.values()]
+    for each in watched:
+        deque(each.pieces(), maxlen=0)  # goes through the log
+    doubts = doubts_of(config, engine, estimate, ((each.name, each.sums) for each in watched))
     progress(0.9)
     summaries = tuple(
         results.summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
         for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     return fleet.Estimated(estimate, summaries, refused, doubts)
-
-
-def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
-    """Return what the balances say of a log."""
-    watched = Watched(log, engine, config.grid(), config.kind.suspects)
-    for _ in watched.pieces():
-        pass
-    return watched.sums
 
 
 def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workers:
@@ -248,16 +248,6 @@ def gain_for(
     gains.expect_engine(gain, stored, config)
     verify.expect_proven(gain, verify.check_again(stored))
     return stored
-
-
-def _estimate(before: KnownEngine, gain: StateGain, logs: Sequence[Log], method: str) -> MapEstimate:
-    config, air_path, grid = before.config, before.air_path, before.config.grid()
-    settings = config.estimate
-    if method == "published":
-        return rivals.estimate_published(air_path, grid, gain, logs, config.published, settings)
-    if method == "ekf":
-        return rivals.estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
-    return rivals.estimate_batch(air_path, grid, gain, logs, settings)
 
 
 def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:
