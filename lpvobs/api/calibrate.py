@@ -73,7 +73,6 @@ def calibrate(
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()
     tables, known, metered = as_paths(bench), find_logs(as_paths(healthy)), find_logs(as_paths(reference))
-    given = None if gain is None else as_path(gain)
     parts = [named_file(item, air_path) for item in maps]
     if not (tables or known or metered or parts or prior):
         raise UsageError("no data to calibrate from; give --bench, --healthy, --reference or --map KIND=FILE")
@@ -85,7 +84,7 @@ def calibrate(
                 f"{path}: another input file has the same name, but the engine file tells inputs apart by name; rename one of "
                 "the two files"
             )
-    with writing(out, [config, *inputs, given]) as target:
+    with writing(out, [config, *inputs, gain]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
                 raise UsageError(
@@ -98,7 +97,7 @@ def calibrate(
                 f"{as_path(config)}: this kind of engine ({air_path.name}) has no components to calibrate; see docs/own-engine.md"
             )
         else:
-            stored = _calibrated(configuration, text, (tables, known, metered), parts, given, shown(progress))
+            stored = _calibrated(configuration, text, (tables, known, metered), parts, gain, shown(progress))
         write_engine(target, stored)
     return stored
 
@@ -108,7 +107,7 @@ def _calibrated(
     text: str,
     paths: tuple[Sequence[Path], Sequence[Path], Sequence[Path]],
     parts: Sequence[tuple[str, Path, str]],
-    gain: Path | None,
+    gain: File | None,
     progress: Progress,
 ) -> StoredEngine:
     """Return the engine from tables of bench and components first, then from the logs with that as the prior."""

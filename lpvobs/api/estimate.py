@@ -115,19 +115,18 @@ def estimate(
     there where a log has references. Eq. (26) with gains that fall with information; departures from the paper: `docs/method.md`.
     """
     paths = some_logs(logs)
-    given = None if gain is None else as_path(gain)
     configuration, text = load_config(as_path(config))
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
-    with writing(out, [config, *paths, given, calibrated]) as target:
+    engine = engine or configuration.engine_file(as_path(config))
+    with writing(out, [config, *paths, gain, engine]) as target:
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
         workers = workers_for(method, len(paths), jobs, scheduler)
-        if calibrated is not None and method != "observer" and not configuration.kind.air_path.learns:
+        if engine is not None and method != "observer" and not configuration.kind.air_path.learns:
             raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
-        before = engine_before(configuration, paths, calibrated)
-        stored = gain_for(configuration, paths, given, method, before.air_path)
+        before = engine_before(configuration, paths, engine)
+        stored = gain_for(configuration, paths, gain, method, before.air_path)
         done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers)
-    return replace(done, engine=calibrated)
+    return replace(done, engine=None if engine is None else as_path(engine))
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -235,7 +234,7 @@ def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None)
 
 
 def gain_for(
-    config: Config, paths: Sequence[Path], gain: Path | None, method: str, air_path: AirPath | None = None
+    config: Config, paths: Sequence[Path], gain: File | None, method: str, air_path: AirPath | None = None
 ) -> gains.StoredGain:
     """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine."""
     if gain is None:
@@ -244,8 +243,8 @@ def gain_for(
         if method == "published":
             return make_published_gain(config)
         return make_gain(config, paths, lenient=True, air_path=air_path)[0]
-    stored = gains.read_gain(gain)
-    gains.expect_engine(gain, stored, config)
+    stored = gains.read_gain(as_path(gain))
+    gains.expect_engine(as_path(gain), stored, config)
     verify.expect_proven(gain, verify.check_again(stored))
     return stored
 

@@ -51,21 +51,17 @@ def refuse_copies(paths: Sequence[Path]) -> None:
     by_size: dict[int, list[Path]] = {}
     for path in paths:
         with suppress(OSError):
-            by_size.setdefault(path.stat().st_size, []).append(path)
+            if path.is_file():
+                by_size.setdefault(path.stat().st_size, []).append(path)
     for same in by_size.values():
         seen: dict[str, Path] = {}
         for path in same if len(same) > 1 else ():
-            if not path.is_file():
-                continue
-            try:
-                digest = log_digest(path)
-            except OSError:  # whoever reads it tells why it cannot be
-                continue
-            if digest in seen:
-                raise UsageError(
-                    f"{path}: same content as {seen[digest]}; this drive would count twice, so leave one file out"
-                )
-            seen[digest] = path
+            with suppress(OSError):  # whoever reads it tells why it cannot be
+                if (digest := log_digest(path)) in seen:
+                    raise UsageError(
+                        f"{path}: same content as {seen[digest]}; this drive would count twice, so leave one file out"
+                    )
+                seen[digest] = path
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 
-from lpvobs.api.files import usable
+from lpvobs.api.files import File, as_path, usable
 from lpvobs.engines import base, unknowns
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
@@ -54,7 +54,7 @@ class KnownEngine:
         return engines.Learning(known, self.healthy, self.residual_model().balances)
 
 
-def known_engine(stored: results.StoredResult, engine: Path | None = None) -> KnownEngine:
+def known_engine(stored: results.StoredResult, engine: File | None = None) -> KnownEngine:
     """Return the engine of a result, or of a calibration in place of that; raises DataError where it lacks what it should know."""
     config = config_of(stored.provenance.config, stored.path)
     if engine is not None:
@@ -76,11 +76,12 @@ def learned_engine(config: Config, logs: Sequence[Log]) -> KnownEngine:
     return KnownEngine(config, air_path.learned_from(logs), errors(config.engine, logs))
 
 
-def engine_before(config: Config, paths: Sequence[Path], engine: Path | None = None) -> KnownEngine:
+def engine_before(config: Config, paths: Sequence[Path], engine: File | None = None) -> KnownEngine:
     """Return what is known of the engine before an estimate; without a calibration one that learns takes its logs for healthy."""
     air_path = config.engine_path()
     if engine is not None:
-        stored, inputs = engines.read_engine(engine, air_path), {engine.name: file_digest(engine)}
+        path = as_path(engine)
+        stored, inputs = engines.read_engine(path, air_path), {path.name: file_digest(path)}
         if stored.learned is None:
             return KnownEngine(config, air_path, None, stored.unknowns, inputs)
         return KnownEngine(config, air_path.knowing(stored.learned.known), stored.learned.healthy, inputs=inputs)

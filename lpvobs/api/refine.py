@@ -62,11 +62,10 @@ def refine(
         As of `trace`, and with the error after.
     """
     paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
-    calibrated = None if engine is None else as_path(engine)
-    with writing(out, [result, *paths, *unseen, calibrated]) as target:
+    with writing(out, [result, *paths, *unseen, engine]) as target:
         told = shown(progress)
         searched = within(told, 0.0, 0.95)
-        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=calibrated)
+        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
         if not closed.refinement.trace.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)

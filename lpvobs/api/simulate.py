@@ -90,10 +90,10 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
         raise UsageError(
             f"{config}: the [simulation] tables for simulate are missing; copy them from configs/{configuration.kind.example}"
         )
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
-    if calibrated is not None:
+    engine = engine or configuration.engine_file(as_path(config))
+    if engine is not None:
         air_path = configuration.engine_path()
-        there = air_path.deviating(read_engine(calibrated, air_path).deviation)
+        there = air_path.deviating(read_engine(as_path(engine), air_path).deviation)
         configuration = replace(configuration, engine=there.engine)
     return configuration, plants.PLANTS[plant]
 

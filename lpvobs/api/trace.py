@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from msgspec import UNSET
 
-from lpvobs.api.files import File, Files, Progress, as_path, refuse_copies, shown, some_logs, updating, usable
+from lpvobs.api.files import File, Files, Progress, refuse_copies, shown, some_logs, updating, usable
 from lpvobs.api.healthy import GROUP
 from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
@@ -85,8 +85,7 @@ def trace(
     """
     paths = some_logs(logs)
     with updating(result) as path:
-        calibrated = None if engine is None else as_path(engine)
-        closed = close(path, paths, (), freeze_map, shown(progress), calibrated=calibrated)
+        closed = close(path, paths, (), freeze_map, shown(progress), calibrated=engine)
         update(closed.stored, closed.write_trace)
     return closed.traced
 
@@ -173,7 +172,7 @@ def close(
     freeze_map: bool | None,
     progress: Progress,
     anew: bool = False,
-    calibrated: Path | None = None,
+    calibrated: File | None = None,
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 

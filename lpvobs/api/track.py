@@ -127,10 +127,9 @@ def track(
     configuration, text = load_config(as_path(config))
     found = find_logs(as_paths(logs))
     refuse_copies(found)
-    given = None if gain is None else as_path(gain)
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
+    engine = engine or configuration.engine_file(as_path(config))
     told = as_paths(refined)
-    with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
+    with writing(out, [config, *found, gain, engine, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(
                 f"{target}: this fleet file does not exist, and no logs are named to make it from; name logs, or correct --out"
@@ -144,11 +143,11 @@ def track(
         told_by = Origins(path, None if origins is None else as_path(origins)).of(fresh)
         belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
         if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
-            state = gain_for(configuration, found, given, "observer").state
+            state = gain_for(configuration, found, gain, "observer").state
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            engine_known = _known(configuration, calibrated)
+            engine_known = _known(configuration, engine)
             sums, more, reused = _added(sums, engine_known, text, state, target, workers, whose, every, shown(progress))
             refused = (*refused, *more)
         if sums is None:
@@ -196,7 +195,7 @@ def _other(path: Path) -> DataError:
     )
 
 
-def _known(config: Config, engine: Path | None) -> KnownEngine:
+def _known(config: Config, engine: File | None) -> KnownEngine:
     """Return what is known of the engine before the logs; raises UsageError for curves that every log would learn anew."""
     before = engine_before(config, (), engine)
     air_path = before.air_path
