@@ -63,8 +63,6 @@ def calibrate(
     maps : several str
         `KIND=FILE`, a table of one component: CSV with the units in a second line, Parquet with units, or `FILE.dcm:LABEL`; kinds
         are those of the engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
-    out : path
-        The engine to write.
     gain : path, optional
         For logs; without it one is made and proven first.
     prior : bool
@@ -221,19 +219,12 @@ FEASIBLE, BEST = 120, 8  # stationary points that are looked at, and those that 
 
 
 def plan_bench(config: File, engine: File, *, progress: Progress | None = None) -> Sequence[PlannedPoint]:
-    """Return the bench points that would make the air flow of a calibrated engine known best, the best first.
+    """Return the bench points that would make the air flow of an engine known best that `calibrate` made, the best first.
 
     They are chosen greedily so that the mean variance of the flow over all feasible points becomes least (A-optimal). Feasible are
     stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
 
     Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
-
-    Parameters
-    ----------
-    config : path
-        With `[simulation]`.
-    engine : path
-        Made by `calibrate` from the same configuration.
     """
     from lpvobs.api.simulate import plant_of  # the simulator is loaded where it runs: a calibration needs none
 

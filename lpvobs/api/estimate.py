@@ -90,11 +90,8 @@ def estimate(
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Parquet logs, patterns, or folders of logs.
-    out : path
-        The result to write.
     gain : path, optional
         Made by `synth_gain`; without it one is made and proven first.
     engine : path, optional

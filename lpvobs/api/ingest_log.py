@@ -27,8 +27,6 @@ def ingest_log(
         CSV, Parquet, MAT or MDF4 files of one drive, on one clock.
     profile : str or path
         `liu-ice`, `kit-obd`, or a TOML file.
-    out : path
-        The Parquet log to write.
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
     """
@@ -61,8 +59,6 @@ def draft_profile(source: File, out: File | None = None, names: File | None = No
     ----------
     source : path
         CSV, Parquet, MAT or MDF4.
-    out : path, optional
-        The TOML file to write it to.
     names : path, optional
         Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
     """

@@ -127,7 +127,6 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
 
     Parameters
     ----------
-    log : path
     config : path, optional
         Engine and policies; by default the first engine that the log serves.
     """

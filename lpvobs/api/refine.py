@@ -49,10 +49,8 @@ def refine(
 
     Parameters
     ----------
-    result, logs, freeze_map, engine, progress
+    logs, freeze_map, engine
         As for `trace`.
-    out : path
-        The refined result to write; without a finding, the model of before.
     hold_out : path or several
         Logs that nothing is fitted to and no decision sees: the error is judged on them, too.
 

@@ -44,12 +44,8 @@ def simulate(
 
     Parameters
     ----------
-    config : path
-        TOML file with engine and `[simulation]`.
     cycle : str
         `etc` (surrogate), `etc_part1`, `ftp75`, `ftp75_cold`, `nedc`, `whtc`, `wltc`, or the path of a table.
-    out : path
-        The Parquet log to write.
     effects : path, optional
         TOML file of what is wrong with engine and sensors, see `configs/effects`.
     engine : path, optional
@@ -108,16 +104,12 @@ def simulate_bench(
 
     Parameters
     ----------
-    config : path
-        TOML file with engine and `[simulation]`.
     points : int
         1 to 1000. A third has the EGR valve shut, some have cold combustion air.
     out : path
         The table to write: Parquet with units, or CSV with the units in a second line where the name ends in `.csv`.
     seed : int
         Of noise and of where the points lie.
-    engine : path, optional
-        As for `simulate`.
 
     Returns
     -------

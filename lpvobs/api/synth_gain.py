@@ -50,12 +50,9 @@ def synth_gain(config: File, logs: Files = (), *, out: File, published: str | No
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Logs, patterns or folders whose range of the scheduling parameters the gain is to cover; none: `[gain.bounds]` of the
         configuration.
-    out : path
-        The gain file to write.
     published : str, optional
         The gain that is printed for the engine, proven on this column of Table 1: for the paper's, `ETC`, `FTP75` or `NEDC`.
 

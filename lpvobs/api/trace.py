@@ -67,15 +67,12 @@ def trace(
 
     Parameters
     ----------
-    result : path
     logs : path or several
         Parquet logs, patterns, or folders of logs; pooled.
     freeze_map : bool, optional
         Whether the map stands; by default on logs that did not make it, while on those that did it is estimated jointly.
     engine : path, optional
         Made by `calibrate`; by default the engine that the result was made with.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
 
     Returns
     -------

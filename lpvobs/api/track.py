@@ -97,11 +97,8 @@ def track(
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Parquet logs, patterns or folders. Those that `out` knows by their digest are not read again; none: `out` as it is, anew.
-    out : path
-        The fleet to write, or to go on with.
     by : str
         The field that says whose a log is.
     every : str
@@ -110,7 +107,7 @@ def track(
         Pattern of the logs' paths, such as `{vehicle}/{month}.parquet`.
     origins : path, optional
         A table, CSV or Parquet, with a column `log` and others such as `vehicle`, `engine` (its type) and `date`.
-    gain, engine, jobs, scheduler, progress
+    gain, engine, jobs, scheduler
         As for `estimate`.
     table : path, optional
         Parquet file to write with a row for each vehicle, period and node.

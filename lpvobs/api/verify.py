@@ -32,7 +32,6 @@ def verify(gain: File, config: File | None = None) -> Certificate:
 
     Parameters
     ----------
-    gain : path
     config : path, optional
         The engine that it has to be for.
     """
