@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, PERIODS, REGION, SCHEDULER, argument, flag, needed, option
+from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, OWN_ENGINE, REGION, SCHEDULER, argument, flag, needed, option
 
 
 @guarded
@@ -85,7 +86,7 @@ def track(
     every: str = option(
         "PERIOD",
         "Length of a period: day, week, month or year. Each vehicle gets one map per period.",
-        offers=PERIODS,
+        offers=options.PERIODS,
         default="month",
     ),
     path: str | None = option(
@@ -96,10 +97,7 @@ def track(
         "A table (CSV or Parquet) with a row for each log. Column log is the log's path; other columns give vehicle, engine, date.",
     ),
     gain: Path | None = GAIN,
-    engine: Path | None = option(
-        "ENGINE.h5",
-        "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",
-    ),
+    engine: Path | None = OWN_ENGINE,
     to_table: Path | None = option(
         "FILE.parquet", "Also write the maps as a table with a row for each vehicle, period and node.", "--table"
     ),

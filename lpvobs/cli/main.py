@@ -24,15 +24,15 @@ app = typer.Typer(
     epilog="Usual order of the verbs: simulate, synth-gain, estimate, extrapolate, report. The --help of each verb has an example.",
 )
 VERBS = {
-    "simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
+    "recordings.simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
     "recordings.ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
     "recordings.profile": "Draft the profile that ingest needs from the channels of a recording.",
     "recordings.inspect": "Show the channels, units, value ranges and defects of logs.",
     "calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
     "gains.synth_gain": "Compute the observer gain and prove that the observer is stable with it.",
     "gains.verify": "Prove the stability of a stored observer gain again, without the solver.",
-    "estimate": "Estimate the error map of the mass air flow sensor from logs.",
-    "extrapolate": "Fill the map nodes that no log visited.",
+    "maps.estimate": "Estimate the error map of the mass air flow sensor from logs.",
+    "maps.extrapolate": "Fill the map nodes that no log visited.",
     "loop.trace": "Find effects that the engine model lacks, from its residual.",
     "loop.refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",

@@ -67,6 +67,10 @@ JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(
     "ENGINE.h5", "An engine made by calibrate to start from. By default the engine with which the result was made."
 )
+OWN_ENGINE = option(
+    "ENGINE.h5",
+    "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",
+)
 MAP = flag(
     "--freeze-map/--free-map",
     "Keep the stored map, or estimate it again together with the effects. By default the map is kept if it was estimated from "
