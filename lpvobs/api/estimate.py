@@ -114,16 +114,23 @@ def estimate(
     paths = some_logs(logs)
     configuration, text = load_config(as_path(config))
     engine = engine or configuration.engine_file(as_path(config))
+    if method not in METHODS:
+        raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
     with writing(out, [config, *paths, gain, engine]) as target:
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
-        workers = workers_for(method, len(paths), jobs, scheduler)
+        workers, told = workers_for(method, len(paths), jobs, scheduler), shown(progress)
         if engine is not None and method != "observer" and not configuration.kind.air_path.learns:
             raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
         before = engine_before(configuration, paths, engine)
         stored = gain_for(configuration, paths, gain, method, before.air_path)
-        done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers)
-    return replace(done, engine=None if engine is None else as_path(engine))
+        if method == "observer":
+            done = fleet.estimate_fleet(before, text, stored.state, paths, target, workers, told)
+        else:
+            done = _one_after_another(before, stored.state, paths, method, told)
+        says = _write(target, before, text, stored, paths, done)
+        told(1.0)
+    return replace(done, engine=None if engine is None else as_path(engine), headline=says)
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -137,26 +144,16 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
     return replace(config, estimate=replace(config.estimate, constants=constants))
 
 
-def estimate_logs(
+def _write(
+    out: Path,
     before: KnownEngine,
     config_text: str,
     stored: gains.StoredGain,
     paths: Sequence[Path],
-    out: Path,
-    method: str,
-    progress: Progress,
-    workers: Workers | None = None,
-) -> fleet.Estimated:
-    """Estimate the map of an engine from logs and write the result; raises as `estimate` does."""
-    # References are read after the map is final.
-    if method not in METHODS:
-        raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
+    done: fleet.Estimated,
+) -> str:
+    """Write the result, and what its logs show of a healthy engine; return what the map says, in a sentence."""
     names = finding.log_names(paths)
-    gain = stored.state
-    if method == "observer":
-        done = fleet.estimate_fleet(before, config_text, gain, paths, out, workers or Workers(), progress)
-    else:
-        done = _one_after_another(before, gain, paths, method, progress)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
     provenance = Provenance({**inputs, **before.inputs}, config_text)
@@ -172,14 +169,13 @@ def estimate_logs(
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
 
-    results.write_result(out, before.air_path, done.estimate, done.summaries, stored, provenance, further)
+    results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
-    if method == "observer":
+    if found.method == "observer":
         from lpvobs.api.healthy import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
-    progress(1.0)
-    return replace(done, headline=says)
+    return says
 
 
 def _one_after_another(
