@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import lpvobs
 from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
 from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, OWN_ENGINE, REGION, SCHEDULER, argument, flag, needed, option
@@ -41,12 +42,11 @@ def compare(
 
     Two periods of one vehicle of a fleet: lpvobs compare fleet.h5 --vehicle V1 --period 2025-01 --period 2025-10
     """
-    from lpvobs.api.compare import compare as compare_maps
     from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
     over = None if region is None else region_of(region)
-    found = compare_maps(
+    found = lpvobs.compare(
         first, second, vehicle=vehicle, periods=period or (), values=values, region=over, figure=figure
     )
     if figure is not None:
@@ -121,11 +121,9 @@ def track(
 
     Example: lpvobs track logs/ --path "{vehicle}/{month}.parquet" --gain gain.h5 --out fleet.h5
     """
-    from lpvobs.api.track import track as follow
-
     config = chosen_config(config)
     with progress("tracking") as report:
-        fleet, content = follow(
+        fleet, content = lpvobs.track(
             config, logs or (), out=out, by=by, every=every, path=path, origins=origins, gain=gain, engine=engine,
             table=to_table, refined=refined or (), jobs=jobs, scheduler=scheduler, progress=report,
         )  # fmt: skip

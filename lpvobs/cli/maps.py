@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import lpvobs
 from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
 from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, LOGS, OWN_ENGINE, SCHEDULER, argument, flag, needed, option
@@ -45,13 +46,12 @@ def estimate(
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
     from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
-    from lpvobs.api.estimate import estimate as estimate_map
     from lpvobs.report.outputs import LogOutput, log_fields
     from lpvobs.report.tables import agreement_rows, log_rows, many_lines, told, unusual
 
     config = chosen_config(config)
     with progress("estimating") as report:
-        done = estimate_map(
+        done = lpvobs.estimate(
             config, logs, out, gain=gain, engine=engine, method=method, constants=constants, jobs=jobs, scheduler=scheduler,
             progress=report,
         )  # fmt: skip

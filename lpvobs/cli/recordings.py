@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import lpvobs
 from lpvobs.cli.common import chosen_config, folder_config, guarded, leave, print_json, progress, say, table, visible
 from lpvobs.cli.options import CONFIG, CYCLES, DATE, JSON, LOGS, PROFILES, VEHICLE, argument, needed, option
 from lpvobs.errors import UsageError
@@ -51,8 +52,7 @@ def simulate(
 
     A bench table: lpvobs simulate --config configs/diesel.toml --bench 100 --out bench.csv
     """
-    from lpvobs.api.simulate import SimulateOutput, simulate_bench
-    from lpvobs.api.simulate import simulate as drive
+    from lpvobs.api.simulate import SimulateOutput
 
     config = chosen_config(config)
     if bench is not None:
@@ -60,14 +60,14 @@ def simulate(
         if given := [name for name, value in of_cycle.items() if value is not None]:
             raise UsageError(f"--bench: simulates stationary points, not a cycle; drop {' and '.join(given)}")
         with progress(f"simulating {bench} points") as report:
-            points = simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
+            points = lpvobs.simulate_bench(config, bench, out, seed=seed, engine=engine, progress=report)
         channels, samples, duration, told = tuple(points.channels), bench, points.duration, f"{bench} stationary points"
     elif cycle is None:
         raise UsageError("neither --cycle nor --bench is given; name a cycle, or the number of stationary points")
     else:
         with progress(f"simulating {cycle}") as report:
             speed = 100.0 if rate is None else rate
-            log = drive(
+            log = lpvobs.simulate(
                 config, cycle, out, effects=effects, engine=engine, rate=speed, seed=seed, vehicle=vehicle, date=date,
                 progress=report,
             )  # fmt: skip
@@ -103,10 +103,9 @@ def ingest(
 
     Example: lpvobs ingest wltp_NF.csv --profile liu-ice --out wltp_NF.parquet
     """
-    from lpvobs.api.ingest_log import ingest_log
     from lpvobs.report.tables import ingest_notes, ingest_rows
 
-    record = ingest_log(sources, profile, out, vehicle=vehicle, date=date)
+    record = lpvobs.ingest_log(sources, profile, out, vehicle=vehicle, date=date)
     if as_json:
         print_json("ingest", {"log": str(out), **record})
         return
@@ -130,9 +129,9 @@ def profile(
 
     Example: lpvobs profile drive.mf4 --out mine.toml
     """
-    from lpvobs.api.ingest_log import ProfileOutput, draft_profile
+    from lpvobs.api.ingest_log import ProfileOutput
 
-    text = draft_profile(source, out, names)
+    text = lpvobs.draft_profile(source, out, names)
     if out is not None:
         say(
             f"{out}: check this profile, uncomment the lines that are right, then run: lpvobs ingest {source} --profile "
