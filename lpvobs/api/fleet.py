@@ -134,9 +134,10 @@ def estimate_fleet(
             for stored in filter(None, opened.values()):
                 folder.keep(stored)
             task = replace(task, done=folder.found())
-        further, done = [path for path in paths if path not in outcomes], OPENING_SHARE + PARTS_SHARE
-        keep, going = folder.keep if several else None, within(progress, OPENING_SHARE, done)
-        outcomes |= outcomes_of(workers, partial(part_of, task), further, keep, going)
+        further = [path for path in paths if path not in outcomes]
+        keep = folder.keep if several else None
+        done = OPENING_SHARE + PARTS_SHARE
+        outcomes |= outcomes_of(workers, partial(part_of, task), further, keep, within(progress, OPENING_SHARE, done))
         parts = {each.sha256: each.stored for each in outcomes.values() if each.stored is not None}
         read: Callable[[str], StoredPart] = folder.read if several else parts.__getitem__
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
@@ -157,20 +158,19 @@ def estimate_fleet(
         units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
         judging = partial(compared, grid, estimate.theta, units)
         known = [(sha256, path, read(sha256).kept) for sha256, path in found.items() if has_references(path)]
-        going = within(progress, done, 0.1 * done + 0.9)
-        metrics = {sha256: result for (sha256, *_), result in finished(workers, judging, known, going)}
+        judged_by = finished(workers, judging, known, within(progress, done, 0.1 * done + 0.9))
+        metrics = {sha256: result for (sha256, *_), result in judged_by}
     runs, ratios = estimate.runs, doubts.ratios
-    summaries = {found[run.sha256]: summary_of(run, metrics.get(run.sha256), ratios[run.name]) for run in runs}
-    compared_with_all = {item.name: item for item in agreement}
-    used = [path for path in paths if path in summaries]
+    summaries = {run.sha256: summary_of(run, metrics.get(run.sha256), ratios[run.name]) for run in runs}
+    turn = {name: number for number, name in enumerate(called.values())}
     return Estimated(
         reused=len((task.done & found.keys()) - opened.keys()),
         estimate=estimate,
-        summaries=tuple(summaries[path] for path in used),
+        summaries=tuple(summaries[log] for log in found),
         refused=refusals,
         doubts=doubts,
         scatter=scatter,
-        agreement=tuple(compared_with_all[names[path]] for path in used if names[path] in compared_with_all),
+        agreement=tuple(sorted(agreement, key=lambda item: turn[item.name])),
     )
 
 

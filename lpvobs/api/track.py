@@ -144,8 +144,8 @@ def track(
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            engine_known = _known(configuration, engine)
-            sums, more, reused = _added(sums, engine_known, text, state, target, workers, whose, every, shown(progress))
+            start = _known(configuration, engine)
+            sums, more, reused = _added(sums, start, text, state, target, workers, whose, every, shown(progress))
             refused = (*refused, *more)
         if sums is None:
             raise DataError("; ".join(refused))
