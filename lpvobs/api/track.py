@@ -25,9 +25,9 @@ from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.kinds import Count, Refused
-from lpvobs.observer.estimate import Point, merged
+from lpvobs.observer.estimate import merged
 from lpvobs.observer.log_run import Beginning
-from lpvobs.observer.parts import StateGain, added_up
+from lpvobs.observer.parts import added_up
 from lpvobs.records import Item
 from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing
@@ -144,8 +144,8 @@ def track(
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            start = _known(configuration, engine)
-            sums, more, reused = _added(sums, start, text, state, target, workers, whose, every, shown(progress))
+            task = begun(_known(configuration, engine), state, workers)
+            sums, more, reused = _added(sums, whose, every, text, task, target, workers, shown(progress))
             refused = (*refused, *more)
         if sums is None:
             raise DataError("; ".join(refused))
@@ -216,27 +216,26 @@ def _whose(by: str, config: Config, origins: Mapping[Path, Mapping[str, str]], p
     return _Whose(path, origin[by], origin.get("engine") or config.air_path, day_of(path, origin))
 
 
-def sums_of(task: PartTask, basis: Basis, whose: _Whose) -> LogOutcome[KeptLog]:
+def _sums_of(task: PartTask, basis: Basis, its: _Whose) -> LogOutcome[KeptLog]:
     """Go through one log for its weighed sums."""
+    grid = task.grid
 
     def left(_: LogFile, log: Beginning) -> KeptLog:
-        part, grid = task.inform(log), task.grid
+        part = task.inform(log)
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        origin = (whose.path.stem, whose.vehicle, whose.kind, whose.day)
-        return kept(part, weighed(part, basis), basis, origin, cells)
+        return kept(part, weighed(part, basis), basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
 
-    return gone_through(task, whose.path, left)
+    return gone_through(task, its.path, left)
 
 
 def _added(
     before: FleetSums | None,
-    known: KnownEngine,
-    text: str,
-    gain: StateGain,
-    out: Path,
-    workers: Workers,
     whose: Sequence[_Whose],
     every: str,
+    text: str,
+    task: PartTask,
+    out: Path,
+    workers: Workers,
     progress: Progress,
 ) -> tuple[FleetSums | None, list[str], int]:
     """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read.
@@ -244,37 +243,33 @@ def _added(
     The logs are in the order of vehicles and dates.
     """
     with workers:
-        task = begun(known, gain, workers)
         if before is None:
             basis, task, refused = _weighed_by(workers, task, whose, progress)
             if basis is None:
                 return None, refused, 0
         else:
             basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
-        key = _key(text, task.point, gain)
+        point = task.point  # the key is a digest of all that the sums of a log depend on beside it
+        known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
+        made_with = text + learned_digest(point.air_path) + repr((sorted(point.deviation.items()), known))
+        key = run_key(made_with, task.gain)
         if before is not None and before.key != key:
             raise _other(out)
         folder = PartsFolder(out, key + basis.digest(), KeptLog)
         task = replace(task, done=folder.found())
-        outcomes = outcomes_of(workers, partial(sums_of, task, basis), whose, folder.keep, progress)
+        outcomes = outcomes_of(workers, partial(_sums_of, task, basis), whose, folder.keep, progress)
     logs = {} if before is None else {log.sha256: log for log in before.logs}
     sums = {} if before is None else {each.vehicle: each for each in before.sums}
-    usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
-    for sha256 in usable:
+    used = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
+    for sha256 in used:
         added = folder.read(sha256)
         logs[sha256], name = added.log, added.log.vehicle
         sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
     total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
     refused = [said for each in whose if (said := outcomes[each].refusal) is not None]
     effects = () if before is None else before.effects
-    fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
-    return fleet, refused, len(task.done.intersection(usable))
-
-
-def _key(text: str, point: Point, gain: StateGain) -> str:
-    """Return a digest of all that the sums of a log depend on beside it."""
-    known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-    return run_key(text + learned_digest(point.air_path) + repr((sorted(point.deviation.items()), known)), gain)
+    fleet = FleetSums(key, every, point.deviation, basis, total, in_order, effects) if logs else before
+    return fleet, refused, len(task.done.intersection(used))
 
 
 def _weighed_by(
@@ -285,8 +280,8 @@ def _weighed_by(
     others = [each.path for each in whose if each.path not in opening]
     task, outcomes = linearised(workers, task, [*opening, *others], progress)
     while True:
-        usable = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
-        first = _first(usable)
+        good = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
+        first = _first(good)
         missing = [each.path for logs in first for each in logs if each.path not in outcomes]
         if not missing:
             break
