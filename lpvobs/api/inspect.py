@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
@@ -19,9 +19,6 @@ from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.kinds import Count, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
-
-if TYPE_CHECKING:
-    from lpvobs.observer.estimate import MapEstimate
 
 Units = Mapping[str, str]
 
@@ -199,6 +196,7 @@ def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Unit
     at_rest = np.finfo(float).eps * np.max(np.abs(finite), initial=0.0)
     finite = np.where(np.abs(finite) < at_rest, 0.0, finite)
     low, middle, high = (float(of(finite)) if finite.size else np.nan for of in (np.min, np.median, np.max))
+    changed = log.time[np.flatnonzero(values[1:] != values[:-1]) + 1]
     in_file = file_units.get(name, "")
     return ChannelOutput(
         unit=in_log.get(name, in_file),
@@ -208,14 +206,8 @@ def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Unit
         median=middle,
         max=high,
         dropped=log.defects.dropped.get(name, 0),
-        refresh=_refresh(log.time, values),
+        refresh=float(1.0 / np.median(np.diff(changed))) if changed.size > 1 else np.nan,
     )
-
-
-def _refresh(time: Array, values: Array) -> float:
-    """Return how often a channel changes [Hz]: the inverse of the usual time between changes, NaN for a constant."""
-    changed = time[np.flatnonzero(values[1:] != values[:-1]) + 1]
-    return float(1.0 / np.median(np.diff(changed))) if changed.size > 1 else float("nan")
 
 
 def informed_with_each(config: Config, path: Path, log: Log, lacking: Sequence[str]) -> tuple[Informed, ...]:
@@ -232,15 +224,15 @@ def informed_with_each(config: Config, path: Path, log: Log, lacking: Sequence[s
     from lpvobs.observer.estimate import estimate_default
 
     gain, grid = gain_for(config, [path], None, "observer").state, config.grid()
-    now = estimate_default(air_path, grid, gain, [log], config.estimate)
-    found = [_informed(None, "", now, now)]
+    logs: dict[str | None, tuple[str, Log]] = {None: ("", log)}
     for name, (supposed, values) in stand_ins.items():
-        with_it = replace(log, channels={**log.channels, name: values})
-        found.append(_informed(name, supposed, estimate_default(air_path, grid, gain, [with_it], config.estimate), now))
-    return tuple(found)
-
-
-def _informed(channel: str | None, supposed: str, found: "MapEstimate", now: "MapEstimate") -> Informed:
-    on = found.supported & now.supported if now.supported.any() else found.supported
-    error = float(np.median(found.standard_error[on])) if on.any() else None
-    return Informed(channel=channel, supposed=supposed, nodes=int(found.supported.sum()), standard_error=error)
+        logs[name] = supposed, replace(log, channels={**log.channels, name: values})
+    now, informs = None, []
+    for channel, (supposed, each) in logs.items():
+        found = estimate_default(air_path, grid, gain, [each], config.estimate)
+        now = found.supported if now is None else now
+        on = found.supported & now if now.any() else found.supported
+        error = float(np.median(found.standard_error[on])) if on.any() else None
+        nodes = int(found.supported.sum())
+        informs.append(Informed(channel=channel, supposed=supposed, nodes=nodes, standard_error=error))
+    return tuple(informs)
