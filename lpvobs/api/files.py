@@ -51,11 +51,10 @@ def refuse_copies(paths: Sequence[Path]) -> None:
     by_size: dict[int, list[Path]] = {}
     for path in paths:
         with suppress(OSError):
-            if path.is_file():
-                by_size.setdefault(path.stat().st_size, []).append(path)
+            by_size.setdefault(path.stat().st_size, []).append(path)
     for same in by_size.values():
         seen: dict[str, Path] = {}
-        for path in same if len(same) > 1 else ():
+        for path in [path for path in same if len(same) > 1 and path.is_file()]:
             with suppress(OSError):  # whoever reads it tells why it cannot be
                 if (digest := log_digest(path)) in seen:
                     raise UsageError(
