@@ -114,10 +114,10 @@ def _write_anew(out: Path, closed: Closed) -> None:
 
 def estimate_refined(closed: Closed, refined: Refined) -> MapEstimate:
     """Return the map that the logs give with the effects in the model, by the default method."""
-    engine, region = closed.engine, closed.stored.gain.gain.region
+    engine, region, constants = closed.engine, closed.stored.gain.gain.region, closed.constants
     air_path, grid = refined.air_path, engine.config.grid()
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
-    moved = {name: closed.constants.get(name, 0.0) for name in settings.tolerance}
+    moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
     point = Point(engine.air_path, settings, moved, engine.calibrated)
     unknowns, parts = point.unknowns, []
     for log in closed.used.values():
