@@ -24,7 +24,7 @@ PACKAGE = tuple(
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
     for path in sorted((ROOT / "lpvobs").rglob("*.py"))
 )
-AFRESH = (sys.executable, "-c", "from lpvobs.cli.main import run; run()")
+AFRESH = (sys.executable, "-c", "from lpvobs.cli.start import run; run()")
 """A call of the command line that loads everything itself."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from lpvobs.api.estimate import gain_for
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, within, writing
 from lpvobs.api.known_engine import learned_engine
-from lpvobs.calibration.bench import REFERENCE, Table, bench_table, best_points, rows_of
+from lpvobs.calibration.bench import REFERENCE, bench_table, best_points, rows_of
 from lpvobs.calibration.fit import USUALLY_LEFT, Calibration, calibrated, taught
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.channels import AMBIENT
@@ -17,14 +17,13 @@ from lpvobs.engines.unknowns import TABLE_FLOW, Unknowns, unknowns_of
 from lpvobs.errors import UsageError
 from lpvobs.io.calibration.component_maps import named_file, read_component_map
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.bench import BenchPoints, read_bench
+from lpvobs.io.logs.bench import read_bench
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.engines import ComponentPoint, EngineRow, StoredEngine, read_engine, write_engine
+from lpvobs.io.results.engines import ComponentPoint, EngineRow, Learning, StoredEngine, read_engine, write_engine
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import file_digest
 from lpvobs.observer.estimate import Point
-from lpvobs.observer.parts import StateGain
 from lpvobs.records import Log
 from lpvobs.report.engines import PlannedPoint
 
@@ -64,8 +63,6 @@ def calibrate(
     maps : several str
         `KIND=FILE`, a table of one component: CSV with the units in a second line, Parquet with units, or `FILE.dcm:LABEL`; kinds
         are those of the engine, for the diesel `compressor`, `turbine`, `eta_vol`, `egr`.
-    out : path
-        The engine to write.
     gain : path, optional
         For logs; without it one is made and proven first.
     prior : bool
@@ -74,7 +71,6 @@ def calibrate(
     configuration, text = load_config(as_path(config))
     air_path = configuration.engine_path()
     tables, known, metered = as_paths(bench), find_logs(as_paths(healthy)), find_logs(as_paths(reference))
-    given = None if gain is None else as_path(gain)
     parts = [named_file(item, air_path) for item in maps]
     if not (tables or known or metered or parts or prior):
         raise UsageError("no data to calibrate from; give --bench, --healthy, --reference or --map KIND=FILE")
@@ -86,7 +82,7 @@ def calibrate(
                 f"{path}: another input file has the same name, but the engine file tells inputs apart by name; rename one of "
                 "the two files"
             )
-    with writing(out, [config, *inputs, given]) as target:
+    with writing(out, [config, *inputs, gain]) as target:
         if air_path.learns:
             if tables or metered or parts or not known:
                 raise UsageError(
@@ -99,7 +95,7 @@ def calibrate(
                 f"{as_path(config)}: this kind of engine ({air_path.name}) has no components to calibrate; see docs/own-engine.md"
             )
         else:
-            stored = _calibrated(configuration, text, (tables, known, metered), parts, given, shown(progress))
+            stored = _calibrated(configuration, text, (tables, known, metered), parts, gain, shown(progress))
         write_engine(target, stored)
     return stored
 
@@ -109,7 +105,7 @@ def _calibrated(
     text: str,
     paths: tuple[Sequence[Path], Sequence[Path], Sequence[Path]],
     parts: Sequence[tuple[str, Path, str]],
-    gain: Path | None,
+    gain: File | None,
     progress: Progress,
 ) -> StoredEngine:
     """Return the engine from tables of bench and components first, then from the logs with that as the prior."""
@@ -118,35 +114,47 @@ def _calibrated(
     settings = config.estimate.of_engine(air_path.usual_tolerance)
     own = [name for kind, _, _ in parts for name in air_path.component_maps[kind].constants]
     told = {name: config.estimate.tolerance.get(name, USUAL_TOLERANCE) for name in own}
-    stored = _as_configured(air_path, unknowns_of({**settings.tolerance, **told}, air_path.components), text)
+    digests: dict[str, str] = {}
+    stored = _engine(air_path, unknowns_of({**settings.tolerance, **told}, air_path.components), Provenance({}, text))
     if tables or parts:
-        points = read_bench(tables, air_path) if tables else BenchPoints({}, {})
-        measured = [bench_table(air_path, points.columns)] if tables else []
-        measured += [read_component_map(*part, air_path) for part in parts]
-        digests = {**points.digests, **{path.name: file_digest(path) for _, path, _ in parts}}
-        stored = _with_tables(replace(stored, provenance=Provenance(digests, text)), air_path, measured)
+        measured = [read_component_map(*part, air_path) for part in parts]
+        if tables:
+            points = read_bench(tables, air_path)
+            measured, digests = [bench_table(air_path, points.columns), *measured], dict(points.digests)
+        digests |= {path.name: file_digest(path) for _, path, _ in parts}
+        by_tables = calibrated(air_path, stored.unknowns, measured)
+        stored = replace(
+            stored,
+            unknowns=by_tables.unknowns,
+            prior_error=np.sqrt(np.diag(by_tables.prior.scaled(list(by_tables.amplitudes.values())))),
+            amplitudes=by_tables.amplitudes,
+            left=by_tables.left,
+            rows=_rows(by_tables),
+            points=tuple(_points(by_tables)),
+        )
     if known or metered:
         progress(FROM_BENCH)
         logs = [read_log(path, air_path.channels, config.reading) for path in known]
         logs += [_metered(config, path) for path in metered]
-        made = gain_for(config, [*known, *metered], gain, "observer", air_path)
+        state = gain_for(config, [*known, *metered], gain, "observer", air_path).state
         point = Point(air_path, settings, stored.deviation, stored.unknowns)
-        state = StateGain(made.outputs, made.gain.L, made.gain.region)
         share = max((stored.left[name] for name in air_path.balance_names if name in stored.left), default=USUALLY_LEFT)
         found = taught(point, config.grid(), state, logs, within(progress, FROM_BENCH, 1.0), share)
-        digests = {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}
+        digests |= {path.name: log.sha256 for path, log in zip([*known, *metered], logs, strict=True)}
         stored = replace(
             stored,
             unknowns=found.unknowns,
             prior_error=stored.prior_error if tables or parts else found.prior_error,
             amplitudes={**stored.amplitudes, **found.amplitudes},
-            provenance=Provenance({**stored.provenance.inputs_sha256, **digests}, text),
         )
     progress(1.0)
-    return stored
+    return replace(stored, provenance=Provenance(digests, text))
 
 
-def _as_configured(air_path: AirPath, unknowns: Unknowns, text: str) -> StoredEngine:
+def _engine(
+    air_path: AirPath, unknowns: Unknowns, provenance: Provenance, learned: Learning | None = None
+) -> StoredEngine:
+    """Return an engine of which no more is known."""
     return StoredEngine(
         air_path=air_path.name,
         constants={name: float(value) for name, value in air_path.engine_constants().items()},
@@ -155,7 +163,8 @@ def _as_configured(air_path: AirPath, unknowns: Unknowns, text: str) -> StoredEn
         amplitudes={},
         left={},
         rows=(),
-        provenance=Provenance({}, text),
+        provenance=provenance,
+        learned=learned,
     )
 
 
@@ -164,11 +173,7 @@ def _learned(config: Config, text: str, paths: Sequence[Path]) -> StoredEngine:
     logs = [read_log(path, config.kind.air_path.channels, config.reading) for path in paths]
     digests = {path.name: log.sha256 for path, log in zip(paths, logs, strict=True)}
     known = learned_engine(config, logs)
-    return replace(
-        _as_configured(known.air_path, unknowns_of({}, ()), text),
-        provenance=Provenance(digests, text),
-        learned=known.learning(),
-    )
+    return _engine(known.air_path, unknowns_of({}, ()), Provenance(digests, text), known.learning())
 
 
 def _metered(config: Config, path: Path) -> Log:
@@ -178,20 +183,6 @@ def _metered(config: Config, path: Path) -> Log:
     channels[REFERENCE] = channels.pop(sensor)
     log = read_log(path, channels, config.reading)
     return replace(log, channels={**log.channels, sensor: log[REFERENCE]})
-
-
-def _with_tables(stored: StoredEngine, air_path: AirPath, tables: Sequence[Table]) -> StoredEngine:
-    """Return the engine as tables show it."""
-    found = calibrated(air_path, stored.unknowns, tables)
-    return replace(
-        stored,
-        unknowns=found.unknowns,
-        prior_error=np.sqrt(np.diag(found.prior.scaled(list(found.amplitudes.values())))),
-        amplitudes=found.amplitudes,
-        left=found.left,
-        rows=_rows(found),
-        points=tuple(_points(found)),
-    )
 
 
 def _points(found: Calibration) -> Iterator[ComponentPoint]:
@@ -224,19 +215,12 @@ FEASIBLE, BEST = 120, 8  # stationary points that are looked at, and those that 
 
 
 def plan_bench(config: File, engine: File, *, progress: Progress | None = None) -> Sequence[PlannedPoint]:
-    """Return the bench points that would make the air flow of a calibrated engine known best, the best first.
+    """Return the bench points that would make the air flow of an engine known best that `calibrate` made, the best first.
 
     They are chosen greedily so that the mean variance of the flow over all feasible points becomes least (A-optimal). Feasible are
     stationary points of the simulated engine over its range of speed, load, EGR and air temperature.
 
     Raises UsageError if nothing simulates the engine; DataError if the engine cannot be used, or does not come to rest.
-
-    Parameters
-    ----------
-    config : path
-        With `[simulation]`.
-    engine : path
-        Made by `calibrate` from the same configuration.
     """
     from lpvobs.api.simulate import plant_of  # the simulator is loaded where it runs: a calibration needs none
 

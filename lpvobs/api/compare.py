@@ -136,7 +136,7 @@ def compare(
         values=values,
         axes=(f"{change.x.name} [{change.x.unit}]", f"{change.y.name} [{change.y.unit}]"),
         nodes=int(on.size),
-        mean=MeanChange(value=float(mean.values[0]), ci90=_pair(mean.ci90[0])),
+        mean=MeanChange(value=float(mean.values[0]), ci90=(*mean.ci90[0].tolist(),)),
         p_value=nodes.nothing(),
         largest_change=abs(rows[0].change) if rows else 0.0,
         significant=rows,
@@ -226,14 +226,10 @@ def _significant(change: Surface, after: Array, nodes: Joint, on: NDArray[np.int
             before=float(after[speed[i], fuel[i]] - nodes.values[i]),
             after=float(after[speed[i], fuel[i]]),
             change=float(nodes.values[i]),
-            ci90=_pair(nodes.ci90[i]),
+            ci90=(*nodes.ci90[i].tolist(),),
         )
         for i in found
     ]
-
-
-def _pair(interval: Array) -> tuple[float, float]:
-    return float(interval[0]), float(interval[1])
 
 
 def region_of(text: str) -> dict[str, tuple[float, float]]:

@@ -1,5 +1,6 @@
 """`estimate`: logs in, map and metrics out."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,22 +10,22 @@ from typing import Annotated
 import h5py
 from msgspec import Meta
 
-from lpvobs.api import fleet, known_engine, verify
+from lpvobs.api import fleet, verify
 from lpvobs.api.doubts import doubts_of
-from lpvobs.api.files import File, Files, Progress, as_path, contents, refuse_copies, shown, some_logs, usable, writing
+from lpvobs.api.files import File, Files, Progress, as_path, refuse_copies, shown, some_logs, usable, writing
 from lpvobs.api.jobs import Workers, processors
+from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
-from lpvobs.io.results import engines, gains, results
+from lpvobs.io.results import gains, results
 from lpvobs.io.results.parts import PartsFolder, StoredPart
 from lpvobs.io.results.provenance import Provenance, write_refused
-from lpvobs.io.safety.atomic import file_digest
 from lpvobs.kinds import Count, Refused
 from lpvobs.maps.metrics import Metrics, compare
 from lpvobs.observer import disagreement, rivals
-from lpvobs.observer.balance_agreement import BalanceAgreement, BalanceSums, Judged, Watched, judged
+from lpvobs.observer.balance_agreement import BalanceAgreement, Watched, judged
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.observer.parts import StateGain
 from lpvobs.observer.settings import CONSTANTS
@@ -89,11 +90,8 @@ def estimate(
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Parquet logs, patterns, or folders of logs.
-    out : path
-        The result to write.
     gain : path, optional
         Made by `synth_gain`; without it one is made and proven first.
     engine : path, optional
@@ -114,28 +112,25 @@ def estimate(
     there where a log has references. Eq. (26) with gains that fall with information; departures from the paper: `docs/method.md`.
     """
     paths = some_logs(logs)
-    given = None if gain is None else as_path(gain)
     configuration, text = load_config(as_path(config))
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
-    with writing(out, [config, *paths, given, calibrated]) as target:
+    engine = engine or configuration.engine_file(as_path(config))
+    if method not in METHODS:
+        raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
+    with writing(out, [config, *paths, gain, engine]) as target:
         if constants is not None:
             configuration = with_constants(configuration, constants, method)
-        workers = workers_for(method, len(paths), jobs, scheduler)
-        known = used_engine(configuration, calibrated, method)
-        before = known_engine.engine_before(configuration, paths, None if known is None else known.stored)
-        stored = gain_for(configuration, paths, given, method, before.air_path)
-        done = estimate_logs(before, text, stored, paths, target, method, shown(progress), workers, known)
-    return replace(done, engine=calibrated)
-
-
-def used_engine(config: Config, engine: Path | None, method: str) -> engines.CalibratedEngine | None:
-    """Return the calibrated engine to start from; raises UsageError for a method that knows the configured one alone."""
-    if engine is None:
-        return None
-    if method != "observer" and not config.kind.air_path.learns:
-        raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
-    stored = engines.read_engine(engine, config.engine_path())
-    return engines.CalibratedEngine(engine.name, file_digest(engine), stored)
+        workers, told = workers_for(method, len(paths), jobs, scheduler), shown(progress)
+        if engine is not None and method != "observer" and not configuration.kind.air_path.learns:
+            raise UsageError(f"--method {method}: this method always uses the configured engine; drop --engine")
+        before = engine_before(configuration, paths, engine)
+        stored = gain_for(configuration, paths, gain, method, before.air_path)
+        if method == "observer":
+            done = fleet.estimate_fleet(before, text, stored.state, paths, target, workers, told)
+        else:
+            done = _one_after_another(before, stored.state, paths, method, told)
+        says = _write(target, before, text, stored, paths, done)
+        told(1.0)
+    return replace(done, engine=None if engine is None else as_path(engine), headline=says)
 
 
 def with_constants(config: Config, constants: str, method: str) -> Config:
@@ -149,33 +144,19 @@ def with_constants(config: Config, constants: str, method: str) -> Config:
     return replace(config, estimate=replace(config.estimate, constants=constants))
 
 
-def estimate_logs(
-    before: known_engine.KnownEngine,
+def _write(
+    out: Path,
+    before: KnownEngine,
     config_text: str,
     stored: gains.StoredGain,
     paths: Sequence[Path],
-    out: Path,
-    method: str,
-    progress: Progress,
-    workers: Workers | None = None,
-    engine: engines.CalibratedEngine | None = None,
-) -> fleet.Estimated:
-    """Estimate the map of an engine from logs and write the result; raises as `estimate` does."""
-    # References are read after the map is final.
-    if method not in METHODS:
-        raise UsageError(f"--method {method}: unknown; expected one of {', '.join(METHODS)}")
+    done: fleet.Estimated,
+) -> str:
+    """Write the result, and what its logs show of a healthy engine; return what the map says, in a sentence."""
     names = finding.log_names(paths)
-    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
-    if method == "observer":
-        joint = None if before.air_path.learns else engine
-        done = fleet.estimate_fleet(before, config_text, gain, paths, out, workers or Workers(), progress, joint)
-    else:
-        done = _one_after_another(before, gain, paths, method, progress)
     digests = {log.name: log.sha256 for log in done.summaries}
     inputs = {f"{name}{path.suffix}": digests[name] for path, name in names.items() if name in digests}
-    if engine is not None:
-        inputs[engine.name] = engine.sha256
-    provenance = Provenance(inputs, config_text)
+    provenance = Provenance({**inputs, **before.inputs}, config_text)
     found, doubts = done.estimate, done.doubts
     seen = found.theta, found.covariance, found.supported
     says = headline(found.grid, before.air_path.axes, *seen, doubts.driven, doubts.agreement.ratio)
@@ -188,44 +169,44 @@ def estimate_logs(
             results.write_agreement(file, scatter=done.scatter, logs=done.agreement)
         before.write(file)
 
-    results.write_result(out, before.air_path, done.estimate, done.summaries, stored, provenance, further)
+    results.write_result(out, before.air_path, found, done.summaries, stored, provenance, further)
     PartsFolder(out, "", StoredPart).remove()
-    if method == "observer":
+    if found.method == "observer":
         from lpvobs.api.healthy import learn_healthy  # loads the search for effects
 
         learn_healthy(out, names, [item.name for item in done.agreement if item.disagrees])
-    progress(1.0)
-    return replace(done, headline=says)
+    return says
 
 
 def _one_after_another(
-    before: known_engine.KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
+    before: KnownEngine, gain: StateGain, paths: Sequence[Path], method: str, progress: Progress
 ) -> fleet.Estimated:
     """Estimate by a method that goes through the logs in turn, the map of one being the start of the next."""
     refuse_copies(paths)
-    config, air_path = before.config, before.air_path
+    config, air_path, settings, grid = before.config, before.air_path, before.config.estimate, before.config.grid()
     logs, refused = usable(paths, partial(reading.read_log, channels=air_path.channels, policies=config.reading))
     names = finding.log_names(paths)
-    logs = tuple((path, replace(log, name=names[path])) for path, log in logs)
+    logs = {path: replace(log, name=names[path]) for path, log in logs.items()}
     progress(0.5)
-    estimate = _estimate(before, gain, contents(logs), method)
+    given = (air_path, grid, gain, [*logs.values()])
+    if method == "published":
+        estimate = rivals.estimate_published(*given, config.published, settings)
+    elif method == "ekf":
+        estimate = rivals.estimate_ekf(*given, config.ekf, settings)
+    else:
+        estimate = rivals.estimate_batch(*given, settings)
     fleet.refuse_empty(estimate)
-    engine = judged(air_path, config.estimate.of_engine(air_path.usual_tolerance), None)
-    doubts = doubts_of(config, engine, estimate, ((log.name, _looked_into(config, engine, log)) for _, log in logs))
+    engine = judged(air_path, settings.of_engine(air_path.usual_tolerance), None)
+    watched = [Watched(log, engine, grid, config.kind.suspects) for log in logs.values()]
+    for each in watched:
+        deque(each.pieces(), maxlen=0)  # goes through the log
+    doubts = doubts_of(config, engine, estimate, ((each.name, each.sums) for each in watched))
     progress(0.9)
     summaries = tuple(
         results.summary_of(run, metrics_of(air_path, estimate, path, log), doubts.ratios[run.name])
-        for (path, log), run in zip(logs, estimate.runs, strict=True)
+        for (path, log), run in zip(logs.items(), estimate.runs, strict=True)
     )
     return fleet.Estimated(estimate, summaries, refused, doubts)
-
-
-def _looked_into(config: Config, engine: Judged, log: Log) -> BalanceSums:
-    """Return what the balances say of a log."""
-    watched = Watched(log, engine, config.grid(), config.kind.suspects)
-    for _ in watched.pieces():
-        pass
-    return watched.sums
 
 
 def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None) -> Workers:
@@ -246,7 +227,7 @@ def workers_for(method: str, logs: int, jobs: int | None, scheduler: str | None)
 
 
 def gain_for(
-    config: Config, paths: Sequence[Path], gain: Path | None, method: str, air_path: AirPath | None = None
+    config: Config, paths: Sequence[Path], gain: File | None, method: str, air_path: AirPath | None = None
 ) -> gains.StoredGain:
     """Return the gain to estimate with: the given one, proven again, or else one made for the method and the engine."""
     if gain is None:
@@ -255,20 +236,10 @@ def gain_for(
         if method == "published":
             return make_published_gain(config)
         return make_gain(config, paths, lenient=True, air_path=air_path)[0]
-    stored = gains.read_gain(gain)
-    gains.expect_engine(gain, stored, config)
+    stored = gains.read_gain(as_path(gain))
+    gains.expect_engine(as_path(gain), stored, config)
     verify.expect_proven(gain, verify.check_again(stored))
     return stored
-
-
-def _estimate(before: known_engine.KnownEngine, gain: StateGain, logs: Sequence[Log], method: str) -> MapEstimate:
-    config, air_path, grid = before.config, before.air_path, before.config.grid()
-    settings = config.estimate
-    if method == "published":
-        return rivals.estimate_published(air_path, grid, gain, logs, config.published, settings)
-    if method == "ekf":
-        return rivals.estimate_ekf(air_path, grid, gain, logs, config.ekf, settings)
-    return rivals.estimate_batch(air_path, grid, gain, logs, settings)
 
 
 def metrics_of(air_path: AirPath, estimate: MapEstimate, path: Path, log: Log) -> Metrics | None:

@@ -41,7 +41,6 @@ def extrapolate(result: File, method: str = "kriging", *, smooth: bool = False) 
 
     Parameters
     ----------
-    result : path
     method : str
         `kriging`: Eq. (37) as trend, and what the sensor's error has beyond it as a process whose lengths and amplitude come from
         the map; `quadratic`: Eq. (37) alone, as in the paper.

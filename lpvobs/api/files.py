@@ -1,22 +1,20 @@
-"""Names of files, and claims on them while they are written; the configuration of a folder."""
+"""Names of files, claims on them while they are written, and the logs among them that can be used."""
 
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.logs.finding import find_logs
 from lpvobs.io.logs.remote import log_digest
 from lpvobs.io.safety.atomic import claimed, is_same, replacing
-from lpvobs.records import Log
 
 File: TypeAlias = str | os.PathLike[str]
 Files: TypeAlias = File | Iterable[File]
 Progress: TypeAlias = Callable[[float], None]
-CONFIG_NAME = "lpvobs.toml"
 LONGEST_NAME = 255  # [bytes] Longest name of a file in its folder
 
 
@@ -48,17 +46,6 @@ def some_logs(logs: Files) -> list[Path]:
     return find_logs(some(logs, "log"))
 
 
-def find_config(folder: Path) -> Path | None:
-    """Return `lpvobs.toml` in a folder or the nearest one above it that may be looked into, None where there is none."""
-    for place in (folder, *folder.parents):
-        try:
-            if (place / CONFIG_NAME).is_file():
-                return place / CONFIG_NAME
-        except OSError:
-            continue
-    return None
-
-
 def refuse_copies(paths: Sequence[Path]) -> None:
     """Raise for two logs of the same bytes, which would count twice; only files of the same size are looked into."""
     by_size: dict[int, list[Path]] = {}
@@ -67,18 +54,13 @@ def refuse_copies(paths: Sequence[Path]) -> None:
             by_size.setdefault(path.stat().st_size, []).append(path)
     for same in by_size.values():
         seen: dict[str, Path] = {}
-        for path in same if len(same) > 1 else ():
-            if not path.is_file():
-                continue
-            try:
-                digest = log_digest(path)
-            except OSError:  # whoever reads it tells why it cannot be
-                continue
-            if digest in seen:
-                raise UsageError(
-                    f"{path}: same content as {seen[digest]}; this drive would count twice, so leave one file out"
-                )
-            seen[digest] = path
+        for path in [path for path in same if len(same) > 1 and path.is_file()]:
+            with suppress(OSError):  # whoever reads it tells why it cannot be
+                if (digest := log_digest(path)) in seen:
+                    raise UsageError(
+                        f"{path}: same content as {seen[digest]}; this drive would count twice, so leave one file out"
+                    )
+                seen[digest] = path
 
 
 @contextmanager
@@ -129,26 +111,23 @@ def within(progress: Progress, begin: float, end: float) -> Progress:
     return lambda done: progress(begin + (end - begin) * done)
 
 
-LogAt = tuple[Path, Log]
+Found = TypeVar("Found")
 
 
-def usable(paths: Sequence[Path], read: Callable[[Path], Log]) -> tuple[tuple[LogAt, ...], tuple[str, ...]]:
-    """Return the logs that can be used with their paths, and why the others cannot.
+def usable(
+    paths: Sequence[Path], read: Callable[[Path], Found], one: bool = True
+) -> tuple[dict[Path, Found], tuple[str, ...]]:
+    """Return what is read of the logs that can be used, and why the others cannot.
 
-    Raises DataError if there are logs, and none can be used.
+    Raises DataError if there are logs, none can be used, and at least one has to be.
     """
-    logs: list[LogAt] = []
+    logs: dict[Path, Found] = {}
     refused: list[str] = []
     for path in paths:
         try:
-            logs.append((path, read(path)))
+            logs[path] = read(path)
         except DataError as error:
             refused.append(str(error))
-    if paths and not logs:
+    if one and paths and not logs:
         raise DataError("; ".join(refused))
-    return tuple(logs), tuple(refused)
-
-
-def contents(logs: Iterable[LogAt]) -> tuple[Log, ...]:
-    """Return logs without their paths."""
-    return tuple(log for _, log in logs)
+    return logs, tuple(refused)

@@ -24,7 +24,6 @@ from lpvobs.io.logs.finding import log_names
 from lpvobs.io.logs.parquet import has_references
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.io.logs.reading import LogFile, references
-from lpvobs.io.results.engines import CalibratedEngine
 from lpvobs.io.results.parts import Left, PartsFolder, StoredPart, run_key
 from lpvobs.io.results.results import LogSummary, summary_of
 from lpvobs.maps.grid import Grid
@@ -64,16 +63,15 @@ class Estimated:
 
 @dataclass(frozen=True)
 class PartTask:
-    """One log to go through, with all that this takes."""
+    """What it takes to go through a log."""
 
-    path: Path
     point: Point
     grid: Grid
     gain: StateGain
     policies: LogPolicies
-    done: frozenset[str]
-    alone: bool
     suspects: Suspects
+    alone: bool
+    done: frozenset[str] = frozenset()
     seconds: float = np.inf
 
     def inform(self, recording: Recording) -> LogInformation:
@@ -99,25 +97,12 @@ def in_order(read: Callable[[str], StoredPart], found: Mapping[str, str]) -> Ite
         yield replace(part, run=replace(part.run, name=found[sha256]))
 
 
-@dataclass(frozen=True)
-class MetricsTask:
-    """A final map to compare with the references of one log."""
-
-    path: Path
-    grid: Grid
-    theta: Array
-    units: dict[str, str]
-    kept: tuple[NDArray[np.uint8], ...]
-
-
-def begun(before: KnownEngine, gain: StateGain, workers: Workers, engine: CalibratedEngine | None) -> PartTask:
-    """Return what every log needs to be gone through, the engine being as it is known before them, or as it was calibrated."""
-    config, air_path = before.config, before.air_path
-    point = Point(air_path, config.estimate.of_engine(air_path.usual_tolerance))
-    if engine is not None:
-        point = replace(point, deviation=engine.stored.deviation, known=engine.stored.unknowns)
-    grid, suspects = config.grid(), config.kind.suspects
-    return PartTask(Path(), point, grid, gain, config.reading, frozenset(), workers.alone, suspects)
+def begun(before: KnownEngine, gain: StateGain, workers: Workers) -> PartTask:
+    """Return what every log needs to be gone through, the engine being as it is known before them."""
+    config, known = before.config, before.calibrated
+    settings = config.estimate.of_engine(before.air_path.usual_tolerance)
+    point = Point(before.air_path, settings, {} if known is None else known.deviation(), known)
+    return PartTask(point, config.grid(), gain, config.reading, config.kind.suspects, workers.alone)
 
 
 def estimate_fleet(
@@ -128,34 +113,33 @@ def estimate_fleet(
     out: Path,
     workers: Workers,
     progress: Progress,
-    engine: CalibratedEngine | None = None,
 ) -> Estimated:
     """Return the map of all logs that can be used.
 
-    Parts of several logs wait beside `out`, for a run with the same configuration. The engine has what it learned from the logs;
-    `engine` is what is known of it beyond the configuration. Raises UsageError for two logs of the same bytes; DataError if no
-    log can be used, or they inform no node.
+    Parts of several logs wait beside `out`, for a run with the same configuration. The engine has what it learned from the logs.
+    Raises UsageError for two logs of the same bytes; DataError if no log can be used, or they inform no node.
     """
     refuse_copies(paths)
     config, air_path = before.config, before.air_path
     grid, names = config.grid(), log_names(paths)
+    several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
     with workers:
-        task = begun(before, gain, workers, engine)
+        task = begun(before, gain, workers)
         task, outcomes = linearised(workers, task, sorted(paths, key=names.__getitem__), progress)
-        made_with = config_text + learned_digest(air_path) + ("" if engine is None else engine.sha256)
-        key = run_key(made_with + repr(sorted(task.point.deviation.items())), gain)
-        folder, held = PartsFolder(out, key, StoredPart), dict[str, StoredPart]()
-        several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
-        keep: Callable[[StoredPart], None] = folder.keep if several else partial(_hold, held)
-        read: Callable[[str], StoredPart] = folder.read if several else held.__getitem__
-        for outcome in outcomes.values():
-            if outcome.stored is not None:
-                keep(outcome.stored)
-        opened = {each.sha256 for each in outcomes.values()}
-        task = replace(task, done=folder.found() if several else frozenset())
-        tasks = {path: replace(task, path=path) for path in paths if path not in outcomes}
+        engine = "" if before.calibrated is None else "".join(before.inputs.values())
+        made_with = config_text + learned_digest(air_path) + engine
+        folder = PartsFolder(out, run_key(made_with + repr(sorted(task.point.deviation.items())), gain), StoredPart)
+        opened = {each.sha256: each.stored for each in outcomes.values()}
+        if several:
+            for stored in filter(None, opened.values()):
+                folder.keep(stored)
+            task = replace(task, done=folder.found())
+        further = [path for path in paths if path not in outcomes]
+        keep = folder.keep if several else None
         done = OPENING_SHARE + PARTS_SHARE
-        outcomes |= outcomes_of(workers, part_of, tasks, keep, within(progress, OPENING_SHARE, done))
+        outcomes |= outcomes_of(workers, partial(part_of, task), further, keep, within(progress, OPENING_SHARE, done))
+        parts = {each.sha256: each.stored for each in outcomes.values() if each.stored is not None}
+        read: Callable[[str], StoredPart] = folder.read if several else parts.__getitem__
         found = {outcomes[path].sha256: path for path in paths if outcomes[path].refusal is None}
         refusals = tuple(text for path in paths if (text := outcomes[path].refusal) is not None)
         if not found:
@@ -171,24 +155,23 @@ def estimate_fleet(
         agreement: tuple[Agreement, ...] = ()
         if len(found) > 1:
             scatter, agreement = agreements(solution, in_order(read, called), config.estimate.prior_map)
-        metrics = _metrics(workers, air_path, estimate, found, read, within(progress, done, 0.1 * done + 0.9))
+        units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
+        judging = partial(compared, grid, estimate.theta, units)
+        known = [(sha256, path, read(sha256).kept) for sha256, path in found.items() if has_references(path)]
+        judged_by = finished(workers, judging, known, within(progress, done, 0.1 * done + 0.9))
+        metrics = {sha256: result for (sha256, *_), result in judged_by}
     runs, ratios = estimate.runs, doubts.ratios
-    summaries = {found[run.sha256]: summary_of(run, metrics[run.sha256], ratios[run.name]) for run in runs}
-    compared_with_all = {item.name: item for item in agreement}
-    used = [path for path in paths if path in summaries]
+    summaries = {run.sha256: summary_of(run, metrics.get(run.sha256), ratios[run.name]) for run in runs}
+    turn = {name: number for number, name in enumerate(called.values())}
     return Estimated(
-        reused=len((task.done & found.keys()) - opened),
+        reused=len((task.done & found.keys()) - opened.keys()),
         estimate=estimate,
-        summaries=tuple(summaries[path] for path in used),
+        summaries=tuple(summaries[log] for log in found),
         refused=refusals,
         doubts=doubts,
         scatter=scatter,
-        agreement=tuple(compared_with_all[names[path]] for path in used if names[path] in compared_with_all),
+        agreement=tuple(sorted(agreement, key=lambda item: turn[item.name])),
     )
-
-
-def _hold(held: dict[str, StoredPart], stored: StoredPart) -> None:
-    held[stored.sha256] = stored
 
 
 def learned_digest(air_path: AirPath) -> str:
@@ -209,9 +192,8 @@ def linearised(
     for turn in range(PASSES):
         waiting = [path for path in paths if path not in found]
         while waiting and (lack := OPENING - sum(outcome.stored is not None for outcome in found.values())) > 0:
-            tasks = {path: replace(opening, path=path) for path in waiting[:lack]}
-            ends = OPENING_SHARE * turn / PASSES, OPENING_SHARE * (turn + 1) / PASSES
-            found |= outcomes_of(workers, part_of, tasks, None, within(progress, *ends))
+            going = within(progress, OPENING_SHARE * turn / PASSES, OPENING_SHARE * (turn + 1) / PASSES)
+            found |= outcomes_of(workers, partial(part_of, opening), waiting[:lack], None, going)
             waiting = waiting[lack:]
         parts = [outcome.stored.part for outcome in found.values() if outcome.stored is not None]
         if not parts:
@@ -226,23 +208,31 @@ def linearised(
 
 
 Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def finished(
+    workers: Workers, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress
+) -> Iterator[tuple[Task, Result]]:
+    """Yield each task and its result as it finishes, and tell how many have."""
+    for count, (number, result) in enumerate(workers.finished(function, tasks), 1):
+        yield tasks[number], result
+        progress(count / len(tasks))
 
 
 def outcomes_of(
     workers: Workers,
     function: Callable[[Task], LogOutcome[Left]],
-    tasks: Mapping[Path, Task],
+    logs: Sequence[Task],
     keep: Callable[[Left], None] | None,
     progress: Progress,
-) -> dict[Path, LogOutcome[Left]]:
+) -> dict[Task, LogOutcome[Left]]:
     """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest."""
-    found: dict[Path, LogOutcome[Left]] = {}
-    paths = list(tasks)
-    for count, (number, outcome) in enumerate(workers.finished(function, list(tasks.values())), 1):
+    found: dict[Task, LogOutcome[Left]] = {}
+    for log, outcome in finished(workers, function, logs, progress):
         if keep is not None and outcome.stored is not None:
             keep(outcome.stored)
-        found[paths[number]] = outcome if keep is None else replace(outcome, stored=None)
-        progress(count / len(tasks))
+        found[log] = outcome if keep is None else replace(outcome, stored=None)
     return found
 
 
@@ -261,7 +251,7 @@ def refuse_empty(estimate: MapEstimate) -> None:
         )
 
 
-def part_of(task: PartTask) -> LogOutcome[StoredPart]:
+def part_of(task: PartTask, path: Path) -> LogOutcome[StoredPart]:
     """Go through one log."""
 
     def stored(log: LogFile, beginning: Beginning) -> StoredPart:
@@ -269,14 +259,14 @@ def part_of(task: PartTask) -> LogOutcome[StoredPart]:
         watched = Watched(beginning, judged(point.configured, point.settings, point.known), task.grid, task.suspects)
         return StoredPart(task.inform(watched), log.kept, watched.sums)
 
-    return gone_through(task, stored)
+    return gone_through(task, path, stored)
 
 
-def gone_through(task: PartTask, left: Callable[[LogFile, Beginning], Left]) -> LogOutcome[Left]:
+def gone_through(task: PartTask, path: Path, left: Callable[[LogFile, Beginning], Left]) -> LogOutcome[Left]:
     """Go through one log for what it leaves; a log that cannot be used is an outcome, not a failure."""
     sha256 = ""
     try:
-        log = LogFile(task.path, task.point.air_path.channels, task.policies, threads=task.alone)
+        log = LogFile(path, task.point.air_path.channels, task.policies, threads=task.alone)
         sha256 = log.sha256
         if sha256 in task.done:
             return LogOutcome(sha256)
@@ -286,28 +276,13 @@ def gone_through(task: PartTask, left: Callable[[LogFile, Beginning], Left]) -> 
         return LogOutcome(sha256, refusal=str(error))
 
 
-def compared(task: MetricsTask) -> Metrics:
-    """Compare a map with the references of one log."""
-    read = partial(references, task.path, task.units, task.kept)
-    if len(task.kept) == 1:  # fits into memory: no need to read it twice
+def compared(
+    grid: Grid, theta: Array, units: Mapping[str, str], log: tuple[str, Path, tuple[NDArray[np.uint8], ...]]
+) -> Metrics:
+    """Compare a map with the references of one log: its digest, its file, and which of its rows were used."""
+    _, path, kept = log
+    read = partial(references, path, units, kept)
+    if len(kept) == 1:  # fits into memory: no need to read it twice
         pieces = list(read())
-        return compare_pieces(task.grid, task.theta, lambda: pieces)  # type: ignore[arg-type, return-value]
-    return compare_pieces(task.grid, task.theta, read)  # type: ignore[arg-type]
-
-
-def _metrics(
-    workers: Workers,
-    air_path: AirPath,
-    estimate: MapEstimate,
-    found: dict[str, Path],
-    read: Callable[[str], StoredPart],
-    progress: Progress,
-) -> dict[str, Metrics | None]:
-    units = {axis.channel: air_path.channels[axis.channel].unit for axis in air_path.axes}
-    known = [sha256 for sha256, path in found.items() if has_references(path)]
-    tasks = [MetricsTask(found[log], estimate.grid, estimate.theta, units, read(log).kept) for log in known]
-    metrics: dict[str, Metrics | None] = dict.fromkeys(found)
-    for count, (number, result) in enumerate(workers.finished(compared, tasks), 1):
-        metrics[known[number]] = result
-        progress(count / len(tasks))
-    return metrics
+        return compare_pieces(grid, theta, lambda: pieces)  # type: ignore[arg-type, return-value]
+    return compare_pieces(grid, theta, read)  # type: ignore[arg-type]

@@ -6,15 +6,13 @@ from pathlib import Path
 
 from lpvobs.api.known_engine import known_engine
 from lpvobs.api.search_start import known_from
-from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.healthy_sizes import learned
 from lpvobs.discovery.thresholds import HEALTHY_LEAST, HEALTHY_SECONDS, MOST_ROWS
 from lpvobs.errors import DataError
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import read_log
-from lpvobs.io.results.hdf import reading
-from lpvobs.io.results.mapping import read_if_there, write
-from lpvobs.io.results.results import KIND, REMEDY, read_result, update
+from lpvobs.io.results.mapping import write
+from lpvobs.io.results.results import read_result, update
 from lpvobs.records import Log
 
 GROUP = "healthy"
@@ -47,9 +45,3 @@ def learn_healthy(out: Path, names: Mapping[Path, str], outliers: Sequence[str])
         there = model.restarted(known.constants, known.covariance)
         found = learned(there, engine.config.grid(), known.prior, logs)
         update(stored, lambda file: write(file, GROUP, found) and None)
-
-
-def healthy_drive(path: Path) -> HealthyDrive | None:
-    """Return what a result says of its healthy drives, None where it does not."""
-    with reading(path, KIND, REMEDY) as file:
-        return read_if_there(file.get(GROUP), HealthyDrive)

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from lpvobs.api.files import File, Files, as_path, some, writing
+from lpvobs.api.files import File, Files, as_path, some, write_text, writing
 from lpvobs.ingest import foreign, profiles
 from lpvobs.ingest.drafting import draft_profile as draft
 from lpvobs.ingest.record import KEY
 from lpvobs.io.logs import finding, parquet
-from lpvobs.io.safety.atomic import replacing
 
 
 def ingest_log(
@@ -28,8 +27,6 @@ def ingest_log(
         CSV, Parquet, MAT or MDF4 files of one drive, on one clock.
     profile : str or path
         `liu-ice`, `kit-obd`, or a TOML file.
-    out : path
-        The Parquet log to write.
     vehicle, date : str, optional
         Whose log it is and when it was driven, such as 2025-01-31, kept in the log for `track`.
     """
@@ -62,16 +59,11 @@ def draft_profile(source: File, out: File | None = None, names: File | None = No
     ----------
     source : path
         CSV, Parquet, MAT or MDF4.
-    out : path, optional
-        The TOML file to write it to.
     names : path, optional
         Your own table of names, which comes first: a CSV or INCA `.lab` file with lines `NAME;CHANNEL`.
     """
     own = None if names is None else as_path(names)
-    if out is None:
-        return draft(as_path(source), own)
-    with writing(out, [source, names]) as target:
-        text = draft(as_path(source), own)
-        with replacing(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    text = draft(as_path(source), own)
+    if out is not None:
+        write_text(out, text, [source, names])
     return text

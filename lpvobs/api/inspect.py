@@ -1,27 +1,24 @@
 """`inspect`: what is in a log, and what the policies did about its defects."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from lpvobs.api.files import File, Files, as_path, as_paths
+from lpvobs.api.files import File, Files, as_path, as_paths, usable
 from lpvobs.engines.channels import Channel
 from lpvobs.engines.registry import ENGINES, usual_engine
-from lpvobs.errors import DataError
 from lpvobs.ingest.record import stored_record
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, parquet, reading
 from lpvobs.io.logs.policies import LogPolicies
 from lpvobs.kinds import Count, Refused, Seconds, Sha
 from lpvobs.records import Array, Defects, Log
-
-if TYPE_CHECKING:
-    from lpvobs.observer.estimate import MapEstimate
 
 Units = Mapping[str, str]
 
@@ -127,31 +124,24 @@ def inspect(log: File, config: File | None = None) -> InspectedLog:
 
     Parameters
     ----------
-    log : path
     config : path, optional
         Engine and policies; by default the first engine that the log serves.
     """
-    return inspect_log(as_path(log), *_engine_of(config))
+    return _inspecting(config)(as_path(log))
 
 
-def inspect_logs(logs: Files, config: File | None = None) -> tuple[tuple[InspectedLog, ...], tuple[str, ...]]:
+def inspect_logs(logs: Files, config: File | None = None) -> InspectOutput:
     """Return what is in each of several logs that can be used, and why the others cannot; raises UsageError as `inspect`."""
-    engine = _engine_of(config)
-    found, refused = [], []
-    for path in finding.find_logs(as_paths(logs)):
-        try:
-            found.append(inspect_log(path, *engine))
-        except DataError as error:
-            refused.append(str(error))
-    return tuple(found), tuple(refused)
+    found, refused = usable(finding.find_logs(as_paths(logs)), _inspecting(config), one=False)
+    return InspectOutput(logs=tuple(found.values()), refused=refused)
 
 
-def _engine_of(config: File | None) -> tuple[Mapping[str, Channel] | None, LogPolicies, Config | None]:
-    """Return the channels that the configured engine needs, the policies, and the configuration; without it the default ones."""
+def _inspecting(config: File | None) -> Callable[[Path], InspectedLog]:
+    """Return the function that inspects a log for the configured engine, else for the first one that the log serves."""
     if config is None:
-        return None, LogPolicies(), None
-    configuration, _ = load_config(as_path(config))
-    return configuration.engine_path().channels, configuration.policies, configuration
+        return partial(inspect_log, needed=None, policies=LogPolicies())
+    known, _ = load_config(as_path(config))
+    return partial(inspect_log, needed=known.engine_path().channels, policies=known.policies, config=known)
 
 
 def inspect_log(
@@ -206,6 +196,7 @@ def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Unit
     at_rest = np.finfo(float).eps * np.max(np.abs(finite), initial=0.0)
     finite = np.where(np.abs(finite) < at_rest, 0.0, finite)
     low, middle, high = (float(of(finite)) if finite.size else np.nan for of in (np.min, np.median, np.max))
+    changed = log.time[np.flatnonzero(values[1:] != values[:-1]) + 1]
     in_file = file_units.get(name, "")
     return ChannelOutput(
         unit=in_log.get(name, in_file),
@@ -215,14 +206,8 @@ def _channel(log: Log, name: str, values: Array, file_units: Units, in_log: Unit
         median=middle,
         max=high,
         dropped=log.defects.dropped.get(name, 0),
-        refresh=_refresh(log.time, values),
+        refresh=float(1.0 / np.median(np.diff(changed))) if changed.size > 1 else np.nan,
     )
-
-
-def _refresh(time: Array, values: Array) -> float:
-    """Return how often a channel changes [Hz]: the inverse of the usual time between changes, NaN for a constant."""
-    changed = time[np.flatnonzero(values[1:] != values[:-1]) + 1]
-    return float(1.0 / np.median(np.diff(changed))) if changed.size > 1 else float("nan")
 
 
 def informed_with_each(config: Config, path: Path, log: Log, lacking: Sequence[str]) -> tuple[Informed, ...]:
@@ -237,19 +222,17 @@ def informed_with_each(config: Config, path: Path, log: Log, lacking: Sequence[s
         return ()
     from lpvobs.api.estimate import gain_for  # load the compiler and the solver, which `inspect` needs for this alone
     from lpvobs.observer.estimate import estimate_default
-    from lpvobs.observer.parts import StateGain
 
-    stored = gain_for(config, [path], None, "observer")
-    gain, grid = StateGain(stored.outputs, stored.gain.L, stored.gain.region), config.grid()
-    now = estimate_default(air_path, grid, gain, [log], config.estimate)
-    found = [_informed(None, "", now, now)]
+    gain, grid = gain_for(config, [path], None, "observer").state, config.grid()
+    logs: dict[str | None, tuple[str, Log]] = {None: ("", log)}
     for name, (supposed, values) in stand_ins.items():
-        with_it = replace(log, channels={**log.channels, name: values})
-        found.append(_informed(name, supposed, estimate_default(air_path, grid, gain, [with_it], config.estimate), now))
-    return tuple(found)
-
-
-def _informed(channel: str | None, supposed: str, found: "MapEstimate", now: "MapEstimate") -> Informed:
-    on = found.supported & now.supported if now.supported.any() else found.supported
-    error = float(np.median(found.standard_error[on])) if on.any() else None
-    return Informed(channel=channel, supposed=supposed, nodes=int(found.supported.sum()), standard_error=error)
+        logs[name] = supposed, replace(log, channels={**log.channels, name: values})
+    now, informs = None, []
+    for channel, (supposed, each) in logs.items():
+        found = estimate_default(air_path, grid, gain, [each], config.estimate)
+        now = found.supported if now is None else now
+        on = found.supported & now if now.any() else found.supported
+        error = float(np.median(found.standard_error[on])) if on.any() else None
+        nodes = int(found.supported.sum())
+        informs.append(Informed(channel=channel, supposed=supposed, nodes=nodes, standard_error=error))
+    return tuple(informs)

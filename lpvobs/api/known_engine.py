@@ -1,19 +1,20 @@
 """The engine of a stored result: its configuration, and what a calibration or healthy logs have taught of it."""
 
-from collections.abc import Collection, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import h5py
 
+from lpvobs.api.files import File, as_path, usable
 from lpvobs.engines import base, unknowns
 from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.residual_model import ResidualModel
-from lpvobs.errors import DataError
 from lpvobs.io.configuration.config import Config, config_of
 from lpvobs.io.logs import parquet, reading
 from lpvobs.io.results import engines, hdf, results
+from lpvobs.io.safety.atomic import file_digest
 from lpvobs.records import Log
 
 
@@ -27,6 +28,7 @@ class KnownEngine:
     healthy: HealthyErrors | None
     # what a calibration knew before the logs; None where that is the configuration alone
     calibrated: unknowns.Unknowns | None = None
+    inputs: Mapping[str, str] = field(default_factory=dict)  # digest of the calibrated engine by the name of its file
 
     def residual_model(self, taught: Collection[str] = ()) -> ResidualModel:
         """Return the engine as the loop sees it; `taught` are the digests of logs that must not be judged by what they taught."""
@@ -52,25 +54,18 @@ class KnownEngine:
         return engines.Learning(known, self.healthy, self.residual_model().balances)
 
 
-def known_engine(stored: results.StoredResult, engine: Path | None = None) -> KnownEngine:
+def known_engine(stored: results.StoredResult, engine: File | None = None) -> KnownEngine:
     """Return the engine of a result, or of a calibration in place of that; raises DataError where it lacks what it should know."""
     config = config_of(stored.provenance.config, stored.path)
-    air_path = config.engine_path()
     if engine is not None:
-        calibrated = engines.read_engine(engine, air_path)
-        if calibrated.learned is not None:
-            return _knowing(config, calibrated.learned)
-        return KnownEngine(config, air_path, None, calibrated.unknowns)
+        return engine_before(config, (), engine)
+    air_path = config.engine_path()
     with hdf.reading(stored.path, results.KIND, results.REMEDY) as file:
-        if not air_path.learns:
-            before = file.get(engines.BEFORE)
-            known = None if before is None else engines.read_unknowns(before, air_path)
-            return KnownEngine(config, air_path, None, known)
-        return _knowing(config, engines.read_learned(file))
-
-
-def _knowing(config: Config, learning: engines.Learning) -> KnownEngine:
-    return KnownEngine(config, config.engine_path().knowing(learning.known), learning.healthy)
+        if air_path.learns:
+            learning = engines.read_learned(file)
+            return KnownEngine(config, air_path.knowing(learning.known), learning.healthy)
+        before = file.get(engines.BEFORE)
+        return KnownEngine(config, air_path, None, None if before is None else engines.read_unknowns(before, air_path))
 
 
 def learned_engine(config: Config, logs: Sequence[Log]) -> KnownEngine:
@@ -81,12 +76,15 @@ def learned_engine(config: Config, logs: Sequence[Log]) -> KnownEngine:
     return KnownEngine(config, air_path.learned_from(logs), errors(config.engine, logs))
 
 
-def engine_before(config: Config, paths: Sequence[Path], calibrated: engines.StoredEngine | None = None) -> KnownEngine:
+def engine_before(config: Config, paths: Sequence[Path], engine: File | None = None) -> KnownEngine:
     """Return what is known of the engine before an estimate; without a calibration one that learns takes its logs for healthy."""
-    if calibrated is not None and calibrated.learned is not None:
-        return _knowing(config, calibrated.learned)
-    logs = []
-    for path in paths if config.kind.air_path.learns else ():
-        with suppress(DataError):  # whoever uses the logs next says which cannot be read
-            logs.append(reading.read_log(path, config.engine_path().channels, config.reading))
-    return learned_engine(config, logs)
+    air_path = config.engine_path()
+    if engine is not None:
+        path = as_path(engine)
+        stored, inputs = engines.read_engine(path, air_path), {path.name: file_digest(path)}
+        if stored.learned is None:
+            return KnownEngine(config, air_path, None, stored.unknowns, inputs)
+        return KnownEngine(config, air_path.knowing(stored.learned.known), stored.learned.healthy, inputs=inputs)
+    read = partial(reading.read_log, channels=air_path.channels, policies=config.reading)
+    logs, _ = usable(paths if air_path.learns else (), read, one=False)  # whoever uses them next says which cannot be
+    return learned_engine(config, [*logs.values()])

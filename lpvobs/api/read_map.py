@@ -94,7 +94,6 @@ def read_map(result: File, values: str = "") -> Map:
 
     Parameters
     ----------
-    result : path
     values : str
         `map`: what was estimated, NaN elsewhere; `extrapolation`: every node; by default the latter if there is one.
 

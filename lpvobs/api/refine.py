@@ -1,13 +1,12 @@
 """`refine`: the model of a result with the effects that the logs prove."""
 
 import shutil
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 
-from lpvobs.api import fleet, known_engine
+from lpvobs.api import fleet
 from lpvobs.api.estimate import metrics_of
 from lpvobs.api.files import File, Files, Progress, as_path, as_paths, shown, some_logs, within, writing
 from lpvobs.api.trace import Closed, Traced, TraceOutput, close
@@ -19,11 +18,10 @@ from lpvobs.io.results.gains import StoredGain
 from lpvobs.io.results.hdf import changing
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import write_sensor_state
-from lpvobs.io.results.results import LogSummary, refuse_replaced, summary_of, write_result
+from lpvobs.io.results.results import refuse_replaced, summary_of, write_result
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.observer.estimate import MapEstimate, Point, of_parts
 from lpvobs.observer.parts import inform_observed
-from lpvobs.records import Log
 from lpvobs.synthesis.sensor_state import SensorState, with_sensor_state
 
 
@@ -51,10 +49,8 @@ def refine(
 
     Parameters
     ----------
-    result, logs, freeze_map, engine, progress
+    logs, freeze_map, engine
         As for `trace`.
-    out : path
-        The refined result to write; without a finding, the model of before.
     hold_out : path or several
         Logs that nothing is fitted to and no decision sees: the error is judged on them, too.
 
@@ -64,11 +60,10 @@ def refine(
         As of `trace`, and with the error after.
     """
     paths, unseen = some_logs(logs), find_logs(as_paths(hold_out))
-    calibrated = None if engine is None else as_path(engine)
-    with writing(out, [result, *paths, *unseen, calibrated]) as target:
+    with writing(out, [result, *paths, *unseen, engine]) as target:
         told = shown(progress)
         searched = within(told, 0.0, 0.95)
-        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=calibrated)
+        closed = close(as_path(result), paths, unseen, freeze_map, searched, anew=True, calibrated=engine)
         if not closed.refinement.trace.findings:
             with replacing(target) as temporary:
                 shutil.copyfile(closed.stored.path, temporary)
@@ -83,13 +78,13 @@ def refine(
 
 def _write_beside(out: Path, closed: Closed) -> None:
     """Write the effects beside a map that stands; the observer with a further state is proven here, too."""
-    stored, found = closed.stored, closed.refinement
-    proven = sensor_state(refined_model(closed.engine, stored.gain, found.known_effects, closed.constants), stored.gain)
+    stored, effects = closed.stored, closed.refinement.known_effects
+    proven = sensor_state(refined_model(closed, effects), stored.gain)
     with changing(stored.path, out) as file:
         for group in ("trace", "refinement"):
             if group in file:
                 del file[group]
-        closed.write(file, found.known_effects)
+        closed.write(file, effects)
         if proven is not None:
             write_sensor_state(file["refinement"], proven, stored.gain)
         refuse_replaced(stored)
@@ -99,62 +94,41 @@ def _write_anew(out: Path, closed: Closed) -> None:
     """Write the map that the observer finds with the effects in the model, and the effects."""
     stored, air_path = closed.stored, closed.engine.air_path
     effects = tuple(from_off(effect) for effect in closed.refinement.known_effects)
-    seen = estimate_refined(closed.engine, stored.gain, effects, closed.constants, closed.used)
-    provenance = Provenance({path.name: log.sha256 for path, log in closed.used}, stored.provenance.config)
+    refined = refined_model(closed, effects)
+    estimate = estimate_refined(closed, refined)
+    logs = tuple(
+        summary_of(run, metrics_of(air_path, estimate, file, log))
+        for (file, log), run in zip(closed.used.items(), estimate.runs, strict=True)
+    )
+    proven = sensor_state(refined, stored.gain)
+    provenance = Provenance({path.name: log.sha256 for path, log in closed.used.items()}, stored.provenance.config)
 
     def further(file: h5py.File) -> None:
         closed.write(file, effects)
         closed.engine.write(file)
-        if seen.sensor_state is not None:
-            write_sensor_state(file["refinement"], seen.sensor_state, stored.gain)
+        if proven is not None:
+            write_sensor_state(file["refinement"], proven, stored.gain)
 
-    write_result(out, air_path, seen.estimate, seen.summaries, stored.gain, provenance, further)
-
-
-@dataclass(frozen=True)
-class RefinedEstimate:
-    """A map that the observer found with the effects accounted for."""
-
-    estimate: MapEstimate
-    summaries: tuple[LogSummary, ...]
-    sensor_state: SensorState | None  # gain and proof of the larger observer where an effect adds a state
+    write_result(out, air_path, estimate, logs, stored.gain, provenance, further)
 
 
-def estimate_refined(
-    engine: known_engine.KnownEngine,
-    gain: StoredGain,
-    effects: tuple[KnownEffect, ...],
-    constants: Mapping[str, float],
-    logs: Sequence[tuple[Path, Log]],
-) -> RefinedEstimate:
-    """Return the map from logs, by the default method.
-
-    The gain is that of the result that is refined, the constants deviate relatively from the configured ones, and logs have
-    their auxiliary channels. Raises NotProven if an effect adds a state and the larger observer cannot be proven.
-    """
-    refined = refined_model(engine, gain, effects, constants)
+def estimate_refined(closed: Closed, refined: Refined) -> MapEstimate:
+    """Return the map that the logs give with the effects in the model, by the default method."""
+    engine, region, constants = closed.engine, closed.stored.gain.gain.region, closed.constants
     air_path, grid = refined.air_path, engine.config.grid()
     settings = engine.config.estimate.of_engine(air_path.usual_tolerance)
     moved = {name: constants.get(name, 0.0) for name in settings.tolerance}
     point = Point(engine.air_path, settings, moved, engine.calibrated)
-    region, unknowns = gain.gain.region, point.unknowns
-    seen = ((log, observed(refined, log)) for _, log in logs)
-    parts = [
-        inform_observed(air_path, grid, region, log, [(beside, log[air_path.sensor])], settings, unknowns)
-        for log, beside in seen
-    ]
+    unknowns, parts = point.unknowns, []
+    for log in closed.used.values():
+        seen = [(observed(refined, log), log[air_path.sensor])]
+        parts.append(inform_observed(air_path, grid, region, log, seen, settings, unknowns))
     estimate = of_parts(grid, parts, point)
     fleet.refuse_empty(estimate)
-    summaries = tuple(
-        summary_of(run, metrics_of(air_path, estimate, file, log))
-        for (file, log), run in zip(logs, estimate.runs, strict=True)
-    )
-    return RefinedEstimate(estimate, summaries, sensor_state(refined, gain))
+    return estimate
 
 
-def refined_model(
-    engine: known_engine.KnownEngine, gain: StoredGain, effects: tuple[KnownEffect, ...], constants: Mapping[str, float]
-) -> Refined:
+def refined_model(closed: Closed, effects: tuple[KnownEffect, ...]) -> Refined:
     """Return the model as the observer has it: the engine with its unknowns where the joint fit has them, and the effects.
 
     `estimate` takes the constants as configured, and carries their tolerance into the standard errors. Beside effects they
@@ -162,13 +136,17 @@ def refined_model(
     to 1 % the map of a refined model missed by 0.7 to 2.1 %, and by 1.3 to 6.8 % with the constants as configured; where they are
     exact, moving them costs up to 1 % at 100 Hz and 2 % at 20 Hz.
     """
-    there = replace(engine, air_path=engine.air_path.deviating(constants), calibrated=None)
+    engine, gain = closed.engine, closed.stored.gain
+    there = replace(engine, air_path=engine.air_path.deviating(closed.constants), calibrated=None)
     smoothing = engine.config.estimate.smoothing
     return Refined(there.residual_model(), there.air_path, gain.outputs, gain.gain.L, smoothing, effects)
 
 
 def sensor_state(refined: Refined, gain: StoredGain) -> SensorState | None:
-    """Return gain and proof of the observer with the sensor's state, None where no effect adds one."""
+    """Return gain and proof of the observer with the sensor's state, None where no effect adds one.
+
+    Raises NotProven if the larger observer cannot be proven.
+    """
     if not refined.lags:
         return None
     problem = problem_of(refined.air_path, gain.outputs, gain.gain.region)

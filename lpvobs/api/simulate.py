@@ -44,12 +44,8 @@ def simulate(
 
     Parameters
     ----------
-    config : path
-        TOML file with engine and `[simulation]`.
     cycle : str
         `etc` (surrogate), `etc_part1`, `ftp75`, `ftp75_cold`, `nedc`, `whtc`, `wltc`, or the path of a table.
-    out : path
-        The Parquet log to write.
     effects : path, optional
         TOML file of what is wrong with engine and sensors, see `configs/effects`.
     engine : path, optional
@@ -90,10 +86,10 @@ def plant_of(config: File, engine: File | None = None) -> tuple[Config, plants.S
         raise UsageError(
             f"{config}: the [simulation] tables for simulate are missing; copy them from configs/{configuration.kind.example}"
         )
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
-    if calibrated is not None:
+    engine = engine or configuration.engine_file(as_path(config))
+    if engine is not None:
         air_path = configuration.engine_path()
-        there = air_path.deviating(read_engine(calibrated, air_path).deviation)
+        there = air_path.deviating(read_engine(as_path(engine), air_path).deviation)
         configuration = replace(configuration, engine=there.engine)
     return configuration, plants.PLANTS[plant]
 
@@ -108,16 +104,12 @@ def simulate_bench(
 
     Parameters
     ----------
-    config : path
-        TOML file with engine and `[simulation]`.
     points : int
         1 to 1000. A third has the EGR valve shut, some have cold combustion air.
     out : path
         The table to write: Parquet with units, or CSV with the units in a second line where the name ends in `.csv`.
     seed : int
         Of noise and of where the points lie.
-    engine : path, optional
-        As for `simulate`.
 
     Returns
     -------

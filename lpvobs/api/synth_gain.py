@@ -13,7 +13,7 @@ from lpvobs.api.files import File, Files
 from lpvobs.api.verify import problem_of
 from lpvobs.engines.base import AirPath
 from lpvobs.engines.registry import ENGINES
-from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.errors import NotProven, UsageError
 from lpvobs.io.configuration.config import Config, load_config
 from lpvobs.io.logs import finding, reading
 from lpvobs.io.results import gains, provenance
@@ -50,12 +50,9 @@ def synth_gain(config: File, logs: Files = (), *, out: File, published: str | No
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Logs, patterns or folders whose range of the scheduling parameters the gain is to cover; none: `[gain.bounds]` of the
         configuration.
-    out : path
-        The gain file to write.
     published : str, optional
         The gain that is printed for the engine, proven on this column of Table 1: for the paper's, `ETC`, `FTP75` or `NEDC`.
 
@@ -147,22 +144,18 @@ def log_bounds(
     config: Config, air_path: AirPath, paths: Sequence[Path], lenient: bool = False
 ) -> tuple[dict[str, Array], dict[str, str]]:
     """Return the range of the scheduling parameters along each log, shape (2, m), and the logs' SHA-256."""
-    bounds, digests = {}, {}
-    for path in paths:
-        try:
-            log = reading.LogFile(path, air_path.channels, config.reading)
-            seen = log_run.RangeSeen(len(air_path.parameter_names), None)
-            # as the estimate sees it: noise widens no range
-            for stretch in smoothing.stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
-                parameters = air_path.trajectory(parts.calm_log(stretch), config.gain.outputs).parameters
-                seen.see(parameters)
-        except DataError:
-            if not lenient:
-                raise
-            continue
-        bounds[log.name] = np.stack([seen.lower, seen.upper])
-        digests[path.name] = log.sha256
-    return bounds, digests
+
+    def seen_along(path: Path) -> tuple[reading.LogFile, Array]:
+        log = reading.LogFile(path, air_path.channels, config.reading)
+        seen = log_run.RangeSeen(len(air_path.parameter_names), None)
+        # as the estimate sees it: noise widens no range
+        for stretch in smoothing.stretches(log.pieces(), air_path.smoothed, config.estimate.smoothing):
+            seen.see(air_path.trajectory(parts.calm_log(stretch), config.gain.outputs).parameters)
+        return log, np.stack([seen.lower, seen.upper])
+
+    found = files.usable(paths, seen_along, one=False)[0] if lenient else {path: seen_along(path) for path in paths}
+    digests = {path.name: log.sha256 for path, (log, _) in found.items()}
+    return {log.name: bounds for log, bounds in found.values()}, digests
 
 
 def wanted_region(air_path: AirPath, settings: GainSettings, bounds: Mapping[str, Array]) -> Region:

@@ -1,7 +1,8 @@
 """`trace`: what the model of a result lacks, by the closed loop that `refine` shares: from result and logs to effects."""
 
 import json
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,25 +10,24 @@ import h5py
 import numpy as np
 from msgspec import UNSET
 
-from lpvobs.api.files import File, Files, LogAt, Progress, as_path, contents, shown, some_logs, updating, usable
-from lpvobs.api.healthy import healthy_drive
+from lpvobs.api.files import File, Files, Progress, refuse_copies, shown, some_logs, updating, usable
+from lpvobs.api.healthy import GROUP
 from lpvobs.api.known_engine import KnownEngine, known_engine
 from lpvobs.api.search_start import Start, known_from, nothing_known, search_start
 from lpvobs.discovery.forms import PREFIX
-from lpvobs.discovery.held_out import Comparison
+from lpvobs.discovery.healthy_drive import HealthyDrive
 from lpvobs.discovery.known_effects import KnownEffect, Span
 from lpvobs.discovery.outcome import Outcome, StoredOutcome, Trace, plain
 from lpvobs.discovery.portrait import portrait
 from lpvobs.discovery.refine import Refinement, refine
 from lpvobs.discovery.thresholds import SLOWEST
-from lpvobs.discovery.whiteness import Whiteness, structure
+from lpvobs.discovery.whiteness import structure
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.results import refinements
 from lpvobs.io.results.gains import StoredGain
-from lpvobs.io.results.hdf import reading, write_group
-from lpvobs.io.results.mapping import read_if_there, rows, write
-from lpvobs.io.results.results import KIND, REMEDY, StoredResult, read_result, update
-from lpvobs.io.safety.atomic import file_digest
+from lpvobs.io.results.hdf import write_group
+from lpvobs.io.results.mapping import rows, write
+from lpvobs.io.results.results import StoredResult, read_beside, read_result, update
 from lpvobs.kinds import Refused
 from lpvobs.records import Log
 
@@ -68,15 +68,12 @@ def trace(
 
     Parameters
     ----------
-    result : path
     logs : path or several
         Parquet logs, patterns, or folders of logs; pooled.
     freeze_map : bool, optional
         Whether the map stands; by default on logs that did not make it, while on those that did it is estimated jointly.
     engine : path, optional
         Made by `calibrate`; by default the engine that the result was made with.
-    progress : callable, optional
-        Takes the fraction done, 0 to 1.
 
     Returns
     -------
@@ -86,8 +83,7 @@ def trace(
     """
     paths = some_logs(logs)
     with updating(result) as path:
-        calibrated = None if engine is None else as_path(engine)
-        closed = close(path, paths, (), freeze_map, shown(progress), calibrated=calibrated)
+        closed = close(path, paths, (), freeze_map, shown(progress), calibrated=engine)
         update(closed.stored, closed.write_trace)
     return closed.traced
 
@@ -102,15 +98,10 @@ class Closed:
     stored: StoredResult
     engine: KnownEngine
     start: Start
-    used: tuple[LogAt, ...]
+    used: Mapping[Path, Log]  # what was learned from
     refused: tuple[str, ...]
     refinement: Refinement
     frozen: bool
-
-    @property
-    def logs(self) -> tuple[Log, ...]:
-        """What was learned from."""
-        return contents(self.used)
 
     @property
     def traced(self) -> Traced:
@@ -122,18 +113,9 @@ class Closed:
         """Relative deviation of each constant of the refined model from the configured one."""
         return self.start.total(self.refinement.beta)
 
-    @property
-    def comparisons(self) -> dict[str, tuple[Comparison, bool]]:
-        """The error before and after by log, and pooled."""
-        trace = self.refinement.trace
-        found = {POOLED: (trace.error.comparison, False)}
-        if trace.error_on_held_out_logs:
-            found[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
-        return found | {part.log: (part.error.comparison, part.residual is UNSET) for part in trace.logs}
-
     def content(self, refined: bool) -> str:
         """Return the contract's object as JSON text."""
-        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.logs)
+        found, logs = vars(self.refinement.trace.output(refined)), tuple(log.name for log in self.used.values())
         return json.dumps(plain(StoredOutcome(**found, logs_used=logs, map_frozen=self.frozen)))
 
     def write_trace(self, file: h5py.File) -> None:
@@ -142,35 +124,34 @@ class Closed:
             del file["trace"]
         group = file.create_group("trace")
         group.attrs["json"] = self.content(refined=False)
-        refinements.write_comparison(group, self.comparisons)
-        refinements.write_structure(group, self._structure, self.refinement.before.problem.model.balances)
-        self._write_pictures(group)
-
-    @property
-    def _structure(self) -> dict[str, Whiteness]:
-        return {"before": structure(self.refinement.before), "after": structure(self.refinement.after)}
-
-    def _write_pictures(self, group: h5py.Group) -> None:
-        found = self.refinement
-        refinements.write_portrait(group, portrait(found, self.logs))
-        if found.trace.ranking:
-            write_group(group, "ranking", rows(found.trace.ranking, "candidate"))
-        if found.trace.left is not None:
-            write(group, "leftover", found.trace.left)
+        self._write_evidence(group)
 
     def write(self, file: h5py.File, effects: Sequence[KnownEffect]) -> None:
         """Write `/refinement` with the effects as the map is estimated beside them."""
-        found = self.refinement
         stored = refinements.StoredRefinement(
             effects=tuple(self._with_earlier(effect) for effect in effects),
             constants=self.constants,
-            deviations=found.beta_deviation,
+            deviations=self.refinement.beta_deviation,
             map_stood=self.frozen,
             json=self.content(refined=True),
         )
-        balances = found.before.problem.model.balances
-        refinements.write_refinement(file, stored, self.comparisons, self._structure, balances)
-        self._write_pictures(file["refinement"])
+        self._write_evidence(refinements.write_refinement(file, stored))
+
+    def _write_evidence(self, group: h5py.Group) -> None:
+        """Write the error before and after by log and pooled, the structure of the residual, and the data of pictures."""
+        found, trace = self.refinement, self.refinement.trace
+        errors = {POOLED: (trace.error.comparison, False)}
+        if trace.error_on_held_out_logs:
+            errors[POOLED_UNSEEN] = (trace.error_on_held_out_logs.comparison, True)
+        errors |= {part.log: (part.error.comparison, part.residual is UNSET) for part in trace.logs}
+        refinements.write_comparison(group, errors)
+        whiteness = {"before": structure(found.before), "after": structure(found.after)}
+        refinements.write_structure(group, whiteness, found.before.problem.model.balances)
+        refinements.write_portrait(group, portrait(found, [*self.used.values()]))
+        if trace.ranking:
+            write_group(group, "ranking", rows(trace.ranking, "candidate"))
+        if trace.left is not None:
+            write(group, "leftover", trace.left)
 
     def _with_earlier(self, effect: KnownEffect) -> KnownEffect:
         """Return an effect that says it is absent from earlier logs: those of a map that stood, and of earlier refinements."""
@@ -188,7 +169,7 @@ def close(
     freeze_map: bool | None,
     progress: Progress,
     anew: bool = False,
-    calibrated: Path | None = None,
+    calibrated: File | None = None,
 ) -> Closed:
     """Return what logs hold that the model of a result lacks.
 
@@ -199,26 +180,34 @@ def close(
     Raises DataError if the result cannot be used, or no log can; UsageError if some of the logs made the map, others did not,
     and nothing says what holds, or if a log is there twice.
     """
+    refuse_copies([*learn, *judge])
     stored = read_result(path)
     engine = known_engine(stored, calibrated)
-    with reading(path, KIND, REMEDY) as file:
-        refined = read_if_there(file.get("refinement"), refinements.StoredRefinement)
+    refined = read_beside(path, "refinement", refinements.StoredRefinement)
     (used, refused), (unseen, refused_unseen) = (usable(paths, engine.read) for paths in (learn, judge))
-    logs, hold_out = contents(used), contents(unseen)
-    _refuse_copies([*logs, *hold_out])
+    logs, hold_out = [*used.values()], [*unseen.values()]
+    names = Counter(log.name for log in (*logs, *hold_out))
+    if again := next((name for name, count in names.items() if count > 1), None):
+        raise UsageError(
+            f"log {again}: two logs have this name, but a result tells logs apart by name; rename one of the files"
+        )
     frozen = _stands(stored, logs, anew) if freeze_map is None else freeze_map
     if anew and not frozen:
         expect_cascade(path, stored.gain)
     model = engine.residual_model(() if frozen else [log.sha256 for log in stored.logs])
     grid, prior_map = engine.config.grid(), engine.config.estimate.prior_map
     if frozen:
-        _expect_made_with(stored, calibrated)
+        if not {*engine.inputs.values()} <= {*stored.provenance.inputs_sha256.values()}:
+            raise UsageError(
+                f"{path}: this map was not estimated with {calibrated}; a stored map can only be kept with its own engine; "
+                f"drop --engine, estimate the map with this engine, or give --free-map"
+            )
         before = known_from(stored, model, prior_map, engine.calibrated)
     else:
         before = nothing_known(model, grid, prior_map, engine.calibrated)
     start = search_start(model, before, refined, logs)
     known = () if refined is None else refined.effects
-    healthy = healthy_drive(path) if frozen else None
+    healthy = read_beside(path, GROUP, HealthyDrive) if frozen else None
     found = refine(start.model, grid, start.prior, logs, progress, known, hold_out, healthy)
     if found.trace.verdict == "unexplained" or any(effect.id.startswith(PREFIX) for effect in found.trace.findings):
         _refuse_slow(logs)
@@ -234,15 +223,6 @@ def expect_cascade(path: Path, gain: StoredGain) -> None:
         )
 
 
-def _expect_made_with(stored: StoredResult, calibrated: Path | None) -> None:
-    """Raise UsageError where a map that stands was estimated with another engine."""
-    if calibrated is not None and file_digest(calibrated) not in stored.provenance.inputs_sha256.values():
-        raise UsageError(
-            f"{stored.path}: this map was not estimated with {calibrated}; a stored map can only be kept with its own engine; "
-            f"drop --engine, estimate the map with this engine, or give --free-map"
-        )
-
-
 def _refuse_slow(logs: Sequence[Log]) -> None:
     """Raise where a residual without a name, or with a formula, may be what slow sampling leaves of fast transients."""
     for log in logs:
@@ -251,19 +231,6 @@ def _refuse_slow(logs: Sequence[Log]) -> None:
             raise DataError(
                 f"log {log.name}: with one sample every {step:.3g} s, unknown causes cannot be told from fast transients; "
                 f"record at least 20 samples a second"
-            )
-
-
-def _refuse_copies(logs: Sequence[Log]) -> None:
-    """Raise for two logs of the same bytes, or of the same name."""
-    for log, other in ((log, other) for i, log in enumerate(logs) for other in logs[:i]):
-        if log.sha256 == other.sha256:
-            raise UsageError(
-                f"logs {log.name} and {other.name} have the same content, so this drive would count twice; leave one log out"
-            )
-        if log.name == other.name:
-            raise UsageError(
-                f"log {log.name}: two logs have this name, but a result tells logs apart by name; rename one of the files"
             )
 
 

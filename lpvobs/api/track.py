@@ -1,15 +1,16 @@
 """`track`: maps by vehicle and time, from sums that add up without the logs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, groupby
 from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
-from lpvobs.api.estimate import gain_for, used_engine, workers_for
-from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, writing
+from lpvobs.api.estimate import gain_for, workers_for
+from lpvobs.api.files import File, Files, Progress, as_path, as_paths, refuse_copies, shown, usable, writing
 from lpvobs.api.fleet import LogOutcome, PartTask, begun, gone_through, learned_digest, linearised, outcomes_of, part_of
 from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine, engine_before
@@ -19,15 +20,14 @@ from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
-from lpvobs.io.results.engines import CalibratedEngine
 from lpvobs.io.results.fleets import FleetSums, StoredFleet, dated, read_fleet, write_fleet, write_table
 from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.kinds import Count, Refused
-from lpvobs.observer.estimate import Point, merged
+from lpvobs.observer.estimate import merged
 from lpvobs.observer.log_run import Beginning
-from lpvobs.observer.parts import StateGain, added_up
+from lpvobs.observer.parts import added_up
 from lpvobs.records import Item
 from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import MapChange, NextCell, Standing
@@ -97,11 +97,8 @@ def track(
 
     Parameters
     ----------
-    config : path
     logs : path or several
         Parquet logs, patterns or folders. Those that `out` knows by their digest are not read again; none: `out` as it is, anew.
-    out : path
-        The fleet to write, or to go on with.
     by : str
         The field that says whose a log is.
     every : str
@@ -110,7 +107,7 @@ def track(
         Pattern of the logs' paths, such as `{vehicle}/{month}.parquet`.
     origins : path, optional
         A table, CSV or Parquet, with a column `log` and others such as `vehicle`, `engine` (its type) and `date`.
-    gain, engine, jobs, scheduler, progress
+    gain, engine, jobs, scheduler
         As for `estimate`.
     table : path, optional
         Parquet file to write with a row for each vehicle, period and node.
@@ -127,10 +124,9 @@ def track(
     configuration, text = load_config(as_path(config))
     found = find_logs(as_paths(logs))
     refuse_copies(found)
-    given = None if gain is None else as_path(gain)
-    calibrated = configuration.engine_file(as_path(config)) if engine is None else as_path(engine)
+    engine = engine or configuration.engine_file(as_path(config))
     told = as_paths(refined)
-    with writing(out, [config, *found, given, calibrated, origins, table, *told]) as target:
+    with writing(out, [config, *found, gain, engine, origins, table, *told]) as target:
         if not found and not target.is_file():
             raise UsageError(
                 f"{target}: this fleet file does not exist, and no logs are named to make it from; name logs, or correct --out"
@@ -141,16 +137,16 @@ def track(
         sums, reused = None if before is None else before.kept, 0
         known = frozenset(() if sums is None else (log.sha256 for log in sums.logs))
         fresh = [each for each in found if not (known and each.is_file() and log_digest(each) in known)]
-        whose, refused = _whose(fresh, Origins(path, None if origins is None else as_path(origins)), by, configuration)
-        if whose:
-            stored = gain_for(configuration, found, given, "observer")
-            state = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+        told_by = Origins(path, None if origins is None else as_path(origins)).of(fresh)
+        belonging, refused = usable([*told_by], partial(_whose, by, configuration, told_by), one=False)
+        if whose := sorted(belonging.values(), key=lambda each: (each.vehicle, each.day, each.path.as_posix())):
+            state = gain_for(configuration, found, gain, "observer").state
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            adding = _Adding(*_known(configuration, calibrated), text, state, target, workers)
-            sums, more, reused = adding.to(sums, whose, every, shown(progress))
-            refused += more
+            task = begun(_known(configuration, engine), state, workers)
+            sums, more, reused = _added(sums, whose, every, text, task, target, workers, shown(progress))
+            refused = (*refused, *more)
         if sums is None:
             raise DataError("; ".join(refused))
         periods = {log.sha256: date_of(log.date).strftime(PERIODS[every]) for log in sums.logs}
@@ -163,7 +159,7 @@ def track(
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({f"{log.vehicle}/{log.name}": log.sha256 for log in sums.logs}, text)
-        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, tuple(refused))
+        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, refused)
         write_fleet(fleet)
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
@@ -196,109 +192,84 @@ def _other(path: Path) -> DataError:
     )
 
 
-def _known(config: Config, engine: Path | None) -> tuple[KnownEngine, CalibratedEngine | None]:
+def _known(config: Config, engine: File | None) -> KnownEngine:
     """Return what is known of the engine before the logs; raises UsageError for curves that every log would learn anew."""
-    start = used_engine(config, engine, "observer")
-    before = engine_before(config, (), None if start is None else start.stored)
+    before = engine_before(config, (), engine)
     air_path = before.air_path
     if air_path.learns and air_path.knowledge() is None:
         raise UsageError(
             f"air_path = '{air_path.name}': the curves of this engine must not be learned from the fleet's own logs, because they "
             f"would hide sensor drift; learn them once with `lpvobs calibrate --healthy LOG`, and give --engine"
         )
-    return before, None if air_path.learns else start
+    return before
 
 
-def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> tuple[list[_Whose], list[str]]:
-    """Return whose each log is, and why others are left out."""
-    found: list[_Whose] = []
-    refused: list[str] = []
-    for path, origin in origins.of(paths).items():
-        try:
-            if not origin.get(by):
-                metadata_of(path)  # raises where there is no such log, or it is damaged
-                raise DataError(
-                    f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
-                    "log with `lpvobs ingest --vehicle NAME`"
-                )
-            kind = origin.get("engine") or config.air_path
-            found.append(_Whose(path, origin[by], kind, day_of(path, origin)))
-        except DataError as error:
-            refused.append(str(error))
-    return found, refused
+def _whose(by: str, config: Config, origins: Mapping[Path, Mapping[str, str]], path: Path) -> _Whose:
+    """Return whose a log is; raises DataError where that is not known, or there is no such log."""
+    origin = origins[path]
+    if not origin.get(by):
+        metadata_of(path)  # raises where there is no such log, or it is damaged
+        raise DataError(
+            f"{path}: the field '{by}' of this log is unknown; give --path or --origins, or store the vehicle in the "
+            "log with `lpvobs ingest --vehicle NAME`"
+        )
+    return _Whose(path, origin[by], origin.get("engine") or config.air_path, day_of(path, origin))
 
 
-@dataclass(frozen=True)
-class _SumsTask:
-    """A log whose weighed sums are wanted, and whose it is."""
-
-    part: PartTask
-    basis: Basis
-    whose: _Whose
-
-
-def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
-    """Go through one log."""
-    grid, its = task.part.grid, task.whose
+def _sums_of(task: PartTask, basis: Basis, its: _Whose) -> LogOutcome[KeptLog]:
+    """Go through one log for its weighed sums."""
+    grid = task.grid
 
     def left(_: LogFile, log: Beginning) -> KeptLog:
-        part = task.part.inform(log)
+        part = task.inform(log)
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        origin = (its.path.stem, its.vehicle, its.kind, its.day)
-        return kept(part, weighed(part, task.basis), task.basis, origin, cells)
+        return kept(part, weighed(part, basis), basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
 
-    return gone_through(replace(task.part, path=its.path), left)
+    return gone_through(task, its.path, left)
 
 
-@dataclass(frozen=True)
-class _Adding:
-    """How logs are added to a fleet."""
+def _added(
+    before: FleetSums | None,
+    whose: Sequence[_Whose],
+    every: str,
+    text: str,
+    task: PartTask,
+    out: Path,
+    workers: Workers,
+    progress: Progress,
+) -> tuple[FleetSums | None, list[str], int]:
+    """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read.
 
-    known: KnownEngine
-    engine: CalibratedEngine | None
-    text: str
-    gain: StateGain
-    out: Path
-    workers: Workers
-
-    def key(self, point: Point) -> str:
-        """Return a digest of all that the sums of a log depend on beside it."""
+    The logs are in the order of vehicles and dates.
+    """
+    with workers:
+        if before is None:
+            basis, task, refused = _weighed_by(workers, task, whose, progress)
+            if basis is None:
+                return None, refused, 0
+        else:
+            basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
+        point = task.point  # the key is a digest of all that the sums of a log depend on beside it
         known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-        taught = learned_digest(point.air_path)
-        return run_key(self.text + taught + repr((sorted(point.deviation.items()), known)), self.gain)
-
-    def to(
-        self, before: FleetSums | None, whose: Sequence[_Whose], every: str, progress: Progress
-    ) -> tuple[FleetSums | None, list[str], int]:
-        """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
-        whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
-        with self.workers as workers:
-            task = begun(self.known, self.gain, workers, self.engine)
-            if before is None:
-                basis, task, refused = _weighed_by(workers, task, whose, progress)
-                if basis is None:
-                    return None, refused, 0
-            else:
-                basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
-                if before.key != self.key(task.point):
-                    raise _other(self.out)
-            key = self.key(task.point)
-            folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
-            task = replace(task, done=folder.found())
-            tasks = {each.path: _SumsTask(task, basis, each) for each in whose}
-            outcomes = outcomes_of(workers, sums_of, tasks, folder.keep, progress)
-        logs = {} if before is None else {log.sha256: log for log in before.logs}
-        sums = {} if before is None else {each.vehicle: each for each in before.sums}
-        usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
-        for sha256 in usable:
-            added = folder.read(sha256)
-            logs[sha256], name = added.log, added.log.vehicle
-            sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
-        total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
-        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        effects = () if before is None else before.effects
-        fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
-        return fleet, refused, len(task.done.intersection(usable))
+        made_with = text + learned_digest(point.air_path) + repr((sorted(point.deviation.items()), known))
+        key = run_key(made_with, task.gain)
+        if before is not None and before.key != key:
+            raise _other(out)
+        folder = PartsFolder(out, key + basis.digest(), KeptLog)
+        task = replace(task, done=folder.found())
+        outcomes = outcomes_of(workers, partial(_sums_of, task, basis), whose, folder.keep, progress)
+    logs = {} if before is None else {log.sha256: log for log in before.logs}
+    sums = {} if before is None else {each.vehicle: each for each in before.sums}
+    used = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
+    for sha256 in used:
+        added = folder.read(sha256)
+        logs[sha256], name = added.log, added.log.vehicle
+        sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
+    total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
+    refused = [said for each in whose if (said := outcomes[each].refusal) is not None]
+    effects = () if before is None else before.effects
+    fleet = FleetSums(key, every, point.deviation, basis, total, in_order, effects) if logs else before
+    return fleet, refused, len(task.done.intersection(used))
 
 
 def _weighed_by(
@@ -309,12 +280,12 @@ def _weighed_by(
     others = [each.path for each in whose if each.path not in opening]
     task, outcomes = linearised(workers, task, [*opening, *others], progress)
     while True:
-        usable = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
-        first = _first(usable)
+        good = [each for each in whose if each.path not in outcomes or outcomes[each.path].refusal is None]
+        first = _first(good)
         missing = [each.path for logs in first for each in logs if each.path not in outcomes]
         if not missing:
             break
-        outcomes |= outcomes_of(workers, part_of, {path: replace(task, path=path) for path in missing}, None, progress)
+        outcomes |= outcomes_of(workers, partial(part_of, task), missing, None, progress)
     if not first:
         return None, task, [text for each in whose if (text := outcomes[each.path].refusal) is not None]
     stored = [[outcomes[each.path].stored for each in logs] for logs in first]

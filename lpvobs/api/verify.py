@@ -32,32 +32,29 @@ def verify(gain: File, config: File | None = None) -> Certificate:
 
     Parameters
     ----------
-    gain : path
     config : path, optional
         The engine that it has to be for.
     """
-    _, certificate = check_stored(gain, config)
-    expect_proven(gain, certificate)
-    return certificate
+    return expect_proven(gain, check_stored(gain, config)[1])
 
 
 def check_stored(gain: File, config: File | None = None) -> tuple[StoredGain, Certificate]:
     """Return a stored gain and what came of the proof, which may be that nothing is proven; raises DataError as `verify`."""
     stored = read_gain(as_path(gain))
-    certificate = check_again(stored)
     if config is not None:
         from lpvobs.io.configuration.config import load_config
 
         expect_engine(as_path(gain), stored, load_config(as_path(config))[0])
-    return stored, certificate
+    return stored, check_again(stored)
 
 
-def expect_proven(gain: File, certificate: Certificate) -> None:
-    """Raise NotProven for a certificate that does not hold."""
+def expect_proven(gain: File, certificate: Certificate) -> Certificate:
+    """Return a certificate; raises NotProven where it does not hold."""
     if not certificate.proven:
         raise NotProven(
             f"{gain}: stability is not proven for this gain: {certificate.reason}; make the gain again with `lpvobs synth-gain`"
         )
+    return certificate
 
 
 def problem_of(air_path: AirPath | type[AirPath], outputs: tuple[str, ...], region: Region) -> GainProblem:

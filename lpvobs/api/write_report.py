@@ -19,10 +19,10 @@ from lpvobs.io.configuration.config import config_of
 from lpvobs.io.results import engines
 from lpvobs.io.results.fleets import StoredFleet, read_fleet
 from lpvobs.io.results.hdf import is_hdf5, reading
-from lpvobs.io.results.mapping import read, read_if_there
+from lpvobs.io.results.mapping import read
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.results.refinements import StoredRefinement
-from lpvobs.io.results.results import KIND, REMEDY, StoredResult
+from lpvobs.io.results.results import StoredResult, read_beside
 from lpvobs.io.results.surfaces import read_surface
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.report.content import load
@@ -174,8 +174,7 @@ def fits_of(name: str, stored: StoredResult, path: Path) -> Iterator[ResidualFit
     engine = known_engine(stored)
     model = engine.residual_model()
     log = engine.read(path)
-    with reading(stored.path, KIND, REMEDY) as file:
-        refined = read_if_there(file.get("refinement"), StoredRefinement)
+    refined = read_beside(stored.path, "refinement", StoredRefinement)
     try:
         known = known_from(stored, model, engine.config.estimate.prior_map, engine.calibrated)
         start = search_start(model, known, refined, [log])

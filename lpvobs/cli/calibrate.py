@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import lpvobs
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, say, table
 from lpvobs.cli.options import CONFIG, JSON, flag, needed, option
 
@@ -44,13 +45,12 @@ def calibrate(
 
     Example: lpvobs calibrate --config configs/diesel.toml --bench bench.csv --out engine.h5
     """
-    from lpvobs.api.calibrate import calibrate as find_engine
     from lpvobs.api.calibrate import plan_bench
     from lpvobs.report.engines import calibration_tables, told
 
     config = chosen_config(config)
     with progress("calibrating") as report:
-        stored = find_engine(
+        stored = lpvobs.calibrate(
             config, bench=bench or (), healthy=healthy or (), reference=reference or (), maps=maps or (), out=out, gain=gain,
             prior=plan, progress=report,
         )  # fmt: skip

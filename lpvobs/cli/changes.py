@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+import lpvobs
+from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.estimate import SIDE_BY_SIDE
-from lpvobs.cli.options import CONFIG, GAIN, JSON, PERIODS, REGION, SCHEDULER, argument, flag, needed, option
+from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, OWN_ENGINE, REGION, SCHEDULER, argument, flag, needed, option
 
 
 @guarded
@@ -41,12 +42,11 @@ def compare(
 
     Two periods of one vehicle of a fleet: lpvobs compare fleet.h5 --vehicle V1 --period 2025-01 --period 2025-10
     """
-    from lpvobs.api.compare import compare as compare_maps
     from lpvobs.api.compare import expect_gates, region_of
     from lpvobs.report.tables import grams
 
     over = None if region is None else region_of(region)
-    found = compare_maps(
+    found = lpvobs.compare(
         first, second, vehicle=vehicle, periods=period or (), values=values, region=over, figure=figure
     )
     if figure is not None:
@@ -86,7 +86,7 @@ def track(
     every: str = option(
         "PERIOD",
         "Length of a period: day, week, month or year. Each vehicle gets one map per period.",
-        offers=PERIODS,
+        offers=options.PERIODS,
         default="month",
     ),
     path: str | None = option(
@@ -97,10 +97,7 @@ def track(
         "A table (CSV or Parquet) with a row for each log. Column log is the log's path; other columns give vehicle, engine, date.",
     ),
     gain: Path | None = GAIN,
-    engine: Path | None = option(
-        "ENGINE.h5",
-        "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",
-    ),
+    engine: Path | None = OWN_ENGINE,
     to_table: Path | None = option(
         "FILE.parquet", "Also write the maps as a table with a row for each vehicle, period and node.", "--table"
     ),
@@ -109,7 +106,7 @@ def track(
         "A result of refine on logs of this fleet. track then shows when the effects in it were present. Repeatable.",
         "--refined",
     ),
-    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    jobs: int | None = JOBS,
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag(
         "--verbose", "Show every vehicle, not only vehicles that drift, have changed or differ from their type."
@@ -124,11 +121,9 @@ def track(
 
     Example: lpvobs track logs/ --path "{vehicle}/{month}.parquet" --gain gain.h5 --out fleet.h5
     """
-    from lpvobs.api.track import track as follow
-
     config = chosen_config(config)
     with progress("tracking") as report:
-        fleet, content = follow(
+        fleet, content = lpvobs.track(
             config, logs or (), out=out, by=by, every=every, path=path, origins=origins, gain=gain, engine=engine,
             table=to_table, refined=refined or (), jobs=jobs, scheduler=scheduler, progress=report,
         )  # fmt: skip

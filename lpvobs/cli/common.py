@@ -3,14 +3,12 @@
 import errno
 import functools
 import json
-import math
 import os
 import resource
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import is_dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
@@ -58,7 +56,10 @@ def guarded(verb: Callable[P, R]) -> Callable[P, R]:
                 for numbers, remedy in REMEDIES.items():
                     if error.errno in numbers:
                         fail(f"{what}; no file was changed; {remedy}, then run again", DataError.exit_code)
-            _fault(error)
+            if os.environ.get("LPVOBS_DEBUG"):
+                raise
+            fault = f"a fault of the program ({type(error).__name__}: {error})"  # nobody foresaw it
+            fail(f"{fault}; run again with LPVOBS_DEBUG=1 to see where in the code, and report the fault", 4)
 
     return run
 
@@ -81,17 +82,6 @@ def _expect_surroundings() -> None:
         )
 
 
-def _fault(error: BaseException) -> NoReturn:
-    """Report what nobody foresaw."""
-    if os.environ.get("LPVOBS_DEBUG"):
-        raise error
-    kind = type(error).__name__
-    fail(
-        f"a fault of the program ({kind}: {error}); run again with LPVOBS_DEBUG=1 to see where in the code, and report the fault",
-        4,
-    )
-
-
 def fail(message: str, code: int) -> NoReturn:
     """Print one line to stderr and leave with the exit code."""
     say("lpvobs: " + " ".join(message.split()))
@@ -109,16 +99,15 @@ def chosen_config(given: Path | None) -> Path:
 
 
 def folder_config() -> Path | None:
-    """Return the `lpvobs.toml` that holds for the working folder, and say so; None where there is none."""
-    from lpvobs.api.files import find_config
-
-    try:
-        found = find_config(Path.cwd())
-    except FileNotFoundError:  # somebody has removed the working folder
-        return None
-    if found is not None:
-        say(f"configuration: {found}")
-    return found
+    """Return the `lpvobs.toml` of the working folder, or the nearest one above it that may be looked into, and say so."""
+    with suppress(OSError):  # somebody has removed the working folder
+        here = Path.cwd()
+        for folder in (here, *here.parents):
+            with suppress(OSError):
+                if (found := folder / "lpvobs.toml").is_file():
+                    say(f"configuration: {found}")
+                    return found
+    return None
 
 
 def say(message: str) -> None:
@@ -134,23 +123,11 @@ def visible(text: str) -> str:
 
 def print_json(verb: str, content: Any) -> None:
     """Print a record or table as the verb's one JSON object; numbers that are not finite become null."""
-    print(json.dumps({"schema": f"lpvobs/{verb}/1"} | _plain(content), indent=2, allow_nan=False))
+    from msgspec import to_builtins
 
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        from msgspec import UNSET
-
-        return {key: _plain(item) for key, item in vars(value).items() if item is not UNSET}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    plain = json.dumps(to_builtins(content, enc_hook=lambda numbers: numbers.tolist()))
+    found = json.loads(plain, parse_constant=lambda _: None)
+    print(json.dumps({"schema": f"lpvobs/{verb}/1"} | found, indent=2))
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], labels: int = 1, left: int = 1) -> str:
@@ -220,10 +197,9 @@ def progress(label: str) -> Iterator[Callable[[float], None]]:
         yield lambda fraction: bar.update(task, completed=fraction)
 
 
-def leave(refused: Iterable[str]) -> None:
+def leave(refused: Sequence[str]) -> None:
     """Name the logs that were left out; end with the contract's code if there are any."""
-    messages = list(refused)
-    for message in messages:
+    for message in refused:
         say(f"lpvobs: log left out: {message}")
-    if messages:
+    if refused:
         raise typer.Exit(DataError.exit_code)

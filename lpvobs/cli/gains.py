@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import lpvobs
 from lpvobs.cli.common import chosen_config, guarded, print_json, progress, table
 from lpvobs.cli.options import CONFIG, JSON, argument, needed, option
 
@@ -29,13 +30,12 @@ def synth_gain(
     Example: lpvobs synth-gain --config configs/diesel.toml etc.parquet ftp75.parquet nedc.parquet --out gain.h5
     """
     from lpvobs.api.synth_gain import SynthGainOutput
-    from lpvobs.api.synth_gain import synth_gain as synthesise
     from lpvobs.report.outputs import gain_fields
     from lpvobs.report.tables import bounds_table, state_bound_table
 
     config = chosen_config(config)
     with progress("synthesising") as report:
-        stored = synthesise(config, logs or (), out=out, published=published)
+        stored = lpvobs.synth_gain(config, logs or (), out=out, published=published)
         report(1.0)
     gain = stored.gain
     if as_json:

@@ -4,6 +4,7 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import lpvobs
 from lpvobs.cli.common import guarded, leave, print_json, progress, say, table, visible
 from lpvobs.cli.options import ENGINE, JSON, LOGS, MAP, argument, needed, option
 
@@ -33,14 +34,10 @@ def trace(
 
     Example, to find what has changed since the map was made: lpvobs trace nominal.h5 monday.parquet tuesday.parquet
     """
-    from lpvobs.api.trace import TraceOutput
-    from lpvobs.api.trace import trace as trace_residual
-
     with progress("tracing") as report:
-        traced = trace_residual(result, logs, freeze_map=freeze_map, engine=engine, progress=report)
+        traced = lpvobs.trace(result, logs, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        found = vars(traced.found.output(refined=False))
-        print_json("trace", TraceOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
+        print_json("trace", traced.output(refined=False))
     else:
         show(traced.found, traced.map_frozen, refined=False)
         say(
@@ -121,15 +118,11 @@ def refine(
 
     Example, judged on another drive: lpvobs refine nedc.h5 nedc.parquet --hold-out wltc.parquet --out refined.h5
     """
-    from lpvobs.api.refine import RefineOutput
-    from lpvobs.api.refine import refine as refine_model
-
     with progress("refining") as report:
         held = hold_out or ()
-        traced = refine_model(result, logs, out, hold_out=held, freeze_map=freeze_map, engine=engine, progress=report)
+        traced = lpvobs.refine(result, logs, out, hold_out=held, freeze_map=freeze_map, engine=engine, progress=report)
     if as_json:
-        found = vars(traced.found.output(refined=True))
-        print_json("refine", RefineOutput(**found, map_frozen=traced.map_frozen, refused=traced.refused))
+        print_json("refine", traced.output(refined=True))
     else:
         show(traced.found, traced.map_frozen, refined=True)
         error = traced.found.error.comparison

@@ -11,7 +11,7 @@ import typer
 
 from lpvobs import __version__
 from lpvobs.cli.common import visible
-from lpvobs.cli.signals import Stopped, catch_signals, ignore_signals
+from lpvobs.cli.signals import ignore_signals
 from lpvobs.cli.streams import Outlet, take_streams
 from lpvobs.errors import DataError, UsageError
 
@@ -24,34 +24,27 @@ app = typer.Typer(
     epilog="Usual order of the verbs: simulate, synth-gain, estimate, extrapolate, report. The --help of each verb has an example.",
 )
 VERBS = {
-    "simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
-    "ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
-    "profile": "Draft the profile that ingest needs from the channels of a recording.",
-    "inspect": "Show the channels, units, value ranges and defects of logs.",
+    "recordings.simulate": "Simulate the nonlinear engine model over a drive cycle and write a log.",
+    "recordings.ingest": "Convert a recording of another tool (CSV, Parquet, MAT, MDF4) into a log.",
+    "recordings.profile": "Draft the profile that ingest needs from the channels of a recording.",
+    "recordings.inspect": "Show the channels, units, value ranges and defects of logs.",
     "calibrate": "Find an engine's constants and component corrections from bench points and logs with a healthy MAF sensor.",
-    "synth-gain": "Compute the observer gain and prove that the observer is stable with it.",
-    "verify": "Prove the stability of a stored observer gain again, without the solver.",
-    "estimate": "Estimate the error map of the mass air flow sensor from logs.",
-    "extrapolate": "Fill the map nodes that no log visited.",
-    "trace": "Find effects that the engine model lacks, from its residual.",
-    "refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
+    "gains.synth_gain": "Compute the observer gain and prove that the observer is stable with it.",
+    "gains.verify": "Prove the stability of a stored observer gain again, without the solver.",
+    "maps.estimate": "Estimate the error map of the mass air flow sensor from logs.",
+    "maps.extrapolate": "Fill the map nodes that no log visited.",
+    "loop.trace": "Find effects that the engine model lacks, from its residual.",
+    "loop.refine": "Add the effects that the logs prove to the engine model, estimate again, and show the error before and after.",
     "export": "Write the map for calibration tools (DCM, CSV, netCDF), or the observer for a control unit (C99, FMU).",
-    "compare": "Show how two maps differ, and where the difference exceeds their errors.",
-    "track": "Follow the maps of many vehicles over time.",
+    "changes.compare": "Show how two maps differ, and where the difference exceeds their errors.",
+    "changes.track": "Follow the maps of many vehicles over time.",
     "report": "Show a result as tables or an HTML page, and check limits on its metrics (gates).",
     "selftest": "Test the installed package on cases with known answers.",
 }
-SHARED = {
-    "recordings": ("ingest", "profile", "inspect"),
-    "changes": ("compare", "track"),
-    "gains": ("synth_gain", "verify"),
-    "loop": ("trace", "refine"),
-}
-"""Modules of several verbs; the others have one of their own name."""
-for verb, told in VERBS.items():
-    name = verb.replace("-", "_")
-    module = next((module for module, verbs in SHARED.items() if name in verbs), name)
-    app.command(verb, short_help=told)(getattr(import_module(f"lpvobs.cli.{module}"), name))
+"""Short help by verb, behind its module where that has another name."""
+for place, told in VERBS.items():
+    shared, _, name = place.rpartition(".")
+    app.command(name.replace("_", "-"), short_help=told)(getattr(import_module(f"lpvobs.cli.{shared or name}"), name))
 
 
 def _version(wanted: bool) -> None:
@@ -76,12 +69,8 @@ def run() -> None:
         # The matrices are small, and threads would cost more than they gain.
         os.environ[f"{library}_NUM_THREADS"] = "1"
     out = take_streams()
-    catch_signals()
     try:
         sys.exit(app(prog_name="lpvobs", standalone_mode=False))
-    except Stopped as stop:  # before or after the verb, which says so itself
-        print(f"lpvobs: {stop}", file=sys.stderr)
-        sys.exit(stop.exit_code)
     except SystemExit as end:
         sys.exit(end.code or _flushed(out))
     except Exception as error:

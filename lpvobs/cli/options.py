@@ -3,7 +3,6 @@
 The offers are written out, because a shell does not wait until the libraries behind them are loaded.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,19 +19,14 @@ PROFILES = ("kit-obd", "liu-ice")
 PERIODS = ("day", "week", "month", "year")
 
 
-def offer(names: tuple[str, ...]) -> Callable[[str], list[str]]:
-    """Return a function that completes one of the names; where none fits, shells complete files."""
+def option(metavar: str, told: str, *names: str, offers: tuple[str, ...] = (), default: Any = None, **more: Any) -> Any:
+    """Return an option that completes what it offers, else files; whoever reads a file says what is wrong with it."""
 
     def fitting(incomplete: str) -> list[str]:
-        return [name for name in names if name.startswith(incomplete)]
+        return [name for name in offers if name.startswith(incomplete)]
 
-    return fitting
-
-
-def option(metavar: str, told: str, *names: str, offers: tuple[str, ...] = (), default: Any = None, **more: Any) -> Any:
-    """Return an option that completes what it offers; whoever reads a file says what is wrong with it."""
-    completed = offer(offers) if offers else None
-    return typer.Option(default, *names, readable=False, metavar=metavar, help=told, autocompletion=completed, **more)
+    more |= {"autocompletion": fitting} if offers else {}
+    return typer.Option(default, *names, readable=False, metavar=metavar, help=told, **more)
 
 
 needed = partial(option, default=...)
@@ -56,6 +50,9 @@ CONFIG = option(
     "--config",
 )
 GAIN = option("GAIN.h5", "An observer gain made by synth-gain. Without it, the command makes and proves a gain first.")
+JOBS = option(
+    "N", "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors.", min=1
+)
 SCHEDULER = option(
     "tcp://HOST:PORT",
     "Process the logs on the workers of this Dask scheduler. The workers must find the logs under the same paths.",
@@ -69,6 +66,10 @@ REGION = option(
 JSON = flag("--json", "Print one JSON object to stdout instead of text.")
 ENGINE = option(
     "ENGINE.h5", "An engine made by calibrate to start from. By default the engine with which the result was made."
+)
+OWN_ENGINE = option(
+    "ENGINE.h5",
+    "An engine made by calibrate with the same configuration as --config. Without it, the configured engine is used.",
 )
 MAP = flag(
     "--freeze-map/--free-map",

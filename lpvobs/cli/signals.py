@@ -2,52 +2,37 @@
 
 import signal
 import sys
-from functools import partial
 from types import FrameType
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
+
+WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+MOMENT = 0.02  # s
 
 
 class Stopped(BaseException):
     """A signal arrived. Not an Exception and not KeyboardInterrupt: nobody on the way catches it for another purpose."""
 
-    exit_code: ClassVar[int]
-    word: ClassVar[str]
-
-    def __str__(self) -> str:
-        return f"{self.word}; the unfinished step changed no file"
+    def __init__(self, number: int):
+        super().__init__(f"{WORDS[signal.Signals(number)]}; the unfinished step changed no file")
+        self.number, self.exit_code = number, 128 + number
 
 
-class Interrupted(Stopped):
-    """SIGINT arrived."""
-
-    exit_code, word = 130, "interrupted"
-
-
-class Terminated(Stopped):
-    """SIGTERM arrived."""
-
-    exit_code, word = 143, "terminated"
-
-
-MOMENT = 0.02  # s
-
-_KINDS: dict[int, type[Stopped]] = {signal.SIGINT: Interrupted, signal.SIGTERM: Terminated}
 _received: list[Stopped] = []
 
 
 def catch_signals() -> None:
     """Let the first signal unwind the program, and no second one disturb it in that."""
     sys.unraisablehook = _again
-    for number in _KINDS:
+    for number in WORDS:
         signal.signal(number, _stop)
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
     ignore_signals()
-    _received[:] = [_KINDS[number]()]
+    _received[:] = [Stopped(number)]
     raise _received[0]
 
 
@@ -58,15 +43,14 @@ def received() -> Stopped | None:
 
 def _again(lost: "UnraisableHookArgs") -> None:
     """Repeat, in a moment, a signal that fell into a finaliser or a callback, where an exception ends nothing."""
-    for number, kind in _KINDS.items():
-        if lost.exc_type is kind:
-            signal.signal(signal.SIGALRM, partial(_late, number))
-            signal.setitimer(signal.ITIMER_REAL, MOMENT)
-            return
-    sys.__unraisablehook__(lost)
+    if lost.exc_type is Stopped:
+        signal.signal(signal.SIGALRM, _late)
+        signal.setitimer(signal.ITIMER_REAL, MOMENT)
+    else:
+        sys.__unraisablehook__(lost)
 
 
-def _late(number: int, alarm: int, frame: FrameType | None) -> None:
+def _late(alarm: int, frame: FrameType | None) -> None:
     """Stop, unless the moment was too short and the exception would be lost once more."""
     above = frame
     while above is not None:
@@ -74,11 +58,11 @@ def _late(number: int, alarm: int, frame: FrameType | None) -> None:
             signal.setitimer(signal.ITIMER_REAL, MOMENT)
             return
         above = above.f_back
-    _stop(number, frame)
+    _stop(_received[0].number, frame)
 
 
 def ignore_signals() -> None:
     """Finish what little is left undisturbed."""
     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    for number in _KINDS:
+    for number in WORDS:
         signal.signal(number, signal.SIG_IGN)

@@ -11,7 +11,7 @@ fifth of a short verb's time went into that search."""
 
 
 def run() -> None:
-    """Run the command line; a signal ends it with one line also while it is still loading."""
+    """Run the command line; a signal ends it with one line also before and after the verb, which says so itself."""
     catch_signals()
     gc.set_threshold(UNTIL_GARBAGE)
     try:

@@ -20,7 +20,6 @@ from lpvobs.api.fleet import PartTask, part_of
 from lpvobs.io.configuration.config import load_config
 from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.parts import PartsFolder, StoredPart, run_key
-from lpvobs.observer.parts import StateGain
 
 LOGS = 6
 
@@ -167,24 +166,14 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     other.write_text(config.read_text().replace("smoothing = 0.05 ", "smoothing = 0.06 "))
     configuration, text = load_config(other)
     stored = read_gain(chain.gain)
-    gain = StateGain(stored.outputs, stored.gain.L, stored.gain.region)
+    gain = stored.state
     folder = PartsFolder(out, run_key(text, gain), StoredPart)
+    there = point(configuration.engine_path(), configuration.estimate)
+    task = PartTask(there, configuration.grid(), gain, configuration.policies, configuration.kind.suspects, alone=True)
     for path in sorted(fleet.iterdir())[:2]:
-        task = PartTask(
-            path,
-            point(configuration.engine_path(), configuration.estimate),
-            configuration.grid(),
-            gain,
-            configuration.policies,
-            frozenset(),
-            True,
-            configuration.kind.suspects,
-        )
-        outcome = part_of(task)
+        outcome = part_of(task, path)
         folder.keep(outcome.stored)
-        assert (
-            part_of(replace(task, done=frozenset({outcome.sha256}))).stored is None
-        )  # its own run would not do it again
+        assert part_of(replace(task, done=frozenset({outcome.sha256})), path).stored is None  # not done again
     done = estimate(fleet, "--out", out)
     assert done.code == 0, done.err
     assert contents(out) == contents(together[0])

@@ -14,7 +14,7 @@ from lpvobs.api.jobs import Workers
 SCRIPT = """
     import sys, time
     from lpvobs.api.files import writing
-    from lpvobs.cli import main, common
+    from lpvobs.cli import common, main, start
     from lpvobs.io.safety.atomic import replacing
 
     class Noisy:
@@ -50,7 +50,7 @@ SCRIPT = """
 
     main.app.command("wait")(verb)
     sys.argv = ["lpvobs", "wait"]
-    main.run()
+    start.run()
 """
 
 

@@ -14,12 +14,10 @@ from repository import DIESEL, ROOT
 from robust.defects import Bench
 from robust.samples import lenient
 
-from lpvobs.api.estimate import estimate_logs
+from lpvobs.api.estimate import estimate
 from lpvobs.api.extrapolate import extrapolate
-from lpvobs.api.known_engine import learned_engine
 from lpvobs.errors import UsageError
 from lpvobs.io.configuration.config import load_config
-from lpvobs.io.results.gains import read_gain
 from lpvobs.io.results.hdf import changing
 from lpvobs.report.content import load
 from lpvobs.report.page import page
@@ -38,16 +36,7 @@ def hostile(samples, tmp_path_factory):
     bench.write()
     log, result = folder / f"{EVIL[:28]}.parquet", folder / "<b onmouseover=alert(3)>.h5"
     shutil.move(bench.path, log)
-    config, text = load_config(DIESEL)
-    estimate_logs(
-        learned_engine(lenient(config), ()),
-        text + f"# {EVIL}\n",
-        read_gain(samples.gain),
-        [log],
-        result,
-        "batch",
-        lambda done: None,
-    )
+    estimate(lenient(folder, f"# {EVIL}\n"), log, result, gain=samples.gain, method="batch")
     extrapolate(result)
     with changing(result, result) as file:
         file["provenance"].attrs["command_line"] = EVIL + CONTROLS

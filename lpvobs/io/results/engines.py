@@ -153,15 +153,6 @@ class StoredEngine:
         return dict(zip(self.unknowns.constants, told.tolist(), strict=False))
 
 
-@dataclass(frozen=True)
-class CalibratedEngine:
-    """A calibrated engine, with the name and the digest of its file."""
-
-    name: str
-    sha256: str
-    stored: StoredEngine
-
-
 DETERMINED = 0.5  # share of the prior standard deviation below which the data have determined a constant
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.results import hdf, mapping, provenance
+from lpvobs.observer.parts import StateGain
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.certificate import Gain
 from lpvobs.synthesis.region import Region
@@ -41,6 +42,11 @@ class StoredGain:
     gain: Annotated[Gain, Item(name=".")]
     log_bounds: Annotated[Mapping[str, Array], Item("SI", "range of the parameters", ("log", "bound", "parameter"))]
     temperatures: Mapping[str, Range] = field(default_factory=dict)
+
+    @property
+    def state(self) -> StateGain:
+        """The part that corrects the state."""
+        return StateGain(self.outputs, self.gain.L, self.gain.region)
 
     def made_for(self) -> str:
         """Return in words which engine and temperatures the region belongs to; the digest is of the engine's constants."""

@@ -43,19 +43,12 @@ class Compared(held_out.Comparison):
     took_no_part: Annotated[bool, Item("1", "whether nothing was fitted to any part of the log")]
 
 
-def write_refinement(
-    file: h5py.File,
-    stored: StoredRefinement,
-    comparisons: Mapping[str, tuple[held_out.Comparison, bool]],
-    whiteness: Mapping[str, Whiteness],
-    balances: Sequence[str],
-) -> None:
-    """Write `/refinement` into a result that has none; see `write_comparison` and `write_structure`."""
+def write_refinement(file: h5py.File, stored: StoredRefinement) -> h5py.Group:
+    """Write `/refinement` into a result that has none, and return the group."""
     group = write(file, "refinement", stored, BOUNDS)
     for effect, own in zip(stored.effects, numbered(group, "effects/effect"), strict=True):
         _say(own, effect)
-    write_comparison(group, comparisons)
-    write_structure(group, whiteness, balances)
+    return group
 
 
 def _say(group: h5py.Group, effect: known_effects.KnownEffect) -> None:

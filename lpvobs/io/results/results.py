@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from math import nan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import h5py
 import numpy as np
@@ -26,6 +26,7 @@ from lpvobs.observer.balance_agreement import BalanceAgreement
 from lpvobs.observer.estimate import MapEstimate
 from lpvobs.records import Array, Item
 
+Record = TypeVar("Record")
 KIND = "result"
 REMEDY = "make a result with `lpvobs estimate`"
 
@@ -129,6 +130,12 @@ def refuse_replaced(stored: StoredResult) -> None:
         raise DataError(
             f"{stored.path}: another process changed this file during the run, so this run did not write to it; run this again"
         )
+
+
+def read_beside(path: Path, group: str, record: type[Record]) -> Record | None:
+    """Return a record that another verb has written into a result, None where none has."""
+    with reading(path, KIND, REMEDY) as file:
+        return read_if_there(file.get(group), record)
 
 
 def read_result(path: Path) -> StoredResult:

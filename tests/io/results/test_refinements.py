@@ -16,8 +16,10 @@ from lpvobs.io.results.mapping import read_if_there, read_rows, rows, write
 from lpvobs.io.results.refinements import (
     StoredRefinement,
     read_structure,
+    write_comparison,
     write_portrait,
     write_refinement,
+    write_structure,
 )
 
 BALANCES = ("one", "other")
@@ -67,7 +69,9 @@ def test_a_refinement_comes_back(file):
     stored = StoredRefinement((LAG, HEAT), {"V_d": 0.004, "J_t": -0.01}, {"V_d": 0.002, "J_t": 0.005}, True, "{}")
     structure = {"before": whiteness(rng), "after": whiteness(rng)}
     comparisons = {"(all)": (Comparison(2e-3, 1e-3, 0.5, (0.4, 0.6)), False)}
-    write_refinement(file, stored, comparisons, structure, BALANCES)
+    group = write_refinement(file, stored)
+    write_comparison(group, comparisons)
+    write_structure(group, structure, BALANCES)
     again = read_if_there(file.get("refinement"), StoredRefinement)
     assert again.effects[0] == LAG
     assert again.effects[1].spans == HEAT.spans

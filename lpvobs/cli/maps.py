@@ -1,19 +1,21 @@
-"""`lpvobs estimate`."""
+"""The map: `lpvobs estimate`, `lpvobs extrapolate`."""
 
 from pathlib import Path
 
+import lpvobs
+from lpvobs.cli import options
 from lpvobs.cli.common import chosen_config, guarded, leave, print_json, progress, say, table
-from lpvobs.cli.options import CONFIG, CONSTANTS, GAIN, JSON, LOGS, METHODS, SCHEDULER, flag, needed, option
+from lpvobs.cli.options import CONFIG, GAIN, JOBS, JSON, LOGS, OWN_ENGINE, SCHEDULER, argument, flag, needed, option
 
 WITH_OR_WITHOUT = (
     "joint: estimate the engine's constants and corrections together with the map; consider: keep them as configured and widen "
     "the map's intervals by their tolerances. By default the configuration decides."
 )
-SIDE_BY_SIDE = "Number of logs processed at the same time. By default 1 for a few logs, else the number of processors."
 MOST_ROWS = 12
 """Logs that are shown one by one; of more, a summary and the unusual ones."""
 MOST_LINES = 5
 """Doubts that are shown; of a fleet with a wrong constant every log has one."""
+HOW = "kriging: the quadratic of Eq. (37) plus the deviations from it; quadratic: Eq. (37) alone, as in the paper."
 
 
 @guarded
@@ -21,19 +23,16 @@ def estimate(
     logs: list[Path] = LOGS,
     out: Path = needed("RESULT.h5", "The result to write."),
     gain: Path | None = GAIN,
-    engine: Path | None = option(
-        "ENGINE.h5",
-        "An engine made by calibrate with the same configuration. Without it, the configured engine is used.",
-    ),
+    engine: Path | None = OWN_ENGINE,
     method: str = option(
         "NAME",
         "The estimator: observer; published, the observer with the paper's map gain Gamma = 200 I; ekf, a Kalman filter; batch, "
         "least squares.",
-        offers=METHODS,
+        offers=options.METHODS,
         default="observer",
     ),
-    constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=CONSTANTS),
-    jobs: int | None = option("N", SIDE_BY_SIDE, min=1),
+    constants: str | None = option("NAME", WITH_OR_WITHOUT, offers=options.CONSTANTS),
+    jobs: int | None = JOBS,
     scheduler: str | None = SCHEDULER,
     verbose: bool = flag("--verbose", f"Print a row for each log even if there are more than {MOST_ROWS}."),
     config: Path | None = CONFIG,
@@ -47,13 +46,12 @@ def estimate(
     Example: lpvobs estimate --config configs/diesel.toml --gain gain.h5 nedc.parquet --out nedc.h5
     """
     from lpvobs.api.estimate import EngineUsed, EstimateOutput, NodeCounts
-    from lpvobs.api.estimate import estimate as estimate_map
     from lpvobs.report.outputs import LogOutput, log_fields
     from lpvobs.report.tables import agreement_rows, log_rows, many_lines, told, unusual
 
     config = chosen_config(config)
     with progress("estimating") as report:
-        done = estimate_map(
+        done = lpvobs.estimate(
             config, logs, out, gain=gain, engine=engine, method=method, constants=constants, jobs=jobs, scheduler=scheduler,
             progress=report,
         )  # fmt: skip
@@ -99,3 +97,42 @@ def estimate(
     if len(done.doubts.says) > MOST_LINES:
         say(f"lpvobs: and {len(done.doubts.says) - MOST_LINES} more warnings; --json prints all of them")
     leave(done.refused)
+
+
+@guarded
+def extrapolate(
+    result: Path = argument(
+        "RESULT.h5", "A result of estimate. The filled map is written into this file as /extrapolation."
+    ),
+    method: str = option("NAME", HOW, offers=options.EXTRAPOLATIONS, default="kriging"),
+    smooth: bool = flag(
+        "--smooth",
+        "Replace the estimated nodes in /extrapolation by smoothed values, too, and mark them there as smoothed.",
+    ),
+    as_json: bool = JSON,
+) -> None:
+    """Fill the map nodes that no log visited, and give a 90 % interval for each.
+
+    Example: lpvobs extrapolate nedc.h5
+    """
+    from lpvobs.api.extrapolate import ExtrapolateOutput, fill, half_widths
+    from lpvobs.report.outputs import quadratic_fields
+    from lpvobs.report.tables import beside_paper, coefficient_tables, grams, percent
+
+    stored, fitted, held = fill(result, method, smooth)
+    half = half_widths(fitted)
+    if as_json:
+        filled = quadratic_fields(fitted)
+        print_json(
+            "extrapolate", ExtrapolateOutput(result=str(result), outer_coverage=held, half_widths=half, **filled)
+        )
+        return
+    for coefficients in coefficient_tables(mine := [("this map", stored)], beside_paper(mine)):
+        print(table(*coefficients))
+    more = f", {fitted.nodes} smoothed" if smooth else ""
+    say(
+        f"check: {percent(held, 0)} of the outer estimated nodes lie inside the 90 % interval predicted from the other nodes"
+    )
+    say(f"{result}: {int((fitted.support == 2).sum())} nodes filled by {fitted.method}{more}")
+    if half is not None:
+        say(f"90 % intervals of the filled nodes: +-{grams(half[0])} g/s in the median, +-{grams(half[1])} g/s at most")
