@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pq
+from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.results import hdf, results, surfaces
 from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write, write_inner
 from lpvobs.io.results.provenance import Provenance, read_refused, write_refused
@@ -35,6 +36,10 @@ class FleetSums:
     sums: Annotated[tuple[VehicleSums, ...], Item("1", "sums of a vehicle", name="vehicle")] = ()  # by name
     logs: Annotated[tuple[TrackedLog, ...], Item("1", "logs", ("log",))] = field(default=())  # by digest
     effects: tuple[DatedEffect, ...] = ()  # by vehicle and date
+
+    def periods(self) -> dict[str, str]:
+        """Return the period of every log, by its digest."""
+        return {log.sha256: date_of(log.date).strftime(PERIODS[self.every]) for log in self.logs}
 
 
 @dataclass(frozen=True)
