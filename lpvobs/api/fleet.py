@@ -146,11 +146,11 @@ def estimate_fleet(
         key = run_key(made_with + repr(sorted(task.point.deviation.items())), gain)
         folder, held = PartsFolder(out, key, StoredPart), dict[str, StoredPart]()
         several = len(paths) > 1  # a single log leaves nothing to go on with: its part ends with the run
-        keep: Callable[[StoredPart], None] = folder.keep if several else partial(_hold, held)
+        keep: Callable[[str, StoredPart], None] = folder.keep if several else held.__setitem__
         read: Callable[[str], StoredPart] = folder.read if several else held.__getitem__
         for outcome in outcomes.values():
             if outcome.stored is not None:
-                keep(outcome.stored)
+                keep(outcome.sha256, outcome.stored)
         opened = {each.sha256 for each in outcomes.values()}
         task = replace(task, done=folder.found() if several else frozenset())
         tasks = {path: replace(task, path=path) for path in paths if path not in outcomes}
@@ -185,10 +185,6 @@ def estimate_fleet(
         scatter=scatter,
         agreement=tuple(compared_with_all[names[path]] for path in used if names[path] in compared_with_all),
     )
-
-
-def _hold(held: dict[str, StoredPart], stored: StoredPart) -> None:
-    held[stored.sha256] = stored
 
 
 def learned_digest(air_path: AirPath) -> str:
@@ -232,7 +228,7 @@ def outcomes_of(
     workers: Workers,
     function: Callable[[Task], LogOutcome[Left]],
     tasks: Mapping[Path, Task],
-    keep: Callable[[Left], None] | None,
+    keep: Callable[[str, Left], None] | None,
     progress: Progress,
 ) -> dict[Path, LogOutcome[Left]]:
     """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest."""
@@ -240,7 +236,7 @@ def outcomes_of(
     paths = list(tasks)
     for count, (number, outcome) in enumerate(workers.finished(function, list(tasks.values())), 1):
         if keep is not None and outcome.stored is not None:
-            keep(outcome.stored)
+            keep(outcome.sha256, outcome.stored)
         found[paths[number]] = outcome if keep is None else replace(outcome, stored=None)
         progress(count / len(tasks))
     return found

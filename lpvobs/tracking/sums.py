@@ -155,11 +155,6 @@ class KeptLog:
     log: TrackedLog
     sums: VehicleSums
 
-    @property
-    def sha256(self) -> str:
-        """Digest of the log."""
-        return self.log.sha256
-
 
 def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments], unknowns: Unknowns) -> Basis:
     """Return how rows are weighed after the first logs of some vehicles, each solved by itself."""

@@ -181,7 +181,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
             configuration.kind.suspects,
         )
         outcome = part_of(task)
-        folder.keep(outcome.stored)
+        folder.keep(outcome.sha256, outcome.stored)
         assert (
             part_of(replace(task, done=frozenset({outcome.sha256}))).stored is None
         )  # its own run would not do it again
