@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, groupby
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,7 @@ from lpvobs.io.results.parts import PartsFolder, run_key
 from lpvobs.io.results.provenance import Provenance
 from lpvobs.io.safety.atomic import state_of
 from lpvobs.kinds import Count, Refused
-from lpvobs.observer.estimate import Point, merged
+from lpvobs.observer.estimate import merged
 from lpvobs.observer.log_run import Beginning
 from lpvobs.observer.parts import StateGain, added_up
 from lpvobs.records import Item
@@ -148,8 +149,9 @@ def track(
             sizes = (sum(state_of(each.path)[1:2]) for each in whose)  # none where there is no such log
             long = any(size > ALONE for size in accumulate(sizes))
             workers = workers_for("observer", len(whose) if long else 1, jobs, scheduler)
-            adding = _Adding(*_known(configuration, calibrated), text, state, target, workers)
-            sums, more, reused = adding.to(sums, whose, every, shown(progress))
+            known_engine, start = _known(configuration, calibrated)
+            task = begun(known_engine, state, workers, start)
+            sums, more, reused = _added(sums, whose, every, text, task, target, workers, shown(progress))
             refused += more
         if sums is None:
             raise DataError("; ".join(refused))
@@ -227,77 +229,59 @@ def _whose(paths: Sequence[Path], origins: Origins, by: str, config: Config) -> 
     return found, refused
 
 
-@dataclass(frozen=True)
-class _SumsTask:
-    """A log whose weighed sums are wanted, and whose it is."""
-
-    part: PartTask
-    basis: Basis
-    whose: _Whose
-
-
-def sums_of(task: _SumsTask) -> LogOutcome[KeptLog]:
-    """Go through one log."""
-    grid, its = task.part.grid, task.whose
+def _sums_of(task: PartTask, basis: Basis, its: _Whose) -> LogOutcome[KeptLog]:
+    """Go through one log for its weighed sums."""
+    grid = task.grid
 
     def left(_: LogFile, log: Beginning) -> KeptLog:
-        part = task.part.inform(log)
+        part = task.inform(log)
         cells = (grid.speed.size - 1) * (grid.fuel.size - 1)
-        origin = (its.path.stem, its.vehicle, its.kind, its.day)
-        return kept(part, weighed(part, task.basis), task.basis, origin, cells)
+        return kept(part, weighed(part, basis), basis, (its.path.stem, its.vehicle, its.kind, its.day), cells)
 
-    return gone_through(replace(task.part, path=its.path), left)
+    return gone_through(replace(task, path=its.path), left)
 
 
-@dataclass(frozen=True)
-class _Adding:
-    """How logs are added to a fleet."""
-
-    known: KnownEngine
-    engine: CalibratedEngine | None
-    text: str
-    gain: StateGain
-    out: Path
-    workers: Workers
-
-    def key(self, point: Point) -> str:
-        """Return a digest of all that the sums of a log depend on beside it."""
+def _added(
+    before: FleetSums | None,
+    whose: Sequence[_Whose],
+    every: str,
+    text: str,
+    task: PartTask,
+    out: Path,
+    workers: Workers,
+    progress: Progress,
+) -> tuple[FleetSums | None, list[str], int]:
+    """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
+    whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
+    with workers:
+        if before is None:
+            basis, task, refused = _weighed_by(workers, task, whose, progress)
+            if basis is None:
+                return None, refused, 0
+        else:
+            basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
+        point = task.point  # the key is a digest of all that the sums of a log depend on beside it
         known = None if point.known is None else [point.known.mean.tolist(), point.known.covariance.tolist()]
-        taught = learned_digest(point.air_path)
-        return run_key(self.text + taught + repr((sorted(point.deviation.items()), known)), self.gain)
-
-    def to(
-        self, before: FleetSums | None, whose: Sequence[_Whose], every: str, progress: Progress
-    ) -> tuple[FleetSums | None, list[str], int]:
-        """Return a fleet with the logs that can be used, why others cannot, and how many a run before this one had read."""
-        whose = sorted(whose, key=lambda each: (each.vehicle, each.day, each.path.as_posix()))
-        with self.workers as workers:
-            task = begun(self.known, self.gain, workers, self.engine)
-            if before is None:
-                basis, task, refused = _weighed_by(workers, task, whose, progress)
-                if basis is None:
-                    return None, refused, 0
-            else:
-                basis, task = before.basis, replace(task, point=replace(task.point, deviation=before.deviation))
-                if before.key != self.key(task.point):
-                    raise _other(self.out)
-            key = self.key(task.point)
-            folder = PartsFolder(self.out, key + basis.digest(), KeptLog)
-            task = replace(task, done=folder.found())
-            tasks = {each.path: _SumsTask(task, basis, each) for each in whose}
-            outcomes = outcomes_of(workers, sums_of, tasks, folder.keep, progress)
-        logs = {} if before is None else {log.sha256: log for log in before.logs}
-        sums = {} if before is None else {each.vehicle: each for each in before.sums}
-        usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
-        for sha256 in usable:
-            added = folder.read(sha256)
-            logs[sha256], name = added.log, added.log.vehicle
-            sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
-        total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
-        refused = [text for each in whose if (text := outcomes[each.path].refusal) is not None]
-        effects = () if before is None else before.effects
-        fleet = FleetSums(key, every, task.point.deviation, basis, total, in_order, effects) if logs else before
-        return fleet, refused, len(task.done.intersection(usable))
+        made_with = text + learned_digest(point.air_path) + repr((sorted(point.deviation.items()), known))
+        key = run_key(made_with, task.gain)
+        if before is not None and before.key != key:
+            raise _other(out)
+        folder = PartsFolder(out, key + basis.digest(), KeptLog)
+        task = replace(task, done=folder.found())
+        tasks = {each.path: each for each in whose}
+        outcomes = outcomes_of(workers, partial(_sums_of, task, basis), tasks, folder.keep, progress)
+    logs = {} if before is None else {log.sha256: log for log in before.logs}
+    sums = {} if before is None else {each.vehicle: each for each in before.sums}
+    usable = sorted(outcome.sha256 for outcome in outcomes.values() if outcome.refusal is None)
+    for sha256 in usable:
+        added = folder.read(sha256)
+        logs[sha256], name = added.log, added.log.vehicle
+        sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
+    total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
+    refused = [said for each in whose if (said := outcomes[each.path].refusal) is not None]
+    effects = () if before is None else before.effects
+    fleet = FleetSums(key, every, point.deviation, basis, total, in_order, effects) if logs else before
+    return fleet, refused, len(task.done.intersection(usable))
 
 
 def _weighed_by(
