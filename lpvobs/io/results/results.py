@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
@@ -23,7 +22,7 @@ from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer import disagreement, log_run
 from lpvobs.observer.balance_agreement import BalanceAgreement
-from lpvobs.observer.estimate import MapEstimate
+from lpvobs.observer.estimate import MapEstimate, NodeMap
 from lpvobs.records import Array, Item
 
 KIND = "result"
@@ -58,22 +57,11 @@ class LogSummary:
 
 
 @dataclass(frozen=True)
-class StoredResult:
+class StoredResult(NodeMap):
     """A result as read back; the extrapolation is None until `extrapolate` has run, `state` is what the file was then."""
 
     path: Path
     air_path: str
-    method: str
-    grid: Grid
-    theta: Array
-    standard_error: Array
-    covariance: Array
-    noise: Array
-    design: Array
-    supported: NDArray[np.bool_]
-    excitation: Array
-    constants: tuple[str, ...]
-    sensitivity: Array
     parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
     gain: gains.StoredGain
@@ -137,7 +125,7 @@ def read_result(path: Path) -> StoredResult:
     with reading(path, KIND, REMEDY) as file:
         axes = surfaces.axes_of(file)
         found: dict[str, Any] = {}
-        for name, layout in _layouts(*axes).items():
+        for name, layout in _layouts(axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
         found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
@@ -169,28 +157,21 @@ def read_result(path: Path) -> StoredResult:
 PARAMETERS = Layout(StoredResult, {"parameter_names": Item("1", "scheduling parameter", name="parameter")})
 
 
-def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
+GROUPS = {
+    "map": ("theta", "standard_error", "supported"),
+    "excitation": ("excitation",),
+    "nodes": ("covariance", "noise", "design"),
+    "sensitivity": ("constants", "sensitivity"),
+}
+
+
+def _layouts(axes: surfaces.Axes) -> dict[str, Layout[NodeMap]]:
     """Return how a map and what belongs to it stand in their groups."""
-    both, square = (speed, fuel), ("node", "other_node")
-    per_constant = "change of the map per relative error of the constant"
-    groups = {
-        "map": {
-            "theta": Item("kg/s", surfaces.LONG_NAME, both, "delta_W_c", gaps=True),
-            "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
-            "supported": Item("1", surfaces.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
-        },
-        "excitation": {"excitation": Item("s", "persistency of excitation, delta_1 of Eq. (29)", both, "delta_1")},
-        "nodes": {
-            "covariance": Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True),
-            "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
-            "design": Item("1", "node values that stand for each term", ("node", "term")),
-        },
-        "sensitivity": {
-            "constants": Item("1", "uncertain constant of the engine", name="constant"),
-            "sensitivity": Item("kg/s", per_constant, ("constant", *both), "delta_W_c", gaps=True),
-        },
+    whole = surfaces.map_layout(NodeMap, axes)
+    return {
+        name: replace(whole, items={key: whole.items[key] for key in keys}, attributes=())
+        for name, keys in GROUPS.items()
     }
-    return {name: Layout(StoredResult, items) for name, items in groups.items()}
 
 
 def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> None:
@@ -204,7 +185,7 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> N
         "sensitivity": fields(on_nodes, grid),
     }
     shown = replace(estimate, sensitivity=np.where(estimate.supported, estimate.sensitivity, np.nan))
-    for name, layout in _layouts(*axes).items():
+    for name, layout in _layouts(axes).items():
         write_group(file, name, scales[name] | fields(layout, shown, {"term": COEFFICIENTS}))
     file["map"].attrs["axes"] = " ".join(axes)
 
