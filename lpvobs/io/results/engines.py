@@ -252,30 +252,21 @@ class EngineOfMap:
     amplitudes: Annotated[tuple[float, ...], Item("1", "of these, over what was expected", ("group",), "amplitude")]
 
 
-def stored_engine(found: EngineFound) -> EngineOfMap:
-    """Return what a result keeps of the constants; their deviations are seen from the configured values."""
-    unknowns, q = found.unknowns, len(found.unknowns.constants)
-    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
-    deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
-    deviation[:q] = list(found.deviation().values())
-    return EngineOfMap(
-        constants=unknowns.coordinates,
-        deviation=deviation,
-        covariance=unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from),
-        groups=unknowns.groups(),
-        amplitudes=found.amplitudes,
-    )
-
-
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
         before = found.before()
-        stored = _UnknownsAsStored(before.names, before.mean, before.covariance)
-        _write_left(write(file, BEFORE, stored), before)
-    group = write(file, ENGINE_FOUND, stored_engine(found))
+        known = _UnknownsAsStored(before.names, before.mean, before.covariance)
+        _write_left(write(file, BEFORE, known), before)
+    unknowns, q = found.unknowns, len(found.unknowns.constants)
+    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
+    deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
+    deviation[:q] = list(found.deviation().values())  # seen from the configured values
+    covariance = unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from)
+    stored = EngineOfMap(unknowns.coordinates, deviation, covariance, unknowns.groups(), found.amplitudes)
+    group = write(file, ENGINE_FOUND, stored)
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
-    write_corrections(group, found.unknowns, found.mean, errors)
+    write_corrections(group, unknowns, found.mean, errors)
 
 
 def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:

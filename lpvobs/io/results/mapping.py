@@ -125,7 +125,7 @@ def read(group: h5py.Group, what: type[Record] | Layout[Record], **given: Any) -
     return _layout(what).record(**values(group, what, given), **given)
 
 
-def read_if_there(group: h5py.Group | None, what: type[Record]) -> Record | None:
+def read_if_there(group: h5py.Group | None, what: type[Record] | Layout[Record]) -> Record | None:
     """Return the record that a group holds, None where there is no group: the `get` of its parent."""
     return None if group is None else read(group, what)
 

@@ -66,7 +66,7 @@ class StoredResult(NodeMap):
     logs: tuple[LogSummary, ...]
     gain: gains.StoredGain
     extrapolation: Filled | None
-    outer_coverage: float
+    outer_coverage: float  # how often the extrapolation is right at outer nodes; NaN where there is none
     provenance: Provenance
     agreement: tuple[disagreement.Agreement, ...] = ()
     balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
@@ -91,9 +91,11 @@ def write_result(
         file.attrs["method"] = estimate.method
         _write_map(file, estimate, {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes})
         gains.write_gain_group(file, gain)
-        groups = file.create_group("logs"), file.create_group("metrics")
+        of_logs, of_metrics = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
-            write_log(*groups, log, air_path.parameter_names)
+            write(of_logs, log.name, log, {"parameter": air_path.parameter_names})
+            if log.metrics is not None:
+                write(of_metrics, log.name, log.metrics)
         if estimate.engine is not None:
             engines.write_engine_found(file, estimate.engine)
         write(file, "provenance", provenance)
@@ -129,7 +131,7 @@ def read_result(path: Path) -> StoredResult:
             found |= values(file[name], layout)
         logs = file["logs"]
         found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
-        extrapolation, outer_coverage = surfaces.read_extrapolation(file, axes)
+        filled = file.get(surfaces.GROUP)
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
@@ -142,8 +144,8 @@ def read_result(path: Path) -> StoredResult:
                 for name in logs
             ),
             gain=gains.read_gain_group(file),
-            extrapolation=extrapolation,
-            outer_coverage=outer_coverage,
+            extrapolation=read_if_there(filled, surfaces.map_layout(Filled, axes)),
+            outer_coverage=np.nan if filled is None else float(filled["outer_coverage"][()]),
             provenance=read(file["provenance"], Provenance),
             headline=str(file.attrs.get("headline", "")),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
@@ -195,13 +197,6 @@ def summary_of(run: log_run.LogRun, metrics: Metrics | None, balance_ratio: floa
     known = {**vars(run.defects), **vars(run), "balance_ratio": balance_ratio, "metrics": metrics}
     known["found"] = {f"{item.kind} {item.channel}": item.samples for item in run.defects.findings}
     return LogSummary(**{item.name: known[item.name] for item in fields_of(LogSummary)})
-
-
-def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
-    """Write a log into the groups `/logs` and, where it has references, `/metrics`."""
-    write(logs, log.name, log, {"parameter": parameter_names})
-    if log.metrics is not None:
-        write(metrics, log.name, log.metrics)
 
 
 def write_doubts(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str], grid: Grid, reading: Array) -> None:

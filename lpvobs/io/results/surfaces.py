@@ -1,6 +1,5 @@
 """The error map in a result: its axes, what fills it, and as people and calibration tools want it, values with their covariance."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,13 +53,6 @@ def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled,
     group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, Item("1", OUTER))})
     for name in ("coefficients", "coefficients_standard_error"):
         group[name].attrs["coefficient_units"] = text([f"kg/s{power}" for power in powers])
-
-
-def read_extrapolation(file: h5py.File, axes: Axes) -> tuple[Filled | None, float]:
-    """Return what `/extrapolation` holds, and how often it is right at outer nodes; None and NaN where it is not there."""
-    if GROUP not in file:
-        return None, math.nan
-    return read(file[GROUP], map_layout(Filled, axes)), float(file[GROUP]["outer_coverage"][()])
 
 
 NONE, OLD, LEFT_OUT = 0, 3, 5
