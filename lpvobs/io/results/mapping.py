@@ -159,7 +159,7 @@ def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
     item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     record: Any = record_in(kind)
     if item.axes:
-        return read_rows(group[item.name] if item.name else group, record, item.axes[0])
+        return read_rows(group.get(item.name) if item.name else group, record, item.axes[0])
     if get_origin(kind) is tuple:
         return tuple(read(each, record) for each in numbered(group, name))
     return None if get_origin(kind) is UnionType and name not in group else read(group[name], record)
