@@ -20,7 +20,7 @@ from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import scaled_terms
+from lpvobs.maps.quadratic import terms_at_nodes
 from lpvobs.observer.information import NO_LEVEL, Prior, Solution, considered, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
@@ -225,7 +225,6 @@ def finished(
     settings: EstimateSettings,
 ) -> MapEstimate:
     """Return the estimate with the nodes marked that the drives inform."""
-    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
     error = np.sqrt(np.diag(covariance)).reshape(grid.shape)
     # no error is beyond where a method states none
     supported = (excited.nodes() >= settings.least_information).reshape(grid.shape) & ~(error > settings.widest)
@@ -236,7 +235,7 @@ def finished(
         standard_error=np.where(supported, error, np.nan),
         covariance=covariance,
         noise=covariance,
-        design=scaled_terms(grid, u, n).reshape(grid.size, -1),
+        design=terms_at_nodes(grid),
         supported=supported,
         excitation=excited.cells(),
         runs=tuple(runs),
