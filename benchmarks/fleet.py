@@ -33,9 +33,9 @@ from lpvobs.maps.joint import NORMAL_90, Joint
 from lpvobs.records import Array
 from lpvobs.simulation.readings import surface_error
 from lpvobs.tracking.changes import Detectable
-from lpvobs.tracking.fleet import Driven, Fleet, Tracked, track
+from lpvobs.tracking.fleet import Fleet, Tracked, track
 from lpvobs.tracking.sums import KeptLog, TrackedLog, VehicleSums, flow_at_nodes, kept
-from lpvobs.tracking.timeline import CHANGE, vehicle_of
+from lpvobs.tracking.timeline import CHANGE, Driven, vehicle_of
 
 SEED = 1
 ALL = VEHICLES * MONTHS * A_MONTH
@@ -235,16 +235,14 @@ def _redrawn(
 
 
 def _tracked(stored: StoredFleet, made: Sequence[tuple[TrackedLog, VehicleSums]]) -> tuple[FleetSums, Tracked]:
-    logs: dict[str, list[TrackedLog]] = {}
     sums: dict[str, VehicleSums] = {}
     for log, own in made:
-        logs.setdefault(log.vehicle, []).append(log)
         sums[log.vehicle] = sums[log.vehicle].plus(own) if log.vehicle in sums else own
-    every = [log for own in logs.values() for log in own]
+    every = [log for log, _ in made]
     periods = {log.sha256: date_of(log.date).strftime("%Y-%m") for log in every}
     settings, in_order = configuration().estimate, [sums[name] for name in sorted(sums)]
     least, basis = settings.least_information, stored.kept.basis
-    found = track(stored.grid, basis, in_order, logs, periods, settings.prior_map, least)
+    found = track(stored.grid, basis, in_order, every, periods, settings.prior_map, least)
     return replace(stored.kept, sums=tuple(in_order), logs=tuple(every)), found
 
 
@@ -278,16 +276,16 @@ def _between(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Betwe
     total, sums, basis = Between(), {each.vehicle: each for each in kept_of.sums}, kept_of.basis
     settings, pair = configuration().estimate, ("2025-01", f"2025-{MONTHS:02}")
     for vehicle in fleet(seed):
-        its, name = sums[vehicle.name], vehicle.name
-        own = vehicle_of(its, [log for log in kept_of.logs if log.vehicle == name], basis, settings.prior_map)
-        periods = [date_of(log.date).strftime("%Y-%m") for log in own.logs]
-        driven = Driven(stored.grid, basis, its)
-        known = Fleet(stored.grid, basis, settings.prior_map, settings.least_information, {name: driven}, found.sizes)
-        on, maps, covariance = known.moved(own, its, periods, pair, found.types[0])
+        its = sums[vehicle.name]
+        own = vehicle_of(its, kept_of.logs, basis, settings.prior_map)
+        periods = {log.sha256: date_of(log.date).strftime("%Y-%m") for log in own.logs}
+        known = Fleet(stored.grid, settings.least_information, periods, found.sizes)
+        on, maps, covariance = known.moved(own, pair, found.types[0])
         change = Joint(maps[1] - maps[0], covariance)
-        days = [np.mean([log.date for log, each in zip(own.logs, periods, strict=True) if each == at]) for at in pair]
+        days = [np.mean([log.date for log in own.logs if periods[log.sha256] == at]) for at in pair]
         before, after = (_error(vehicle, stored, basis.flow, float(day)) for day in days)
-        used = driven.weight[on] > DRIVEN * driven.weight.max()
+        weight = own.driven.weight
+        used = weight[on] > DRIVEN * weight.max()
         inside = (np.abs(change.values - (after - before)[on]) <= NORMAL_90 * change.standard_error)[used]
         healthy = vehicle.kind == "healthy"
         nodes = (0, 0) if healthy else (inside.size, int(inside.sum()))
@@ -310,7 +308,7 @@ def _judged(kept_of: FleetSums, found: Tracked, vehicles: Sequence[Vehicle], sto
             right = "drifts" in its.verdict if vehicle.kind == "drift" else away <= NEAR
             late = (away,) if vehicle.change and right else ()
             total += Count(changes=1, found=int(right), late=late)
-        driven = Driven(stored.grid, kept_of.basis, sums[vehicle.name])
+        driven = Driven(kept_of.basis, sums[vehicle.name])
         flow = driven.flow
         last, month = its.last, MONTH if vehicle.kind == "drift" else 0.0
         change = _error(vehicle, stored, flow, last) - _error(vehicle, stored, flow, last - month)
@@ -332,7 +330,7 @@ def _few(stored: StoredFleet, courses: Sequence[Course], seed: int) -> Count:
     for name in sorted(few):
         _, by_itself = _tracked(stored, own[name])
         sums = reduce(lambda a, b: a.plus(b), [each for _, each in own[name]])
-        driven = Driven(stored.grid, stored.kept.basis, sums)
+        driven = Driven(stored.kept.basis, sums)
         date = own[name][-1][0].date
         truth = _error(vehicles[name], stored, driven.flow, date)
         used = driven.weight > DRIVEN * driven.weight.max()

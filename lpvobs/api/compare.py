@@ -14,7 +14,6 @@ from lpvobs.api.export import SOURCES
 from lpvobs.api.files import File, as_path, write_text
 from lpvobs.errors import DataError, NotProven, UsageError
 from lpvobs.io.configuration.config import config_of
-from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.logs.units import convert
 from lpvobs.io.results.fleets import read_fleet
 from lpvobs.io.results.surfaces import NONE, Surface, SurfaceAxis, read_surface
@@ -23,7 +22,7 @@ from lpvobs.maps.joint import Joint
 from lpvobs.maps.quadratic import ESTIMATED
 from lpvobs.records import Array
 from lpvobs.report.gates import parse_gate
-from lpvobs.tracking.fleet import Driven, Fleet
+from lpvobs.tracking.fleet import Fleet
 from lpvobs.tracking.timeline import vehicle_of
 
 FAMILY = 0.05
@@ -156,14 +155,10 @@ def _between(path: Path, vehicle: str, pair: tuple[str, str]) -> tuple[Surface, 
     if missing := [each for each in pair if each not in there]:
         held = f"periods with a map: {', '.join(there)}" if there else f"vehicles in this fleet: {', '.join(sums)}"
         raise DataError(f"{path}: this fleet has no map of vehicle {vehicle} in period {missing[0]}; {held}")
-    own = vehicle_of(
-        sums[vehicle], [log for log in kept.logs if log.vehicle == vehicle], kept.basis, settings.prior_map
-    )
-    driven = {vehicle: Driven(fleet.grid, kept.basis, sums[vehicle])}
-    its = Fleet(fleet.grid, kept.basis, settings.prior_map, settings.least_information, driven, fleet.found.sizes)
+    own = vehicle_of(sums[vehicle], kept.logs, kept.basis, settings.prior_map)
+    its = Fleet(fleet.grid, settings.least_information, kept.periods(), fleet.found.sizes)
     (kind,) = (each for each in fleet.found.types if each.kind == sums[vehicle].kind)
-    periods = [date_of(log.date).strftime(PERIODS[kept.every]) for log in own.logs]
-    on, values, errors = its.moved(own, sums[vehicle], periods, pair, kind)
+    on, values, errors = its.moved(own, pair, kind)
     shape, known = fleet.grid.shape, np.isin(np.arange(fleet.grid.size), on)
     maps, covariance = np.full((2, known.size), np.nan), np.zeros((known.size, known.size))
     maps[:, on], covariance[np.ix_(on, on)] = values, errors

@@ -131,8 +131,9 @@ def estimate_fleet(
         folder = PartsFolder(out, run_key(made_with + repr(sorted(task.point.deviation.items())), gain), StoredPart)
         opened = {each.sha256: each.stored for each in outcomes.values()}
         if several:
-            for stored in filter(None, opened.values()):
-                folder.keep(stored)
+            for sha256, stored in opened.items():
+                if stored is not None:
+                    folder.keep(sha256, stored)
             task = replace(task, done=folder.found())
         further = [path for path in paths if path not in outcomes]
         keep = folder.keep if several else None
@@ -224,14 +225,14 @@ def outcomes_of(
     workers: Workers,
     function: Callable[[Task], LogOutcome[Left]],
     logs: Sequence[Task],
-    keep: Callable[[Left], None] | None,
+    keep: Callable[[str, Left], None] | None,
     progress: Progress,
 ) -> dict[Task, LogOutcome[Left]]:
     """Go through logs; what each leaves is handed to `keep`, and forgotten but for its digest."""
     found: dict[Task, LogOutcome[Left]] = {}
     for log, outcome in finished(workers, function, logs, progress):
         if keep is not None and outcome.stored is not None:
-            keep(outcome.stored)
+            keep(outcome.sha256, outcome.stored)
         found[log] = outcome if keep is None else replace(outcome, stored=None)
     return found
 

@@ -110,10 +110,10 @@ def _what_is_feasible(problem: GainProblem, settings: GainSettings) -> str:
     region = problem.region
     centre = [0.5 * (low + high) for low, high in zip(region.lower, region.upper, strict=True)]
     try:
-        part = largest_feasible(problem, centre, cascade=settings.cascade, decay=settings.decay)
+        scale, gain = largest_feasible(problem, centre, cascade=settings.cascade, decay=settings.decay)
     except (NotProven, UsageError):
         return "even the centre of this region alone has no gain"
-    return f"this region has a gain if it is shrunk around its centre to {part.scale:.2f} of its size: {part.problem.region}"
+    return f"this region has a gain if it is shrunk around its centre to {scale:.2f} of its size: {gain.region}"
 
 
 def make_published_gain(config: Config, column: str | None = None) -> gains.StoredGain:

@@ -16,7 +16,7 @@ from lpvobs.api.jobs import Workers
 from lpvobs.api.known_engine import KnownEngine, engine_before
 from lpvobs.errors import DataError, UsageError
 from lpvobs.io.configuration.config import Config, load_config
-from lpvobs.io.logs.finding import PERIODS, Origins, date_of, day_of, find_logs
+from lpvobs.io.logs.finding import PERIODS, Origins, day_of, find_logs
 from lpvobs.io.logs.parquet import metadata_of
 from lpvobs.io.logs.reading import LogFile
 from lpvobs.io.logs.remote import log_digest
@@ -149,17 +149,17 @@ def track(
             refused = (*refused, *more)
         if sums is None:
             raise DataError("; ".join(refused))
-        periods = {log.sha256: date_of(log.date).strftime(PERIODS[every]) for log in sums.logs}
-        told_of = (*sums.effects, *(effect for each in told for effect in dated(each, sums.logs)))
+        known_effects = () if before is None else before.effects
+        told_of = (*known_effects, *(effect for each in told for effect in dated(each, sums.logs)))
         by_time = {(each.vehicle, each.first, each.id, each.parameter): each for each in told_of}
-        sums = replace(sums, every=every, effects=tuple(by_time[key] for key in sorted(by_time)))
-        own = {each.vehicle: [log for log in sums.logs if log.vehicle == each.vehicle] for each in sums.sums}
-        grid, settings = configuration.grid(), configuration.estimate
-        result = tracked(grid, sums.basis, sums.sums, own, periods, settings.prior_map, settings.least_information)
+        sums, effects = replace(sums, every=every), tuple(by_time[key] for key in sorted(by_time))
+        grid, least = configuration.grid(), configuration.estimate.least_information
+        prior = configuration.estimate.prior_map
+        result = tracked(grid, sums.basis, sums.sums, sums.logs, sums.periods(), prior, least)
         air_path = configuration.engine_path()
         axes = {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes}
         provenance = Provenance({f"{log.vehicle}/{log.name}": log.sha256 for log in sums.logs}, text)
-        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, provenance, refused)
+        fleet = StoredFleet(target, air_path.name, axes, grid, sums, result, effects, provenance, refused)
         write_fleet(fleet)
         PartsFolder(target, "", KeptLog).remove()
         if table is not None:
@@ -179,7 +179,7 @@ def output_of(fleet: StoredFleet, new: int, reused: int, refused: Sequence[str])
         periods=sorted({each.period for each in found.maps}),
         vehicles=found.worst_first(),
         changes=found.changes,
-        effects=fleet.kept.effects,
+        effects=fleet.effects,
         next=found.cells,
         power=found.power,
     )
@@ -267,8 +267,7 @@ def _added(
         sums[name] = sums[name].plus(added.sums) if name in sums else added.sums
     total, in_order = tuple(sums[name] for name in sorted(sums)), tuple(logs[each] for each in sorted(logs))
     refused = [said for each in whose if (said := outcomes[each].refusal) is not None]
-    effects = () if before is None else before.effects
-    fleet = FleetSums(key, every, point.deviation, basis, total, in_order, effects) if logs else before
+    fleet = FleetSums(key, every, point.deviation, basis, total, in_order) if logs else before
     return fleet, refused, len(task.done.intersection(used))
 
 

@@ -186,8 +186,7 @@ def krige(
 
 def known_nodes(grid: Grid, theta: Array, covariance: Array, supported: NDArray[np.bool_], design: Array) -> KnownNodes:
     """Return what `krige` knows, from the same arguments."""
-    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
-    trend = quadratic.scaled_terms(grid, u, n).reshape(-1, 6)
+    trend = quadratic.terms_at_nodes(grid)
     x, y = place = trend[:, 1], trend[:, 3]
     chosen = np.flatnonzero(supported)
     quadratic.refuse_too_few(design[chosen])

@@ -72,6 +72,11 @@ def scaled_terms(grid: Grid, u: Array, n: Array) -> Array:
     return terms((u - u_0) / u_s, (n - n_0) / n_s)
 
 
+def terms_at_nodes(grid: Grid) -> Array:
+    """Return `scaled_terms` at every node, shape (p, 6)."""
+    return scaled_terms(grid, *np.meshgrid(grid.fuel, grid.speed)).reshape(-1, 6)
+
+
 def fit(
     grid: Grid,
     theta: Array,
@@ -85,12 +90,11 @@ def fit(
     The map theta, shape (p_2, p_1) [kg/s], and its covariance, shape (p, p) [kg^2/s^2], are read at supported nodes only. `noise`,
     shape (p, p), is the part of the covariance that nodes do not share through the engine's constants, by default all of it: what
     the residuals have beyond it counts as lack of fit. `design`, shape (p, 6), has the node values that the estimator would find if
-    the surface were each of `scaled_terms`, by default their values at the nodes; they differ by the curvature of u^2 and n^2
+    the surface were each of `scaled_terms`, by default `terms_at_nodes`; they differ by the curvature of u^2 and n^2
     within a cell, up to 0.1 g/s for Eq. (40). Raises DataError if fewer than seven nodes are supported, or they lie on a conic so
     that the six coefficients are not determined.
     """
-    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
-    X_all = scaled_terms(grid, u, n).reshape(-1, 6)
+    X_all = terms_at_nodes(grid)
     chosen = np.flatnonzero(np.asarray(supported).reshape(-1))
     X, z = (X_all if design is None else design)[chosen], np.asarray(theta).reshape(-1)[chosen]
     refuse_too_few(X)

@@ -10,6 +10,7 @@ model: with 2000 1/s a turbine of another shape moved the map by 0.3 % of the ai
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,14 @@ from lpvobs.engines.unknowns import Unknowns, unknowns_of
 from lpvobs.errors import DataError
 from lpvobs.maps.excitation import Excitation, of_cells
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import scaled_terms
+from lpvobs.maps.quadratic import terms_at_nodes
 from lpvobs.observer.information import AMPLITUDES, NO_LEVEL, Prior, Solution, considered, solve
 from lpvobs.observer.log_run import LogRun
 from lpvobs.observer.parts import LogInformation, StateGain, added_up, inform
 from lpvobs.observer.settings import EstimateSettings
 from lpvobs.observer.smoothing import smooth
 from lpvobs.observer.windows import Columns
-from lpvobs.records import Array, Log, Recording
+from lpvobs.records import Array, Item, Log, Recording
 
 PASSES = 3  # over the logs, at most, until the engine is linearised where it is found
 LINEAR = 0.003
@@ -88,30 +89,42 @@ class Point:
         return replace(self, deviation=replace(found, mean=found.with_little).deviation())
 
 
+ERROR = "error of the mass air flow sensor, reading minus truth"
+ORIGIN = "where the value comes from"
+PER_CONSTANT = "change of the map per relative error of the constant"
+BOTH, SQUARE = ("speed", "fuel"), ("node", "other_node")
+
+
 @dataclass(frozen=True)
-class MapEstimate:
+class NodeMap:
     """The map and how good it is."""
 
     method: str
     grid: Grid
-    theta: Array  # (p_2, p_1) [kg/s], NaN where nothing supports it
-    covariance: Array  # (p, p) [kg^2/s^2], of all nodes
-    noise: Array  # (p, p) [kg^2/s^2], the part of it that does not come from the engine's constants
-    design: Array  # (p, 6) the node values that the method would find for each term of `maps.quadratic`
-    supported: NDArray[np.bool_]  # (p_2, p_1)
-    excitation: Array  # (p_2 - 1, p_1 - 1) [s], the smallest eigenvalue delta_1 of every cell
-    runs: tuple[LogRun, ...]
-    # the q uncertain constants of the engine, and the modes of a calibrated one; none where the method does not tell
-    constants: tuple[str, ...]
-    # (q, p_2, p_1) [kg/s], change of the map per relative change of each constant, the others being known
-    sensitivity: Array
-    engine: EngineFound | None = None  # what the logs say of the engine; None where the method does not tell
+    # NaN where nothing supports it
+    theta: Annotated[Array, Item("kg/s", ERROR, BOTH, "delta_W_c", gaps=True)]
+    standard_error: Annotated[Array, Item("kg/s", "standard error of delta_W_c", BOTH, gaps=True)]
+    supported: Annotated[NDArray[np.bool_], Item("1", ORIGIN, BOTH, "support", meanings={0: "none", 1: "estimated"})]
+    # the smallest eigenvalue of every cell, shape (p_2 - 1, p_1 - 1)
+    excitation: Annotated[Array, Item("s", "persistency of excitation, delta_1 of Eq. (29)", BOTH, "delta_1")]
+    covariance: Annotated[
+        Array, Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", SQUARE, gaps=True)
+    ]
+    noise: Annotated[Array, Item("kg^2/s^2", "part of it that no engine constant explains", SQUARE, gaps=True)]
+    # what the method would find for each term of `maps.quadratic`
+    design: Annotated[Array, Item("1", "node values that stand for each term", ("node", "term"))]
+    # and the modes of a calibrated engine; none where the method does not tell
+    constants: Annotated[tuple[str, ...], Item("1", "uncertain constant of the engine", name="constant")]
+    # the other constants being known
+    sensitivity: Annotated[Array, Item("kg/s", PER_CONSTANT, ("constant", *BOTH), "delta_W_c", gaps=True)]
 
-    @property
-    def standard_error(self) -> Array:
-        """Standard error of every node, shape (p_2, p_1), [kg/s], NaN where nothing supports it."""
-        error = np.sqrt(np.diag(self.covariance)).reshape(self.grid.shape)
-        return np.where(self.supported, error, np.nan)
+
+@dataclass(frozen=True)
+class MapEstimate(NodeMap):
+    """The map as it was estimated from logs."""
+
+    runs: tuple[LogRun, ...]
+    engine: EngineFound | None = None  # what the logs say of the engine; None where the method does not tell
 
 
 def steps_of(log: Log) -> Array:
@@ -222,16 +235,17 @@ def finished(
     settings: EstimateSettings,
 ) -> MapEstimate:
     """Return the estimate with the nodes marked that the drives inform."""
-    n, u = np.meshgrid(grid.speed, grid.fuel, indexing="ij")
-    unsure = np.sqrt(np.diag(covariance)) > settings.widest  # False where a method states no error
-    supported = (excited.nodes() >= settings.least_information).reshape(grid.shape) & ~unsure.reshape(grid.shape)
+    error = np.sqrt(np.diag(covariance)).reshape(grid.shape)
+    # no error is beyond where a method states none
+    supported = (excited.nodes() >= settings.least_information).reshape(grid.shape) & ~(error > settings.widest)
     return MapEstimate(
         method=method,
         grid=grid,
         theta=np.where(supported, theta.reshape(grid.shape), np.nan),
+        standard_error=np.where(supported, error, np.nan),
         covariance=covariance,
         noise=covariance,
-        design=scaled_terms(grid, u, n).reshape(grid.size, -1),
+        design=terms_at_nodes(grid),
         supported=supported,
         excitation=excited.cells(),
         runs=tuple(runs),

@@ -61,7 +61,7 @@ def effect_rows(fleet: StoredFleet) -> Table:
             each.unit,
             *("" if np.isnan(day) else date_of(day).isoformat() for day in (each.absent, each.first, each.last)),
         ]
-        for each in fleet.kept.effects
+        for each in fleet.effects
     ]
 
 

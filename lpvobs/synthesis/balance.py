@@ -60,7 +60,4 @@ def _linked(largest_A: Array, largest_C: Array) -> NDArray[np.bool_]:
     r, n = largest_C.shape
     reach = np.eye(n + r, dtype=bool)
     reach[:, :n] |= np.vstack((largest_A, largest_C)) != 0
-    reach = reach | reach.T
-    for _ in range(n + r):
-        reach = reach @ reach
-    return reach[:n]
+    return np.linalg.matrix_power(reach | reach.T, n + r)[:n]

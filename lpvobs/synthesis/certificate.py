@@ -25,7 +25,7 @@ import numpy as np
 from lpvobs.errors import DataError
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.balance import balance
-from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
+from lpvobs.synthesis.exact import Matrix, falling, fractions, product, smallest_pivot
 from lpvobs.synthesis.problem import GainProblem, bent_block
 from lpvobs.synthesis.region import Region
 
@@ -75,7 +75,7 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
             )
     if not (isfinite(eps_1) and isfinite(eps_2)):
         raise DataError(f"gain: eps_1 = {eps_1}, eps_2 = {eps_2}, expected finite numbers; synthesise the gain again")
-    e_1, e_2 = Fraction(float(eps_1)), Fraction(float(eps_2))
+    e_1, e_2 = fractions([eps_1, eps_2])
 
     def verdict(reason: str, pivot: float, failed: tuple[Fraction, ...] | None = None) -> Certificate:
         where = None if failed is None else tuple(float(value) for value in failed)
@@ -92,22 +92,12 @@ def check(problem: GainProblem, L: Array, P: Array, Q: Array, eps_1: float, eps_
     Y = product(exact_P, fractions(L))
     for vertex in vertices:  # Eq. (33)
         A, C = problem.at(vertex)
-        minus_M = _minus_M(A, C, problem.map_output, exact_P, Y, exact_Q, e_1, e_2)
+        side = -np.hstack([Y[:, [problem.map_output]], C[[problem.map_output]].T])
+        minus_M = np.block([[falling(exact_P, Y, A, C) - exact_Q, side], [side.T, np.diag([e_1, e_2])]])  # Eq. (27)
         smallest = min(smallest, smallest_pivot(minus_M))
         if smallest <= 0:
             return verdict(f"M is not negative definite at {problem.region.place(vertex)}", smallest, vertex)
     return verdict("", smallest)
-
-
-def _minus_M(
-    A: Matrix, C: Matrix, map_output: int, P: Matrix, Y: Matrix, Q: Matrix, eps_1: Fraction, eps_2: Fraction
-) -> Matrix:
-    """Return -M of Eq. (27), (n + 2) x (n + 2), with Y = P L."""
-    PA, YC, n, zero = product(P, A), product(Y, C), len(A), Fraction(0)
-    PLG, C_2 = [row[map_output] for row in Y], C[map_output]
-    states = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] - Q[i][j] for j in range(n)] for i in range(n)]
-    rows = [[*row, -b, -c] for row, b, c in zip(states, PLG, C_2, strict=True)]
-    return [*rows, [*(-b for b in PLG), eps_1, zero], [*(-c for c in C_2), zero, eps_2]]  # Eq. (27)
 
 
 def _why_not(problem: GainProblem, P: Array, Q: Array, eps_1: Fraction, eps_2: Fraction) -> str:
@@ -141,7 +131,7 @@ class StateBound:
 
 def state_bound(problem: GainProblem, L: Array) -> StateBound | None:
     """Return the bound for a gain, shape (n, r), None where the comparison matrix allows none; to be proven by `prove_bound`."""
-    N = np.array([[float(entry) for entry in row] for row in comparison(problem, L)])
+    N = comparison(problem, L).astype(float)
     if np.linalg.eigvals(N).real.max() >= 0.0:
         return None
     units = balance(*problem.matrices()).states
@@ -162,24 +152,18 @@ def prove_bound(problem: GainProblem, L: Array, bound: StateBound) -> str:
     if min(each.min() for each in vars(bound).values()) < 0.0:
         return "the error bound of the states has a negative entry"
     X, N = fractions(bound.of_rates), comparison(problem, L)
-    left = product(N, X)
-    if any(left[i][j] + (i == j) > 0 for i in range(n) for j in range(n)):
+    if np.any(product(N, X) > -np.eye(n, dtype=object)):
         return "the error bound of the states is not proven: the inequality -N X >= I fails"
-    least, given = product(X, fractions(np.abs(L))), fractions(bound.of_outputs)
-    if any(least[i][j] > given[i][j] for i in range(n) for j in range(r)):
+    if np.any(product(X, fractions(np.abs(L))) > fractions(bound.of_outputs)):
         return "the error bound of the states is too small for errors of the outputs"
     return ""
 
 
 def comparison(problem: GainProblem, L: Array) -> Matrix:
     """Return the Metzler comparison matrix of A - L C over the region, exactly."""
-    exact_L, n = fractions(L), L.shape[0]
-    closed = []
-    for vertex in problem.region.vertices():
-        A, C = problem.at(vertex)
-        LC = product(exact_L, C)
-        closed.append([[A[i][j] - LC[i][j] for j in range(n)] for i in range(n)])
-    return [[max(m[i][j] if i == j else abs(m[i][j]) for m in closed) for j in range(n)] for i in range(n)]
+    exact_L = fractions(L)
+    closed = np.array([A - product(exact_L, C) for A, C in map(problem.at, problem.region.vertices())])
+    return np.asarray(np.where(np.eye(len(L), dtype=bool), closed.max(axis=0), np.abs(closed).max(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,33 +1,37 @@
-"""Matrices of fractions: what the proofs are worked out in."""
+"""Matrices of fractions, as arrays of Python's own numbers: what the proofs are worked out in."""
 
-from collections.abc import Sequence
 from fractions import Fraction
 from math import inf, lcm
+from typing import Any
 
-from lpvobs.records import Array
+import numpy as np
+from numpy.typing import NDArray
 
-Matrix = list[list[Fraction]]
+Matrix = NDArray[Any]  # of fractions, or whole numbers
 TINY = 5e-324  # stands for a positive pivot too small for a float, which must not read as zero
 
 
-def fractions(values: Array) -> Matrix:
-    """Return the exact values of a matrix of floats."""
-    return [[Fraction(float(value)) for value in row] for row in values]
+def fractions(values: Any) -> Matrix:
+    """Return the exact values of an array of floats or fractions."""
+    return np.asarray(np.vectorize(Fraction, otypes=[object])(np.asarray(values, dtype=object)))
 
 
-def product(left: Sequence[Sequence[Fraction]], right: Sequence[Sequence[Fraction]]) -> Matrix:
+def product(left: Matrix, right: Matrix) -> Matrix:
     """Return the product of two matrices; raises ValueError where they do not fit."""
-    (rows, by), (others, its) = _whole(left), _whole(right)
-    columns = list(zip(*others, strict=True))
-    return [
-        [Fraction(sum(a * b for a, b in zip(row, column, strict=True)), by * its) for column in columns] for row in rows
-    ]
+    (rows, by), (columns, its) = _whole(left), _whole(right)
+    return np.asarray(rows @ columns * Fraction(1, by * its))
 
 
-def _whole(matrix: Sequence[Sequence[Fraction]]) -> tuple[list[list[int]], int]:
+def _whole(matrix: Matrix) -> tuple[Matrix, int]:
     """Return a matrix of whole numbers and what it is to be divided by: no fraction is reduced on the way."""
-    scale = lcm(*(entry.denominator for row in matrix for entry in row))
-    return [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix], scale
+    scale = lcm(*(entry.denominator for entry in matrix.flat))
+    return np.vectorize(lambda entry: entry.numerator * (scale // entry.denominator), otypes=[object])(matrix), scale
+
+
+def falling(P: Matrix, Y: Matrix, A: Matrix, C: Matrix) -> Matrix:
+    """Return -(A - L C)^T P - P (A - L C), with Y = P L."""
+    half = product(Y, C) - product(P, A)
+    return np.asarray(half + half.T)
 
 
 def smallest_pivot(matrix: Matrix) -> float:
@@ -37,18 +41,15 @@ def smallest_pivot(matrix: Matrix) -> float:
     diagonal holds the leading minors; a pivot is the ratio of two of them.
     """
     work = _whole(matrix)[0]
-    diagonal = [row[k] for k, row in enumerate(work)]
     before, smallest = 1, inf
-    for k, pivot_row in enumerate(work):
-        if diagonal[k] <= 0:
+    for k, entry in enumerate(work.diagonal().tolist()):
+        if entry <= 0:
             return -1.0
-        minor = pivot_row[k]
-        ratio = Fraction(minor, before * diagonal[k])
+        minor, rest = work[k, k], slice(k + 1, None)
+        ratio = Fraction(minor, before * entry)
         if ratio <= 0:
             return float(max(ratio, Fraction(-1)))
         smallest = min(smallest, float(ratio) or TINY)
-        for row in work[k + 1 :]:
-            for j in range(k + 1, len(row)):
-                row[j] = (row[j] * minor - row[k] * pivot_row[j]) // before
+        work[rest, rest] = (work[rest, rest] * minor - np.outer(work[rest, k], work[k, rest])) // before
         before = minor
     return smallest

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvobs.errors import UsageError
 from lpvobs.records import Array
-from lpvobs.synthesis.exact import Matrix, product
+from lpvobs.synthesis.exact import Matrix, fractions
 from lpvobs.synthesis.region import Point, Region
 
 System = Callable[[Sequence[Fraction]], tuple[Sequence[Sequence[Any]], Sequence[Sequence[Any]]]]
@@ -28,8 +28,7 @@ class GainProblem:
 
     def at(self, point: Sequence[Fraction]) -> tuple[Matrix, Matrix]:
         """Return A and C at one point; raises UsageError where they are not exact or their shapes do not fit."""
-        raw_A, raw_C = self.system(point)
-        A, C = _exact(raw_A), _exact(raw_C)
+        A, C = self.system(point)
         n = len(A)
         if n == 0 or any(len(row) != n for row in (*A, *C)):
             raise UsageError(
@@ -40,12 +39,12 @@ class GainProblem:
             raise UsageError(
                 f"system: map_output is {self.map_output}, expected the number of a row of C, 0 to {len(C) - 1}"
             )
-        return A, C
+        return _exact(A), _exact(C)
 
     def matrices(self) -> tuple[Array, Array]:
         """Return A, shape (N, n, n), and C, shape (N, r, n), at the N vertices, rounded to floats."""
-        pairs = [self.at(vertex) for vertex in self.region.vertices()]
-        return np.array([A for A, _ in pairs], dtype=float), np.array([C for _, C in pairs], dtype=float)
+        A, C = zip(*map(self.at, self.region.vertices()), strict=True)
+        return np.array(A, dtype=float), np.array(C, dtype=float)
 
 
 def bent_block(problem: GainProblem) -> tuple[str, ...] | None:
@@ -60,20 +59,19 @@ def bent_block(problem: GainProblem) -> tuple[str, ...] | None:
         end = rest | _inside(names, corners, 2)
         third = {name: rest[name] + (end[name] - rest[name]) / 3 for name in rest}
         start, short, long = (_flat(problem, place) for place in (rest, third, end))
-        if any(c - a != 3 * (b - a) for a, b, c in zip(start, short, long, strict=True)):
+        if np.any(long - start != 3 * (short - start)):
             return names
     return None
 
 
 def _inside(names: Sequence[str], corners: Sequence[Point], power: int) -> dict[str, Fraction]:
     """Return an uneven mixture of a block's corners; another power is another mixture."""
-    weights = [Fraction(k**power) for k in range(1, len(corners) + 1)]
-    return {name: value / sum(weights) for name, value in zip(names, product([weights], corners)[0], strict=True)}
+    weights = fractions(np.arange(1, len(corners) + 1) ** power)
+    return dict(zip(names, weights @ fractions(corners) / weights.sum(), strict=True))
 
 
-def _flat(problem: GainProblem, place: dict[str, Fraction]) -> list[Fraction]:
-    A, C = problem.at([place[name] for name in problem.region.names])
-    return [entry for row in (*A, *C) for entry in row]
+def _flat(problem: GainProblem, place: dict[str, Fraction]) -> Matrix:
+    return np.concatenate([matrix.ravel() for matrix in problem.at([place[name] for name in problem.region.names])])
 
 
 def _exact(rows: Sequence[Sequence[Any]]) -> Matrix:
@@ -83,4 +81,4 @@ def _exact(rows: Sequence[Sequence[Any]]) -> Matrix:
                 raise UsageError(
                     f"system: {entry!r} is a {type(entry).__name__}, expected an exact fraction; use no floats"
                 )
-    return [[Fraction(entry) for entry in row] for row in rows]
+    return fractions(rows)

@@ -20,7 +20,7 @@ import numpy as np
 from lpvobs.errors import NotProven
 from lpvobs.records import Array, Item
 from lpvobs.synthesis.certificate import Gain
-from lpvobs.synthesis.exact import Matrix, fractions, product, smallest_pivot
+from lpvobs.synthesis.exact import Matrix, falling, fractions, product, smallest_pivot
 from lpvobs.synthesis.problem import GainProblem
 
 
@@ -74,9 +74,7 @@ def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) ->
     for vertex in problem.region.vertices():
         for slowness in (Fraction(1.0 / tau[1]), Fraction(1.0 / tau[0])):
             A, C = augmented(problem, vertex, slowness)
-            PA, YC = product(exact_P, A), product(Y, C)
-            falls = [[YC[i][j] + YC[j][i] - PA[i][j] - PA[j][i] for j in range(len(A))] for i in range(len(A))]
-            smallest, count = min(smallest, smallest_pivot(falls)), count + 1
+            smallest, count = min(smallest, smallest_pivot(falling(exact_P, Y, A, C))), count + 1
             if smallest <= 0:
                 place = problem.region.place(vertex)
                 raise NotProven(
@@ -89,11 +87,10 @@ def prove(problem: GainProblem, L: Array, P: Array, tau: tuple[float, float]) ->
 def augmented(problem: GainProblem, vertex: Sequence[Fraction], slowness: Fraction) -> tuple[Matrix, Matrix]:
     """Return A and C of the four states, exactly; `slowness` is 1/tau."""
     A, C = problem.at(vertex)
-    zero, drive = Fraction(0), C[problem.map_output]
-    larger = [[*row, zero] for row in A]
-    larger.append([*(slowness * entry for entry in drive), -slowness])
-    outputs = [[*row, zero] for row in C]
-    outputs[problem.map_output] = [*([zero] * len(A)), Fraction(1)]
+    (r, n), m = C.shape, problem.map_output
+    larger, outputs = np.zeros((n + 1, n + 1), dtype=object), np.zeros((r, n + 1), dtype=object)
+    larger[:n, :n], larger[n, :n], larger[n, n] = A, slowness * C[m], -slowness
+    outputs[:, :n], outputs[m, :n], outputs[m, n] = C, 0, 1
     return larger, outputs
 
 

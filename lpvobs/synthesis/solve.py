@@ -1,38 +1,29 @@
 """From a problem to a proven gain: balance, solve, return to the problem's units, prove. Imports the solver."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from lpvobs.errors import DataError, NotProven, UsageError
+from lpvobs.errors import DataError, NotProven
 from lpvobs.records import Array
 from lpvobs.synthesis import lmi
 from lpvobs.synthesis.balance import BalancedUnits, balance
 from lpvobs.synthesis.certificate import Gain, check, prove_bound, state_bound
 from lpvobs.synthesis.problem import GainProblem
 
-Pair = tuple[float, float]
 EPSILON = 0.49
 """eps_1 = eps_2: of one sum equal ones have the largest product; Eq. (28) would allow twice as much."""
 DIGITS = 12  # of the balanced matrices: rounding in other units must not send the solver along another path
 
 
-@dataclass(frozen=True, eq=False)
-class Shrunk:
-    """The largest part of a region for which a gain is proven."""
-
-    scale: float  # 1 for the whole region, less where it had to be drawn towards its centre
-    refused: float | None  # the smallest scale for which no gain was found; None where the whole region is proven
-    problem: GainProblem  # the problem on that part
-    gain: Gain
+RESOLUTION = 0.01  # of the scale of a region
 
 
-def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsilon: Pair | None = None) -> Gain:
+def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0) -> Gain:
     """Return a gain proven by Theorem 1 on the whole region.
 
-    Raises NotProven if no gain was found for this region, or the one found does not pass the exact check; UsageError for an epsilon
-    outside the conditions.
+    Raises NotProven if no gain was found for this region, or the one found does not pass the exact check.
 
     Parameters
     ----------
@@ -43,33 +34,29 @@ def synthesise(problem: GainProblem, *, cascade: bool, decay: float = 0.0, epsil
     decay : float
         [1/s]; the state error is to decay at least as fast as exp(-decay t), whatever the parameters do inside the region. Asked
         of the solver with A + decay I in place of A; the certificate is that of Theorem 1 and does not state it.
-    epsilon : tuple of float, optional
-        eps_1, eps_2. By default equal: no pair of that sum has a larger product.
 
     Notes
     -----
     Eq. (27), (28), (33). The paper does not say which of the many feasible gains to take; `lpvobs.synthesis.lmi` does.
     """
-    eps_1, eps_2 = _epsilon(epsilon)
     A, C = problem.matrices()
     units = balance(A, C)
     T, S, rate = units.states, units.outputs, units.rate
     A_balanced = np.round((A * T / T[:, None] + decay * np.eye(T.size)) / rate, DIGITS)
     C_balanced = np.round(C * T / S[:, None], DIGITS)
-    found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, eps_1 * eps_2, units.linked, cascade)
+    found = lmi.free_gain(A_balanced, C_balanced, problem.map_output, EPSILON**2, units.linked, cascade)
     if isinstance(found, str):
         raise NotProven(_refusal(problem, f"no gain was found that can be proven ({found})"))
     L = found.L * T[:, None] / S * rate + 0.0  # no negative zeros
-    return _proven(problem, units, found, L, (eps_1, eps_2))
+    return _proven(problem, units, found, L, (EPSILON, EPSILON))
 
 
-def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = None) -> Gain:
-    """Return a given gain, shape (n, r), with P and Q that prove it on the whole region; options as for `synthesise`.
+def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: tuple[float, float] = (EPSILON, EPSILON)) -> Gain:
+    """Return a given gain, shape (n, r), with P and Q that prove it on the whole region for eps_1 and eps_2.
 
-    Raises NotProven if no P, Q were found, or they do not pass the exact check; UsageError for an epsilon outside the
-    conditions; DataError for a gain of the wrong shape or with NaN in it.
+    Raises NotProven if no P, Q were found, or they do not pass the exact check; DataError for a gain of the wrong shape or with
+    NaN in it.
     """
-    eps_1, eps_2 = _epsilon(epsilon)
     A, C = problem.matrices()
     L = np.array(L, dtype=float)
     _, r, n = C.shape
@@ -86,42 +73,41 @@ def certify_fixed_gain(problem: GainProblem, L: Array, epsilon: Pair | None = No
         L * S / T[:, None] / rate,
         np.round(C[:, m] * T / S[m], DIGITS),
         m,
-        eps_1 * eps_2,
+        epsilon[0] * epsilon[1],
     )
     if isinstance(found, str):
         raise NotProven(_refusal(problem, f"no matrices P and Q were found that prove the given gain ({found})"))
-    return _proven(problem, units, found, L, (eps_1, eps_2))
+    return _proven(problem, units, found, L, epsilon)
 
 
 def largest_feasible(
-    problem: GainProblem,
-    centre: Sequence[float],
-    *,
-    cascade: bool,
-    decay: float = 0.0,
-    epsilon: Pair | None = None,
-    resolution: float = 0.01,
-) -> Shrunk:
-    """Return the largest part of the region, drawn towards `centre`, with a gain, by bisection; NotProven if not even there."""
+    problem: GainProblem, centre: Sequence[float], *, cascade: bool, decay: float = 0.0
+) -> tuple[float, Gain]:
+    """Return a gain for the largest part of the region, drawn towards `centre`, and its scale, by bisection.
 
-    def attempt(scale: float) -> tuple[GainProblem, Gain]:
-        part = GainProblem(problem.system, problem.region.scaled(scale, centre), problem.map_output)
-        return part, synthesise(part, cascade=cascade, decay=decay, epsilon=epsilon)
+    The scale is 1 for the whole region; raises NotProven if there is not even a gain for the centre.
+    """
+
+    def attempt(scale: float) -> Gain:
+        part = replace(problem, region=problem.region.scaled(scale, centre))
+        return synthesise(part, cascade=cascade, decay=decay)
 
     try:
-        return Shrunk(1.0, None, *attempt(1.0))
+        return 1.0, attempt(1.0)
     except NotProven:
         low, high, best = 0.0, 1.0, attempt(0.0)
-    while high - low > resolution:
+    while high - low > RESOLUTION:
         middle = (low + high) / 2.0
         try:
             low, best = middle, attempt(middle)
         except NotProven:
             high = middle
-    return Shrunk(low, high, *best)
+    return low, best
 
 
-def _proven(problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, L: Array, epsilon: Pair) -> Gain:
+def _proven(
+    problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, L: Array, epsilon: tuple[float, float]
+) -> Gain:
     """Return the gain in the problem's units, with the certificate of exactly these floats."""
     eps_1, eps_2 = epsilon
     # c = 1 / (beta eps_2) of `lmi`, and what y = S w and the time unit make of it.
@@ -137,13 +123,6 @@ def _proven(problem: GainProblem, units: BalancedUnits, found: lmi.LmiSolution, 
     if bound is not None and (reason := prove_bound(problem, L, bound)):
         raise NotProven(_refusal(problem, reason))
     return Gain(L, P, Q, eps_1, eps_2, problem.region, certificate, bound)
-
-
-def _epsilon(epsilon: tuple[float, float] | None) -> tuple[float, float]:
-    eps_1, eps_2 = epsilon or (EPSILON, EPSILON)
-    if not (eps_1 > 0.0 and eps_2 > 0.0 and eps_1 + eps_2 < 2.0):  # Eq. (28)
-        raise UsageError(f"epsilon is ({eps_1:g}, {eps_2:g}), expected two positive numbers with a sum under 2")
-    return eps_1, eps_2
 
 
 def _refusal(problem: GainProblem, what: str) -> str:

@@ -2,18 +2,20 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import compress
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lpvobs.maps.excitation import Excitation, of_cells, plan
+from lpvobs.maps.excitation import of_cells, plan
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Array, Item
 from lpvobs.tracking.changes import Detectable, history, power_of
 from lpvobs.tracking.maps import OverTime, TypeMap, alone, type_map
-from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums, flow_at_nodes
-from lpvobs.tracking.timeline import CHANGE, START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
+from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums
+from lpvobs.tracking.timeline import START, YEAR, Event, Fleetwide, Story, Timeline, fleetwide, vehicle_of
 
 ROUNDS = 2
 """Between what has happened to each vehicle and the variances of all; a third changes nothing."""
@@ -106,37 +108,23 @@ class Tracked:
         return tuple(sorted(self.vehicles, key=lambda v: (not v.stands_out, v.verdict == "steady", -moved[v.vehicle])))
 
 
-class Driven:
-    """Where a vehicle drives, and what level, gain and shape of a change of the map are there."""
-
-    def __init__(self, grid: Grid, basis: Basis, sums: VehicleSums):
-        p = grid.size
-        seen = sums.whole(basis.size)[:p]
-        self.flow = flow_at_nodes(seen[:, :p], seen[:, -2], basis.flow)  # (p,) [kg/s]
-        self.weight = np.diag(seen) / np.trace(seen[:, :p])
-        read = self.flow + basis.error
-        x = read - self.weight @ read
-        bend = x**2 - self.weight @ x**2 - (self.weight @ x**3) / (self.weight @ x**2) * x
-        B = np.column_stack([np.ones(p), x, bend / np.sqrt(self.weight @ bend**2)])
-        self.aspects = np.linalg.solve(B.T * self.weight @ B, B.T * self.weight)  # (3, p)
-        self.reported = self.aspects @ basis.modes(self.flow) * CHANGE  # (3, k)
-
-
 @dataclass(frozen=True)
 class Fleet:
-    """All that the vehicles of a fleet share; `prior` [kg/s] is the standard deviation of a node before any log."""
+    """All that the vehicles of a fleet share."""
 
     grid: Grid
-    basis: Basis
-    prior: float
     least: float  # [s] of excitation from which a node counts as driven
-    driven: Mapping[str, Driven]  # by vehicle
+    periods: Mapping[str, str]  # by the digest of a log
     sizes: Fleetwide
 
-    def sizes_of(self, vehicle: Timeline, factor: float, events: Sequence[Event]) -> list[tuple[Aspects, Aspects]]:
+    def at(self, story: Story) -> tuple[Fleetwide, tuple[Event, ...]]:
+        """Return how much the days of a vehicle differ, and what has happened to it."""
+        return self.sizes.uneasy(story.factor), story.events
+
+    def sizes_of(self, vehicle: Timeline, story: Story) -> list[tuple[Aspects, Aspects]]:
         """Return level, gain and shape of the change in a month, then of each event at once, with their standard errors."""
-        R, r, reported = *vehicle.explained(self.sizes.uneasy(factor), events), self.driven[vehicle.name].reported
-        design = vehicle.design(events, vehicle.day)
+        R, r, reported = *vehicle.explained(*self.at(story)), vehicle.driven.reported
+        events, design = story.events, vehicle.design(story.events, vehicle.day)
         first = np.cumsum([0, *(each.slopes().size for each in events)])
         slopes = np.concatenate([each.slopes() for each in events]) / 12.0
         found = []
@@ -149,45 +137,39 @@ class Fleet:
 
     def worth_a_name(self, vehicle: Timeline, story: Story) -> Story:
         """Return a story without events that are small, however sure they are."""
-        sizes = self.sizes_of(vehicle, story.factor, story.events)[1:] if story.events else []
-        driven = self.driven[vehicle.name]
-        least = LEAST * driven.weight @ driven.flow
-        known = zip(story.events, sizes, strict=True)
-        return replace(
-            story, events=tuple(each for each, (size, _) in known if max(abs(size[0]), abs(size[2])) > least)
-        )
+        if not story.events:
+            return story
+        _, *sizes = self.sizes_of(vehicle, story)
+        least = LEAST * vehicle.driven.weight @ vehicle.driven.flow
+        large = [max(abs(size[0]), abs(size[2])) > least for size, _ in sizes]
+        return replace(story, events=tuple(compress(story.events, large)))
 
     def part(self, vehicle: Timeline, story: Story, unlike: float) -> tuple[Standing, list[MapChange]]:
         """Return how a vehicle stands and has changed."""
-        events = story.events
+        name, events = vehicle.sums.vehicle, story.events
         kinds = {each.kind for each in events}
-        (trend, *changes) = self.sizes_of(
-            vehicle, story.factor, events if "trend" in kinds else (*events, Event("trend"))
-        )
+        with_trend = story if "trend" in kinds else replace(story, events=(*events, Event("trend")))
+        trend, *changes = self.sizes_of(vehicle, with_trend)
         begin, last = (vehicle.logs[i].date for i in (0, -1))
 
         def dates(event: Event) -> tuple[float, float, float]:
             return begin + YEAR * event.day, begin + YEAR * event.earliest, begin + YEAR * event.latest
 
         found = [
-            MapChange(vehicle.name, each.kind, *dates(each), *size)
+            MapChange(name, each.kind, *dates(each), *size)
             for each, size in zip(events, changes, strict=False)
             if each.kind != "trend"
         ]
         words = ["changed"] * bool(kinds - {"trend"}) + ["drifts"] * ("trend" in kinds and "renewal" not in kinds)
         verdict = " and ".join(words) or "steady"
-        return Standing(vehicle.name, vehicle.kind, len(vehicle.logs), begin, last, verdict, *trend, unlike), found
+        return Standing(name, vehicle.sums.kind, len(vehicle.logs), begin, last, verdict, *trend, unlike), found
 
-    def maps(
-        self, vehicle: Timeline, sums: VehicleSums, story: Story, periods: Sequence[str]
-    ) -> tuple[list[str], OverTime]:
-        """Return the periods in which a vehicle was driven, and its own maps in the middle of each."""
-        own = list(dict.fromkeys(periods))
-        day = np.array([vehicle.day[[each == name for each in periods]].mean() for name in own])
-        at = (self.sizes.uneasy(story.factor), story.events)
-        return own, alone(vehicle, sums, self.basis, self.prior, at, day)
+    def middles(self, vehicle: Timeline, names: Sequence[str]) -> Array:
+        """Return the middle of each of some periods in which a vehicle was driven, shape (N,), in its days."""
+        periods = np.array([self.periods[log.sha256] for log in vehicle.logs])
+        return np.array([vehicle.day[periods == name].mean() for name in names])
 
-    def as_member(self, name: str, own: OverTime, kind: TypeMap) -> tuple[Array, Array, float]:
+    def as_member(self, vehicle: Timeline, own: OverTime, kind: TypeMap) -> tuple[Array, Array, float]:
         """Return maps and their standard errors at all nodes, shape (N, p), and how unlike the type the last one is."""
         on, last = own.nodes, own.last
         mean, covariance, onto = self._with_type(own, kind)
@@ -198,7 +180,7 @@ class Fleet:
         spread = np.einsum("pa,nab,pb->np", own.modes, across @ onto.transpose(0, 2, 1), own.modes)
         spread += np.diag(moved) + 2.0 * np.einsum("pa,nap->np", own.modes, across)
         errors[:-1, on] = np.sqrt(own.variance[:-1] + spread)
-        away, w = own.mean[-1] - kind.mean[on], self.driven[name].weight[on]
+        away, w = own.mean[-1] - kind.mean[on], vehicle.driven.weight[on]
         apart = last + (kind.between + kind.covariance)[np.ix_(on, on)]
         return values, errors, float(w @ away / np.sqrt(w @ apart @ w))
 
@@ -214,21 +196,19 @@ class Fleet:
         mean, covariance = kind.mean + apart[:, on] @ gain[:, 0], apart - apart[:, on] @ gain[:, 1:]
         return mean, covariance, own.beyond[:-1] @ np.linalg.inv(own.last)
 
-    def moved(
-        self, vehicle: Timeline, sums: VehicleSums, periods: Sequence[str], pair: Sequence[str], kind: TypeMap
-    ) -> tuple[NDArray[np.int64], Array, Array]:
+    def moved(self, vehicle: Timeline, pair: Sequence[str], kind: TypeMap) -> tuple[NDArray[np.int64], Array, Array]:
         """Return p nodes that drives inform, a vehicle's maps there in two periods, and the covariance of their difference.
 
-        `periods` are those of its logs; shapes are (p,), (2, p) and (p, p). With `alone`, c(b) - c(a) has the covariance
+        Shapes are (p,), (2, p) and (p, p). With `alone`, c(b) - c(a) has the covariance
         K(b, b) - 2 K(b, a) + K(a, a) - (L(b) - L(a)) R (L(b) - L(a))^T, and moves with what the type says of the last map.
         """
         story = self.worth_a_name(vehicle, history(vehicle, self.sizes))
-        at = (self.sizes.uneasy(story.factor), story.events)
-        day = np.array([vehicle.day[[each == name for each in periods]].mean() for name in (*pair, periods[-1])])
-        own = alone(vehicle, sums, self.basis, self.prior, at, day)
-        known = self.seen(sums).nodes()[own.nodes] >= self.least
+        at, last = self.at(story), self.periods[vehicle.logs[-1].sha256]
+        day = self.middles(vehicle, (*pair, last))
+        own = alone(vehicle, at, day)
+        known = of_cells(self.grid, vehicle.sums.gram).nodes()[own.nodes] >= self.least
         on, Phi = own.nodes[known], own.modes[known]
-        values = self.as_member(vehicle.name, own, kind)[0][:2, on]
+        values = self.as_member(vehicle, own, kind)[0][:2, on]
         _, covariance, onto = self._with_type(own, kind)
         K = vehicle.over_time(*at, day[:2], day[:2])
         L = vehicle.process(*at, day[:2], vehicle.day).reshape(2, MODES, -1)
@@ -238,34 +218,30 @@ class Fleet:
         lack = LACK * (values[1] - values[0])
         return on, values, Phi @ modes @ Phi.T + np.outer(lack, lack)
 
-    def seen(self, sums: VehicleSums) -> Excitation:
-        """Return how well a vehicle's drives excite its map."""
-        return of_cells(self.grid, sums.gram)
-
-    def visit(self, sums: VehicleSums, error: Array) -> Iterator[NextCell]:
+    def visit(self, vehicle: Timeline, error: Array) -> Iterator[NextCell]:
         """Yield what a vehicle should drive next."""
-        seen = self.seen(sums)
+        seen = of_cells(self.grid, vehicle.sums.gram)
         supported = (seen.nodes() >= self.least).reshape(self.grid.shape)
-        noise = np.diag(error**2)
-        found = plan(self.grid, supported, seen.cells(), noise, error.reshape(self.grid.shape))
-        for j, i in found.cells if found else ():
+        found = plan(self.grid, supported, seen.cells(), np.diag(error**2), error.reshape(self.grid.shape))
+        if found is None:
+            return
+        for j, i in found.cells:
             speed, fuel = (float(axis[k : k + 2].mean()) for axis, k in ((self.grid.speed, j), (self.grid.fuel, i)))
-            yield NextCell(sums.vehicle, speed, fuel, float(found.time[j, i]) if found else 0.0)
+            yield NextCell(vehicle.sums.vehicle, speed, fuel, float(found.time[j, i]))
 
 
 def track(
     grid: Grid,
     basis: Basis,
     sums: Sequence[VehicleSums],
-    logs: Mapping[str, Sequence[TrackedLog]],
+    logs: Sequence[TrackedLog],
     periods: Mapping[str, str],
     prior: float,
     least: float,
 ) -> Tracked:
-    """Return what is known of a fleet from its stored sums; `logs` by vehicle, `periods` by the digest of a log."""
-    driven = {each.vehicle: Driven(grid, basis, each) for each in sums}
-    vehicles = [vehicle_of(each, logs[each.vehicle], basis, prior) for each in sums]
-    fleet = Fleet(grid, basis, prior, least, driven, START)
+    """Return what is known of a fleet from its stored sums; `periods` are by the digest of a log, `prior` as in `Timeline`."""
+    vehicles = [vehicle_of(each, logs, basis, prior) for each in sums]
+    fleet = Fleet(grid, least, periods, START)
     for last in range(ROUNDS + 1):
         found = {vehicle: history(vehicle, fleet.sizes) for vehicle in vehicles}
         stories = {vehicle: fleet.worth_a_name(vehicle, story) for vehicle, story in found.items()}
@@ -273,25 +249,25 @@ def track(
         if sizes == fleet.sizes:
             break
         fleet = replace(fleet, sizes=sizes)
-    own = [
-        fleet.maps(vehicle, each, stories[vehicle], [periods[log.sha256] for log in vehicle.logs])
-        for vehicle, each in zip(vehicles, sums, strict=True)
-    ]
+    driven_in = {vehicle: list(dict.fromkeys(periods[log.sha256] for log in vehicle.logs)) for vehicle in vehicles}
+    own = {
+        vehicle: alone(vehicle, fleet.at(stories[vehicle]), fleet.middles(vehicle, names))
+        for vehicle, names in driven_in.items()
+    }
     types = {}
     for kind in sorted({each.kind for each in sums}):
-        members = [maps for each, (_, maps) in zip(sums, own, strict=True) if each.kind == kind]
+        members = [maps for vehicle, maps in own.items() if vehicle.sums.kind == kind]
         types[kind] = type_map(kind, members, basis.modes(basis.flow), prior)
     standings: list[Standing] = []
     changes: list[MapChange] = []
     maps: list[PeriodMap] = []
     cells: list[NextCell] = []
-    for vehicle, each, (names, over_time) in zip(vehicles, sums, own, strict=True):
-        values, errors, unlike = fleet.as_member(vehicle.name, over_time, types[each.kind])
+    for vehicle, over_time in own.items():
+        values, errors, unlike = fleet.as_member(vehicle, over_time, types[vehicle.sums.kind])
         standing, changed = fleet.part(vehicle, stories[vehicle], unlike)
         standings.append(standing)
         changes += changed
-        maps += [PeriodMap(vehicle.name, *item) for item in zip(names, values, errors, strict=True)]
-        cells += fleet.visit(each, errors[-1])
-    power = power_of(vehicles, fleet.sizes)
-    found_types, told = tuple(types.values()), (tuple(standings), tuple(changes), tuple(maps), tuple(cells))
-    return Tracked(fleet.sizes, found_types, *told, power)
+        maps += map(partial(PeriodMap, vehicle.sums.vehicle), driven_in[vehicle], values, errors)
+        cells += fleet.visit(vehicle, errors[-1])
+    told = (tuple(standings), tuple(changes), tuple(maps), tuple(cells))
+    return Tracked(fleet.sizes, tuple(types.values()), *told, power_of(vehicles, fleet.sizes))

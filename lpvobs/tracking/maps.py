@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lpvobs.records import Array, Item
-from lpvobs.tracking.sums import MODES, Basis, VehicleSums
+from lpvobs.tracking.sums import MODES
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, Timeline
 
 SIZES = (0.0, 0.1, 0.3, 1.0, 3.0)
@@ -41,14 +41,7 @@ class OverTime:
     )
 
 
-def alone(
-    vehicle: Timeline,
-    sums: VehicleSums,
-    basis: Basis,
-    prior: float,
-    story: tuple[Fleetwide, Sequence[Event]],
-    day: Array,
-) -> OverTime:
+def alone(vehicle: Timeline, story: tuple[Fleetwide, Sequence[Event]], day: Array) -> OverTime:
     """Return the maps of a vehicle at some days.
 
     The map of a day is P (r - C m) + Phi c(day), where P, r and C are inverse and right side of map and engine, and their products
@@ -56,10 +49,10 @@ def alone(
     W = P C^T K, B = P C^T - W R and L the covariance of c(day) with m, the covariance of two days is
     S + Phi (Q - L R L'^T) Phi^T - Phi L B^T - B L'^T Phi^T.
     """
-    p, on = basis.flow.size, sums.columns[:-2]
-    nodes = on[on < p]
-    M = sums.whole(basis.size)[np.ix_(sums.columns, sums.columns)] / basis.lasting
-    A = M[:-2, :-2] + np.diag(np.where(on < p, prior**-2, 1.0))
+    basis, on = vehicle.basis, vehicle.sums.columns[:-2]
+    nodes = on[on < basis.flow.size]
+    M = vehicle.sums.products / basis.lasting
+    A = M[:-2, :-2] + np.diag(np.where(on < basis.flow.size, vehicle.prior_map**-2, 1.0))
     P = scipy.linalg.solve(A, np.eye(on.size, nodes.size), assume_a="pos").T  # the nodes are the first columns
     C = np.concatenate([CHANGE[:, None] * log.modes[:, on] for log in vehicle.logs]) / basis.lasting
     R, r = vehicle.explained(*story)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from lpvobs.engines.unknowns import Unknowns
 from lpvobs.maps.grid import Grid
-from lpvobs.maps.quadratic import COEFFICIENTS, scaled_terms
+from lpvobs.maps.quadratic import COEFFICIENTS, terms_at_nodes
 from lpvobs.observer.information import Solution
 from lpvobs.observer.parts import LogInformation
 from lpvobs.observer.windows import Columns, Moments
@@ -155,11 +155,6 @@ class KeptLog:
     log: TrackedLog
     sums: VehicleSums
 
-    @property
-    def sha256(self) -> str:
-        """Digest of the log."""
-        return self.log.sha256
-
 
 def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments], unknowns: Unknowns) -> Basis:
     """Return how rows are weighed after the first logs of some vehicles, each solved by itself."""
@@ -171,7 +166,7 @@ def basis_of(grid: Grid, solutions: Sequence[Solution], totals: Sequence[Moments
     root = np.linalg.cholesky(covariance + np.diag(1e-9 * np.diag(covariance) + 1e-18))
     told, axes = np.linalg.eigh(root.T @ seen @ root)
     lasting = float(np.mean([np.trace(each.errors @ weights) for each in solutions])) / weights.shape[0]
-    p, terms = grid.size, np.asarray(scaled_terms(grid, *np.meshgrid(grid.fuel, grid.speed)).reshape(grid.size, -1))
+    p, terms = grid.size, terms_at_nodes(grid)
     seen = sum(np.einsum("ab,abij->ij", weights, total.products[:, :, :p]) for total in totals)
     error = np.mean([each.theta for each in solutions], axis=0)
     smooth = [

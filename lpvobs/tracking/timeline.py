@@ -9,16 +9,16 @@ m is a Gaussian process: what differs from day to day (variance by mode), a rand
 from the first log on, a step, a new slope. `Fleetwide` holds the variances, found from all vehicles together.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Annotated
 
 import numpy as np
 import scipy
 
 from lpvobs.records import Array, Item
-from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums
+from lpvobs.tracking.sums import MODES, Basis, TrackedLog, VehicleSums, flow_at_nodes
 
 CHANGE = np.array([1e-3] * (MODES - 1) + [0.05])
 """[kg/s] and of the reading: standard deviation of a change that is worth a name, at once or in a year, before any data. A hot film
@@ -75,16 +75,38 @@ def terms_of(kind: str, since: Array, day: Array) -> Array:
     return np.stack({"trend": [slope], "step": [after], "renewal": [after, slope]}[kind], axis=-1)
 
 
+class Driven:
+    """Where a vehicle drives, and what level, gain and shape of a change of the map are there."""
+
+    def __init__(self, basis: Basis, sums: VehicleSums):
+        p = basis.flow.size
+        seen = sums.whole(basis.size)[:p]
+        self.flow = flow_at_nodes(seen[:, :p], seen[:, -2], basis.flow)  # (p,) [kg/s]
+        self.weight = np.diag(seen) / np.trace(seen[:, :p])
+        read = self.flow + basis.error
+        x = read - self.weight @ read
+        bend = x**2 - self.weight @ x**2 - (self.weight @ x**3) / (self.weight @ x**2) * x
+        B = np.column_stack([np.ones(p), x, bend / np.sqrt(self.weight @ bend**2)])
+        self.aspects = np.linalg.solve(B.T * self.weight @ B, B.T * self.weight)  # (3, p)
+        self.reported = self.aspects @ basis.modes(self.flow) * CHANGE  # (3, k)
+
+
 @dataclass(frozen=True, eq=False)
 class Timeline:
     """The likelihood of a vehicle with L logs, and what it is made of; days in years since the first log, modes in `CHANGE`."""
 
-    name: str
-    kind: str
+    sums: VehicleSums  # of its logs
+    basis: Basis
+    prior_map: float  # [kg/s], standard deviation of a node before any log
     logs: tuple[TrackedLog, ...]  # by date
     day: Array  # (L,)
     G: Array  # (L k, L k)
     h: Array  # (L k,)
+
+    @cached_property
+    def driven(self) -> Driven:
+        """Where it drives."""
+        return Driven(self.basis, self.sums)
 
     def design(self, events: Sequence[Event], day: Array) -> Array:
         """Return what each term of the events is on some days, shape (N, terms)."""
@@ -146,15 +168,15 @@ class Timeline:
         return np.maximum(variances, 0.0), turned, inner.reshape(self.G.shape)
 
 
-def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prior: float) -> Timeline:
-    """Return the likelihood of a vehicle over time; `prior` [kg/s] is the standard deviation of a node before any log."""
-    p, on = basis.flow.size, sums.columns[:-2]
-    by_date = sorted(logs, key=lambda log: (log.date, log.sha256))
-    M = sums.whole(basis.size)
-    A = M[np.ix_(on, on)] + np.diag(np.where(on < p, prior**-2, 1.0))
+def vehicle_of(sums: VehicleSums, logs: Iterable[TrackedLog], basis: Basis, prior_map: float) -> Timeline:
+    """Return the likelihood of a vehicle over time, from its sums and its own of the logs of a fleet."""
+    own = (log for log in logs if log.vehicle == sums.vehicle)
+    by_date = sorted(own, key=lambda log: (log.date, log.sha256))
+    on = sums.columns[:-2]
+    A = sums.products[:-2, :-2] + np.diag(np.where(on < basis.flow.size, prior_map**-2, 1.0))
     modes = CHANGE[:, None] * np.stack([log.modes for log in by_date])
     across = modes[:, :, on].reshape(-1, on.size)
-    right = np.column_stack([across.T, M[on, -1]])
+    right = np.column_stack([across.T, sums.products[:-2, -1]])
     found = scipy.linalg.solve_triangular(np.linalg.cholesky(A), right, lower=True, check_finite=False)
     G = -found[:, :-1].T @ found[:, :-1]
     for i, log in enumerate(by_date):
@@ -165,7 +187,7 @@ def vehicle_of(sums: VehicleSums, logs: Sequence[TrackedLog], basis: Basis, prio
     common = np.tile(np.eye(MODES), (day.size, 1))  # is the vehicle's map
     onto = np.linalg.solve(common.T @ G @ common + FLAT * np.eye(MODES), common.T @ np.column_stack([G, h]))
     G, h = G - G @ common @ onto[:, :-1], h - G @ common @ onto[:, -1]
-    return Timeline(sums.vehicle, sums.kind, tuple(by_date), (day - day[0]) / YEAR, 0.5 * (G + G.T), h)
+    return Timeline(sums, basis, prior_map, tuple(by_date), (day - day[0]) / YEAR, 0.5 * (G + G.T), h)
 
 
 START = Fleetwide(level=0.03, shape=0.03, gain=0.03, walk=0.03)
@@ -185,7 +207,9 @@ class Story:
 
 def fleetwide(start: Fleetwide, vehicles: Mapping[Timeline, Story]) -> Fleetwide:
     """Return the standard deviations of the largest marginal likelihood, given what has happened to each vehicle."""
-    chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.name)[:MOST_VEHICLES]
+    chosen = sorted((each for each in vehicles if each.day.size > 2), key=lambda each: each.sums.vehicle)[
+        :MOST_VEHICLES
+    ]
 
     @cache
     def likelihood(sizes: Fleetwide) -> float:

@@ -222,8 +222,8 @@ def test_a_thousand_vehicles_are_a_small_page_that_draws_at_once(tmp_path):
     cells = tuple(NextCell(name, 1000.0 * i, 10.0, 30.0) for name in names for i in range(4))
     found = Tracked(Fleetwide(0.1, 0.1, 0.1, 0.1), (kind,), standing, changes, maps, cells)
     axes = {"u_delta": Item("mg/cycle", "fuel"), "n_e": Item("rpm", "speed")}
-    kept = SimpleNamespace(logs=(), effects=())
-    text = fleet_page("fleet", StoredFleet(tmp_path, "diesel", axes, grid, kept, found, None))
+    kept = SimpleNamespace(logs=())
+    text = fleet_page("fleet", StoredFleet(tmp_path, "diesel", axes, grid, kept, found, (), None))
     assert text.count("<polyline") == 1000
     assert len(text.encode()) < 5e6
     probe = """<script>addEventListener("load", () => {

@@ -172,7 +172,7 @@ def test_parts_of_another_configuration_are_not_taken(estimate, config, chain, f
     task = PartTask(there, configuration.grid(), gain, configuration.policies, configuration.kind.suspects, alone=True)
     for path in sorted(fleet.iterdir())[:2]:
         outcome = part_of(task, path)
-        folder.keep(outcome.stored)
+        folder.keep(outcome.sha256, outcome.stored)
         assert part_of(replace(task, done=frozenset({outcome.sha256})), path).stored is None  # not done again
     done = estimate(fleet, "--out", out)
     assert done.code == 0, done.err

@@ -214,7 +214,7 @@ def test_a_result_is_what_was_written(tmp_path):
     samples = make(tmp_path)
     first = read_result(samples.result)
     estimate = MapEstimate(
-        grid=first.grid, theta=first.theta, covariance=first.covariance,
+        grid=first.grid, theta=first.theta, standard_error=first.standard_error, covariance=first.covariance,
         noise=first.noise, design=first.design, supported=first.supported, excitation=first.excitation,
         constants=first.constants, sensitivity=first.sensitivity, method=first.method, runs=(),
     )  # fmt: skip
@@ -237,6 +237,7 @@ def test_a_map_without_covariance_and_constants_is_what_was_written(tmp_path):
     unknown = np.full_like(first.covariance, np.nan)
     estimate = MapEstimate(
         method="published", grid=first.grid, theta=first.theta, covariance=unknown, noise=unknown, design=first.design,
+        standard_error=np.full_like(first.standard_error, np.nan),
         supported=first.supported, excitation=first.excitation, runs=(), constants=(),
         sensitivity=np.empty((0, *first.grid.shape)),
     )  # fmt: skip

@@ -30,7 +30,7 @@ L = np.array([[3.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 def test_by_hand():
     # A - L C = [[-4, r], [1/2, -5]], |r| <= 2: N = [[-4, 2], [1/2, -5]], det 19.
-    assert comparison(two_states(), L) == [[-4, 2], [Fraction(1, 2), -5]]
+    assert comparison(two_states(), L).tolist() == [[-4, 2], [Fraction(1, 2), -5]]
     found = state_bound(two_states(), L)
     np.testing.assert_allclose(found.of_rates, np.array([[5.0, 2.0], [0.5, 4.0]]) / 19.0, rtol=1e-8)
     np.testing.assert_allclose(found.of_outputs, np.array([[15.0, 2.0, 0.0], [1.5, 4.0, 0.0]]) / 19.0, rtol=1e-8)

@@ -19,7 +19,7 @@ def scalar(entry, region):
 
 def test_matrices_at_a_point_are_fractions():
     pair = GainProblem(lambda p: ([[-p[0], 2], [0, Fraction(1, 3)]], [[1, 0]]), LINE, 0).at((Fraction(1, 7),))
-    assert pair == ([[Fraction(-1, 7), 2], [0, Fraction(1, 3)]], [[1, 0]])
+    assert tuple(matrix.tolist() for matrix in pair) == ([[Fraction(-1, 7), 2], [0, Fraction(1, 3)]], [[1, 0]])
     assert all(isinstance(entry, Fraction) for matrix in pair for row in matrix for entry in row)
 
 
@@ -109,5 +109,5 @@ def test_what_is_looked_at_lies_strictly_inside(region):
 
 
 def test_a_system_that_changes_its_size_is_no_system():
-    with pytest.raises(ValueError, match="zip"):
+    with pytest.raises(ValueError, match="broadcast"):
         bent_block(GainProblem(lambda p: ([[-1]], [[1]] * (1 if p[0] < Fraction(7, 4) else 2)), LINE, 0))

@@ -7,11 +7,11 @@ import pytest
 from scipy.linalg import solve_continuous_are
 from scipy.optimize import minimize_scalar
 
-from lpvobs.errors import DataError, NotProven, UsageError
-from lpvobs.synthesis import lmi
+from lpvobs.errors import DataError, NotProven
+from lpvobs.synthesis import lmi, solve
 from lpvobs.synthesis.problem import GainProblem
 from lpvobs.synthesis.region import Region
-from lpvobs.synthesis.solve import Shrunk, certify_fixed_gain, largest_feasible, synthesise
+from lpvobs.synthesis.solve import certify_fixed_gain, largest_feasible, synthesise
 
 CLOSE = 1e-5  # the solver stops at 1e-8 of the cost
 POINT = Region(("a",), (4.0,), (4.0,))
@@ -24,8 +24,9 @@ def one_state(c=3, low=4.0, high=4.0):
 
 @pytest.mark.parametrize("eps", [0.49, 0.98])
 @pytest.mark.parametrize(("a", "c"), [(4.0, 3), (0.25, 3), (7.0, 200)])
-def test_of_what_a_cascade_loses_half_goes_into_Q_and_a_quarter_to_the_map(a, c, eps):
-    gain = synthesise(one_state(c, a, a), cascade=True, epsilon=None if eps == 0.49 else (eps, eps))
+def test_of_what_a_cascade_loses_half_goes_into_Q_and_a_quarter_to_the_map(a, c, eps, monkeypatch):
+    monkeypatch.setattr(solve, "EPSILON", eps)
+    gain = synthesise(one_state(c, a, a), cascade=True)
     assert gain.L.tolist() == [[0.0]]
     assert (gain.eps_1, gain.eps_2) == (eps, eps)
     share = c**2 / eps
@@ -55,19 +56,22 @@ def test_no_faster_decay_than_the_plant_s_without_a_measurement():
         synthesise(one_state(), cascade=True, decay=4.5)
 
 
-@pytest.mark.parametrize(("epsilon", "k"), [(None, 0.49**2), ((0.25, 0.11), 0.0275), ((0.2, 0.7), 0.14)])
-def test_one_state_seen_through_the_map_gets_the_gain_of_a_search(epsilon, k):
+@pytest.mark.parametrize("epsilon", [0.49, 0.25, 0.7])
+def test_one_state_seen_through_the_map_gets_the_gain_of_a_search(epsilon, monkeypatch):
+    monkeypatch.setattr(solve, "EPSILON", epsilon)
+    k = epsilon**2
+
     # In units of 1/a and with C = 1: least P + Y^2 / P with 2 P + 2 Y >= 1 + beta + Y^2 / (k beta), beta >= 1/4
     def P(Y):
         beta = max(0.25, abs(Y) / np.sqrt(k))
         return (1.0 + beta + Y**2 / (k * beta) - 2.0 * Y) / 2.0
 
     Y = minimize_scalar(lambda Y: P(Y) + Y**2 / P(Y), bounds=(-1.0, 1.0), options={"xatol": 1e-10}, method="bounded").x
-    gain = synthesise(one_state(), cascade=False, epsilon=epsilon)
+    gain = synthesise(one_state(), cascade=False)
     np.testing.assert_allclose(
         gain.L, [[4.0 / 3.0 * Y / P(Y)]], rtol=0, atol=2e-4
     )  # the root of 1e-8 at a flat minimum
-    assert (gain.eps_1, gain.eps_2) == (epsilon or (0.49, 0.49))
+    assert (gain.eps_1, gain.eps_2) == (epsilon, epsilon)
     np.testing.assert_allclose(gain.P / gain.Q, [[2.0 * P(Y) / 4.0]], rtol=1e-3)  # as flat
     assert gain.certificate.proven
 
@@ -123,13 +127,13 @@ def test_a_gain_of_nothing_is_proven_like_a_cascade():
 
 
 @pytest.mark.parametrize(("a", "c"), [(4.0, 3), (0.25, 3), (7.0, 200)])
-@pytest.mark.parametrize(("epsilon", "root"), [((0.5, 0.5), 0.5), ((0.2, 0.8), 0.4), (None, 0.49)])
+@pytest.mark.parametrize(("epsilon", "root"), [((0.5, 0.5), 0.5), ((0.2, 0.8), 0.4), ((0.49, 0.49), 0.49)])
 def test_how_large_a_given_gain_may_be_is_known(a, c, epsilon, root):
     # 2 P (a + L c) > 2 P L c / sqrt(eps_1 eps_2), whatever P: L c < a root / (1 - root)
     limit = a * root / (1.0 - root) / c
     gain = certify_fixed_gain(one_state(c, a, a), np.array([[0.9 * limit]]), epsilon)
     assert gain.L.tolist() == [[0.9 * limit]]
-    assert (gain.eps_1, gain.eps_2) == (epsilon or (0.49, 0.49))
+    assert (gain.eps_1, gain.eps_2) == epsilon
     with pytest.raises(NotProven, match=r"no matrices P and Q were found that prove the given gain .*infeasible"):
         certify_fixed_gain(one_state(c, a, a), np.array([[1.1 * limit]]), epsilon)
 
@@ -156,21 +160,15 @@ def test_one_entry_that_is_no_number_is_enough_to_refuse_a_gain():
         certify_fixed_gain(in_odd_units(OSCILLATOR, SEEN), np.array([[1.0, 0.0], [np.nan, 0.0]]))
 
 
-@pytest.mark.parametrize(
-    "epsilon",
-    [(1.25, 0.75), (0.75, 1.25), (1.5, 1.0), (0.0, 0.25), (0.25, 0.0), (-0.25, 0.25), (0.25, -0.25), (np.nan, 0.25)],
-)
-def test_epsilon_outside_the_conditions_is_refused(epsilon):
-    words = "expected two positive numbers with a sum under 2$"
-    with pytest.raises(UsageError, match=words):
-        synthesise(one_state(), cascade=True, epsilon=epsilon)
-    with pytest.raises(UsageError, match=words):
+@pytest.mark.parametrize("epsilon", [(1.25, 0.75), (0.75, 1.25), (1.5, 1.0), (0.0, 0.25), (-0.25, 0.25), (0.25, -0.25)])
+def test_epsilon_outside_the_conditions_proves_nothing(epsilon):
+    with pytest.raises(NotProven, match=r"eps_1|prove the given gain"):
         certify_fixed_gain(one_state(), np.zeros((1, 1)), epsilon)
 
 
 @pytest.mark.parametrize("epsilon", [(0.5, 0.49), (1.25, 0.7), (0.01, 0.02)])
 def test_epsilon_inside_the_conditions_is_kept(epsilon):
-    gain = synthesise(one_state(), cascade=True, epsilon=epsilon)
+    gain = certify_fixed_gain(one_state(), np.zeros((1, 1)), epsilon)
     assert (gain.eps_1, gain.eps_2) == epsilon
 
 
@@ -222,21 +220,16 @@ def edge_at(end):
 
 
 def test_the_largest_part_ends_where_the_hidden_state_stops_to_decay():
-    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=False)  # -1 + 3 s < 0
-    assert found.scale < 1.0 / 3.0 <= found.refused
-    assert 0.0 < found.refused - found.scale <= 0.01
-    assert found.problem.region.lower == (-1.0,)
-    assert found.problem.region.upper == (-1.0 + found.scale * 3.0,)
-    assert found.gain.region == found.problem.region
-    assert found.problem.map_output == 0
+    scale, gain = largest_feasible(edge_at(2.0), (-1.0,), cascade=False)  # -1 + 3 s < 0
+    assert 1.0 / 3.0 - 0.01 <= scale < 1.0 / 3.0
+    assert (gain.region.lower, gain.region.upper) == ((-1.0,), (-1.0 + scale * 3.0,))
 
 
-@pytest.mark.parametrize(
-    ("resolution", "scale", "refused"), [(1.0, 0.0, 1.0), (0.5, 0.0, 0.5), (0.4, 0.25, 0.5), (0.2, 0.25, 0.375)]
-)
-def test_bisection_stops_at_the_resolution_asked_for(resolution, scale, refused):
-    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=True, resolution=resolution)
-    assert (found.scale, found.refused) == (scale, refused)
+@pytest.mark.parametrize(("resolution", "expected"), [(1.0, 0.0), (0.5, 0.0), (0.4, 0.25), (0.2, 0.25)])
+def test_bisection_stops_at_the_resolution(resolution, expected, monkeypatch):
+    monkeypatch.setattr(solve, "RESOLUTION", resolution)
+    scale, _ = largest_feasible(edge_at(2.0), (-1.0,), cascade=True)
+    assert scale == expected
 
 
 def test_no_part_is_tried_twice(monkeypatch):
@@ -249,21 +242,20 @@ def test_no_part_is_tried_twice(monkeypatch):
     monkeypatch.setattr(lmi, "free_gain", counted)
     for resolution, parts in ((1.0, 2), (0.5, 3), (0.25, 4)):  # the whole, the centre, and so many halves
         solved.clear()
-        largest_feasible(edge_at(2.0), (-1.0,), cascade=True, resolution=resolution)
+        monkeypatch.setattr(solve, "RESOLUTION", resolution)
+        largest_feasible(edge_at(2.0), (-1.0,), cascade=True)
         assert len(solved) == parts
 
 
 def test_a_region_that_can_be_had_is_not_shrunk():
     problem = edge_at(-0.25)
-    found = largest_feasible(problem, (-0.5,), cascade=True)
-    assert isinstance(found, Shrunk)
-    assert (found.scale, found.refused, found.problem) == (1.0, None, problem)
+    scale, gain = largest_feasible(problem, (-0.5,), cascade=True)
+    assert (scale, gain.region) == (1.0, problem.region)
 
 
-def test_decay_and_epsilon_hold_for_the_largest_part_too():
-    found = largest_feasible(edge_at(2.0), (-1.0,), cascade=True, decay=0.25, epsilon=(0.25, 1.25), resolution=0.02)
-    assert found.scale < 0.25 <= found.refused  # -1 + 3 s + 0.25 < 0
-    assert (found.gain.eps_1, found.gain.eps_2) == (0.25, 1.25)
+def test_decay_holds_for_the_largest_part_too():
+    scale, _ = largest_feasible(edge_at(2.0), (-1.0,), cascade=True, decay=0.25)
+    assert 0.24 <= scale < 0.25  # -1 + 3 s + 0.25 < 0
 
 
 def test_a_centre_without_a_gain_is_the_end_of_it():

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import scaled_terms
 from lpvobs.tracking.changes import LOGS, history, power_of
-from lpvobs.tracking.fleet import Driven, Fleet, track
+from lpvobs.tracking.fleet import Fleet, track
 from lpvobs.tracking.maps import OverTime, TypeMap, _Pool
 from lpvobs.tracking.sums import MODES, Basis, kept
 from lpvobs.tracking.timeline import CHANGE, Event, Fleetwide, vehicle_of
@@ -115,8 +115,8 @@ def fleet():
 
 
 def tracked(made):
-    logs = {name: [log for log, *_ in own] for name, own in made.items()}
-    periods = {log.sha256: f"{log.date // MONTH:.0f}" for own in logs.values() for log in own}
+    logs = [log for own in made.values() for log, *_ in own]
+    periods = {log.sha256: f"{log.date // MONTH:.0f}" for log in logs}
     return track(GRID, BASIS, [sums_of(own) for own in made.values()], logs, periods, PRIOR, 0.1)
 
 
@@ -177,9 +177,8 @@ def test_one_log_each_shows_no_change():
 
 
 def moved(made, sizes, pair, kind):
-    own, sums = vehicle(made), sums_of(made)
-    fleet = Fleet(GRID, BASIS, PRIOR, 0.1, {"a": Driven(GRID, BASIS, sums)}, sizes)
-    return fleet.moved(own, sums, [f"{log.date:.0f}" for log in own.logs], pair, kind)
+    periods = {log.sha256: f"{log.date:.0f}" for log, *_ in made}
+    return Fleet(GRID, 0.1, periods, sizes).moved(vehicle(made), pair, kind)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.02])

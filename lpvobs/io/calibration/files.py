@@ -10,8 +10,9 @@ from lpvobs.io.calibration.a2l import A2lMap
 from lpvobs.io.calibration.dcm import ENCODING, DcmMap, dcm_text
 from lpvobs.io.logs.units import canonical, convert
 from lpvobs.io.results import hdf, mapping
-from lpvobs.io.results.surfaces import LEFT_OUT, LONG_NAME, NONE, ORIGINS, Surface, axis_layout, surface_layout
+from lpvobs.io.results.surfaces import LEFT_OUT, NONE, ORIGINS, Surface, axis_layout, surface_layout
 from lpvobs.io.safety.atomic import replacing
+from lpvobs.observer.estimate import ERROR
 from lpvobs.records import Array, Item
 
 
@@ -107,7 +108,7 @@ def as_dcm(surface: Surface, name: str, kind: str, old: OldMap | None, nothing: 
         item,
         kind=kind,
         values=convert(surface.values if turned else surface.values.T, surface.unit, canonical(item.unit or "1")),
-        long_name=item.long_name or LONG_NAME,
+        long_name=item.long_name or ERROR,
         x_name=item.x_name or f"{name}_{x_name}" if group else "",
         y_name=item.y_name or f"{name}_{y_name}" if group else "",
     )
@@ -139,7 +140,7 @@ def write_netcdf(path: Path, surface: Surface, comments: list[str]) -> None:
     contents |= mapping.fields(surface_layout(surface.x.name, surface.y.name, surface.unit, "origin"), surface)
     with hdf.creating(path) as file:
         file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["title"] = LONG_NAME
+        file.attrs["title"] = ERROR
         file.attrs["history"] = "; ".join(comments)
         hdf.write_fields(file, contents)
 

@@ -17,7 +17,7 @@ from lpvobs.engines.healthy import HealthyErrors
 from lpvobs.engines.unknowns import LeftAtNodes, Unknowns
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, creating, reading, write_fields, write_group
-from lpvobs.io.results.mapping import Contents, Layout, fields, read, read_if_there, values, write, write_inner
+from lpvobs.io.results.mapping import Contents, Layout, fields, read, values, write, write_inner
 from lpvobs.io.results.provenance import Provenance, expect_engine
 from lpvobs.observer.estimate import EngineFound
 from lpvobs.records import Array, Item
@@ -90,7 +90,7 @@ def _curve(group: h5py.Group) -> LearnedCurve:
     return read(group, _layout(name, unit, meaning, tuple(axes)), axes=axes, name=name, unit=unit, meaning=meaning)
 
 
-KIND, LEFT = "engine", "left_at_nodes"
+KIND = "engine"
 REMEDY = "make an engine with `lpvobs calibrate`"
 
 
@@ -163,6 +163,7 @@ class _UnknownsAsStored:
     names: Annotated[tuple[str, ...], Item("1", "constant, or node of a correction", name="unknown")]
     mean: Annotated[Array, Item("1", "relative deviation of a constant, value of a correction", ("unknown",))]
     covariance: Annotated[Array, Item("1", "covariance of mean", ("unknown", "other_unknown"))]
+    at_nodes: Annotated[LeftAtNodes | None, Item(name="left_at_nodes")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,24 +177,21 @@ def write_engine(path: Path, stored: StoredEngine) -> None:
     with creating(path, KIND) as file:
         write_fields(file, fields(StoredEngine, stored))
         write_inner(file, stored, None)
-        found = _Calibrated(unknowns.names, unknowns.mean, unknowns.covariance, stored.prior_error)
-        _write_left(write(file, "unknowns", found), unknowns)
+        write(file, "unknowns", _Calibrated(*_stored(unknowns), stored.prior_error))
         write_corrections(file.create_group("components"), unknowns, unknowns.mean, stored.error)
         if stored.learned is not None:
             write_learned(file, stored.learned)
 
 
-def _write_left(group: h5py.Group, unknowns: Unknowns) -> None:
-    if unknowns.at_nodes is not None:
-        write(group, LEFT, unknowns.at_nodes)
+def _stored(unknowns: Unknowns) -> tuple[tuple[str, ...], Array, Array, LeftAtNodes | None]:
+    return unknowns.names, unknowns.mean, unknowns.covariance, unknowns.at_nodes
 
 
 def read_unknowns(group: h5py.Group, air_path: AirPath) -> Unknowns:
     """Return the unknowns of a calibrated engine; raises DataError for others than this version has."""
     stored, components = read(group, _UnknownsAsStored), air_path.components
     own = stored.names[: max(len(stored.names) - sum(component.size for component in components), 0)]
-    at_nodes = read_if_there(group.get(LEFT), LeftAtNodes)
-    found = Unknowns(own, components, stored.mean, stored.covariance, learned=True, at_nodes=at_nodes)
+    found = Unknowns(own, components, stored.mean, stored.covariance, learned=True, at_nodes=stored.at_nodes)
     if found.names != stored.names or not set(own) <= set(air_path.engine_constants()):
         raise DataError(
             f"{group.file.filename}: holds estimated quantities that this version of lpvobs does not have; {REMEDY} again"
@@ -243,30 +241,19 @@ class EngineOfMap:
     amplitudes: Annotated[tuple[float, ...], Item("1", "of these, over what was expected", ("group",), "amplitude")]
 
 
-def stored_engine(found: EngineFound) -> EngineOfMap:
-    """Return what a result keeps of the constants; their deviations are seen from the configured values."""
-    unknowns, q = found.unknowns, len(found.unknowns.constants)
-    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
-    deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
-    deviation[:q] = list(found.deviation().values())
-    return EngineOfMap(
-        constants=unknowns.coordinates,
-        deviation=deviation,
-        covariance=unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from),
-        groups=unknowns.groups(),
-        amplitudes=found.amplitudes,
-    )
-
-
 def write_engine_found(file: h5py.File, found: EngineFound) -> None:
     """Write constants, corrections over their own axes, and what a calibration knew, into a result that has none."""
     if found.unknowns.learned:
-        before = found.before()
-        stored = _UnknownsAsStored(before.names, before.mean, before.covariance)
-        _write_left(write(file, BEFORE, stored), before)
-    group = write(file, ENGINE_FOUND, stored_engine(found))
+        write(file, BEFORE, _UnknownsAsStored(*_stored(found.before())))
+    unknowns, q = found.unknowns, len(found.unknowns.constants)
+    seen_from = np.array([1.0 + found.point.get(name, 0.0) for name in unknowns.coordinates])
+    deviation = unknowns.reduction.T @ (found.mean - unknowns.mean)
+    deviation[:q] = list(found.deviation().values())  # seen from the configured values
+    covariance = unknowns.reduced(found.covariance) * np.outer(seen_from, seen_from)
+    stored = EngineOfMap(unknowns.coordinates, deviation, covariance, unknowns.groups(), found.amplitudes)
+    group = write(file, ENGINE_FOUND, stored)
     errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))  # of what is known exactly, rounding is left
-    write_corrections(group, found.unknowns, found.mean, errors)
+    write_corrections(group, unknowns, found.mean, errors)
 
 
 def read_corrections(file: h5py.File, air_path: AirPath) -> dict[str, Array]:

@@ -1,7 +1,7 @@
 """A fleet in one HDF5 file: the sums of all logs, by which it goes on without them, and what was found from them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from lpvobs.errors import DataError
 from lpvobs.io.arrow import pa, pq
+from lpvobs.io.logs.finding import PERIODS, date_of
 from lpvobs.io.results import hdf, results, surfaces
-from lpvobs.io.results.mapping import fields, read, read_if_there, read_rows, rows, write, write_inner
+from lpvobs.io.results.mapping import fields, read, read_if_there, write_inner
 from lpvobs.io.results.provenance import Provenance, read_refused, write_refused
 from lpvobs.io.safety.atomic import replacing
 from lpvobs.maps.grid import Grid
 from lpvobs.records import Item
-from lpvobs.tracking.changes import Detectable
 from lpvobs.tracking.fleet import Tracked
 from lpvobs.tracking.sums import Basis, DatedEffect, TrackedLog, VehicleSums
 
@@ -33,8 +33,11 @@ class FleetSums:
     deviation: Mapping[str, float]  # of the engine's constants, where it is linearised
     basis: Annotated[Basis, Item("1", "how rows are weighed")]
     sums: Annotated[tuple[VehicleSums, ...], Item("1", "sums of a vehicle", name="vehicle")] = ()  # by name
-    logs: Annotated[tuple[TrackedLog, ...], Item("1", "logs", ("log",))] = field(default=())  # by digest
-    effects: tuple[DatedEffect, ...] = ()  # by vehicle and date
+    logs: Annotated[tuple[TrackedLog, ...], Item("1", "logs", ("log",))] = ()  # by digest
+
+    def periods(self) -> dict[str, str]:
+        """Return the period of every log, by its digest."""
+        return {log.sha256: date_of(log.date).strftime(PERIODS[self.every]) for log in self.logs}
 
 
 @dataclass(frozen=True)
@@ -45,35 +48,29 @@ class StoredFleet:
     air_path: str
     axes: surfaces.Axes
     grid: Grid
-    kept: FleetSums
-    found: Tracked
-    provenance: Provenance
+    kept: Annotated[FleetSums, Item(name="sums")]
+    found: Annotated[Tracked, Item(name=".")]
+    effects: Annotated[tuple[DatedEffect, ...], Item(axes=("effect",), name="effects")]  # by vehicle and date
+    provenance: Annotated[Provenance, Item()]
     refused: tuple[str, ...] = ()  # why other logs were left out
 
 
 def write_fleet(fleet: StoredFleet) -> None:
     """Write a fleet; at any instant its file is absent, the old one, or the complete new one."""
-    kept, found = fleet.kept, fleet.found
     with hdf.creating(fleet.path, KIND) as file:
         file.attrs["air_path"] = fleet.air_path
         layout = fields(surfaces.grid_layout(fleet.axes), fleet.grid)
         hdf.write_group(file, "map", layout).attrs["axes"] = " ".join(fleet.axes)
-        write(file, "sums", kept)
-        write_inner(file, found, LABELS)
-        hdf.write_group(file, "effects", rows(kept.effects, "effect"))
-        write(file, "provenance", fleet.provenance)
+        write_inner(file, fleet, LABELS)
         write_refused(file, fleet.refused)
 
 
 def read_fleet(path: Path) -> StoredFleet:
     """Return a stored fleet; raises DataError if the file is no complete one."""
     with hdf.reading(path, KIND, REMEDY) as file:
-        found = read(file, Tracked, power=read_rows(file.get("power"), Detectable, "log_count"))
-        axes = surfaces.axes_of(file)
+        axes, of = surfaces.axes_of(file), str(file.attrs["air_path"])
         grid = read(file["map"], surfaces.grid_layout(axes))
-        kept = read(file["sums"], FleetSums, effects=read_rows(file.get("effects"), DatedEffect, "effect"))
-        of = str(file.attrs["air_path"])
-        return StoredFleet(path, of, axes, grid, kept, found, read(file["provenance"], Provenance), read_refused(file))
+        return read(file, StoredFleet, path=path, air_path=of, axes=axes, grid=grid, refused=read_refused(file))
 
 
 def dated(refined: Path, logs: Sequence[TrackedLog]) -> list[DatedEffect]:

@@ -125,7 +125,7 @@ def read(group: h5py.Group, what: type[Record] | Layout[Record], **given: Any) -
     return _layout(what).record(**values(group, what, given), **given)
 
 
-def read_if_there(group: h5py.Group | None, what: type[Record]) -> Record | None:
+def read_if_there(group: h5py.Group | None, what: type[Record] | Layout[Record]) -> Record | None:
     """Return the record that a group holds, None where there is no group: the `get` of its parent."""
     return None if group is None else read(group, what)
 
@@ -159,7 +159,7 @@ def _inner(group: h5py.Group, layout: Layout[Any], key: str) -> Any:
     item, kind, name = layout.items[key], layout.kind(key), layout.name(key)
     record: Any = record_in(kind)
     if item.axes:
-        return read_rows(group[item.name] if item.name else group, record, item.axes[0])
+        return read_rows(group.get(item.name) if item.name else group, record, item.axes[0])
     if get_origin(kind) is tuple:
         return tuple(read(each, record) for each in numbered(group, name))
     return None if get_origin(kind) is UnionType and name not in group else read(group[name], record)

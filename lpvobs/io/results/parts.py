@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISREG
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -30,15 +30,7 @@ UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.part\.(part|lock)")
 MOST_BYTES = 2**29  # largest size of a part; the part of 10^9 samples has a quarter of it
 
 
-class OfLog(Protocol):
-    """What a log leaves."""
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the log."""
-
-
-Left = TypeVar("Left", bound=OfLog)
+Left = TypeVar("Left")
 
 
 @dataclass(frozen=True)
@@ -49,17 +41,13 @@ class StoredPart:
     kept: tuple[NDArray[np.uint8], ...]
     balances: balance_agreement.BalanceSums
 
-    @property
-    def sha256(self) -> str:
-        """Digest of the log."""
-        return self.part.run.sha256
-
 
 @dataclass(frozen=True)
 class _File(Generic[Left]):
-    """What a file holds, and what it was made with."""
+    """What a file holds, of which log, and what it was made with."""
 
     key: str
+    sha256: str
     stored: Left
 
 
@@ -69,14 +57,14 @@ def run_key(config_text: str, gain: parts.StateGain) -> str:
     return hashlib.sha256(json.dumps(made_with).encode()).hexdigest()
 
 
-def part_bytes(stored: OfLog, key: str) -> bytes:
-    """Return a part as the bytes of its file, a digest before them; the same part gives the same bytes."""
-    body = msgspec.msgpack.encode(_File(key, stored), enc_hook=_shape_and_bytes)
+def part_bytes(key: str, sha256: str, stored: object) -> bytes:
+    """Return the part of a log as the bytes of its file, a digest before them; the same part gives the same bytes."""
+    body = msgspec.msgpack.encode(_File(key, sha256, stored), enc_hook=_shape_and_bytes)
     return hashlib.sha256(body).digest() + body
 
 
-def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str]:
-    """Return a part and the key that it was made with; raises ValueError for anything else."""
+def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str, str]:
+    """Return a part, the key that it was made with, and the digest of its log; raises ValueError for anything else."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
         raise ValueError("is damaged, or is not the stored part of a log")
@@ -85,7 +73,7 @@ def part_of_bytes(data: bytes, kind: type[Left]) -> tuple[Left, str]:
         file: _File[Left] = msgspec.msgpack.decode(body, type=of_kind[kind], dec_hook=_array)
     except (msgspec.MsgspecError, RecursionError, MemoryError, OverflowError) as error:
         raise ValueError(f"is not the stored part of a log ({error})") from None
-    return file.stored, file.key
+    return file.stored, file.key, file.sha256
 
 
 def _shape_and_bytes(value: Any) -> Any:
@@ -110,7 +98,7 @@ class PartsFolder(Generic[Left]):
         """Return the digests of the logs that an earlier run has done."""
         return frozenset(file.stem for file in self._own(OWN) if self._usable(file))
 
-    def keep(self, stored: Left) -> None:
+    def keep(self, sha256: str, stored: Left) -> None:
         """Store the part of a log."""
         try:
             self.path.mkdir(exist_ok=True)
@@ -120,10 +108,10 @@ class PartsFolder(Generic[Left]):
                 f"give --out in a folder that you can write to"
             ) from None
         # No lock: the result is claimed. No wait for the disk: a part that a power cut tears has a wrong digest, and is made anew.
-        file = self._file(stored.sha256)
+        file = self._file(sha256)
         temporary = file.with_name(f".{file.name}{ENDING}")
         try:
-            temporary.write_bytes(part_bytes(stored, self.key))
+            temporary.write_bytes(part_bytes(self.key, sha256, stored))
             temporary.replace(file)
         except OSError as error:
             with suppress(OSError):
@@ -160,7 +148,7 @@ class PartsFolder(Generic[Left]):
         try:
             if file.stat().st_size > MOST_BYTES:
                 return False
-            stored, key = part_of_bytes(file.read_bytes(), self.kind)
+            _, *made_for = part_of_bytes(file.read_bytes(), self.kind)
         except (OSError, ValueError):
             return False
-        return key == self.key and stored.sha256 == file.stem
+        return made_for == [self.key, file.stem]

@@ -9,7 +9,6 @@ from typing import Annotated, Any, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from lpvobs.engines.base import AirPath
 from lpvobs.errors import DataError
@@ -23,7 +22,7 @@ from lpvobs.maps.metrics import Metrics
 from lpvobs.maps.quadratic import COEFFICIENTS, Filled
 from lpvobs.observer import disagreement, log_run
 from lpvobs.observer.balance_agreement import BalanceAgreement
-from lpvobs.observer.estimate import MapEstimate
+from lpvobs.observer.estimate import MapEstimate, NodeMap
 from lpvobs.records import Array, Item
 
 Record = TypeVar("Record")
@@ -59,27 +58,16 @@ class LogSummary:
 
 
 @dataclass(frozen=True)
-class StoredResult:
+class StoredResult(NodeMap):
     """A result as read back; the extrapolation is None until `extrapolate` has run, `state` is what the file was then."""
 
     path: Path
     air_path: str
-    method: str
-    grid: Grid
-    theta: Array
-    standard_error: Array
-    covariance: Array
-    noise: Array
-    design: Array
-    supported: NDArray[np.bool_]
-    excitation: Array
-    constants: tuple[str, ...]
-    sensitivity: Array
     parameter_names: tuple[str, ...]
     logs: tuple[LogSummary, ...]
     gain: gains.StoredGain
     extrapolation: Filled | None
-    outer_coverage: float
+    outer_coverage: float  # how often the extrapolation is right at outer nodes; NaN where there is none
     provenance: Provenance
     agreement: tuple[disagreement.Agreement, ...] = ()
     balance_agreement: float = np.nan  # ratio over all logs, see `BalanceAgreement`
@@ -104,9 +92,11 @@ def write_result(
         file.attrs["method"] = estimate.method
         _write_map(file, estimate, {axis.channel: Item(axis.unit, axis.meaning) for axis in air_path.axes})
         gains.write_gain_group(file, gain)
-        groups = file.create_group("logs"), file.create_group("metrics")
+        of_logs, of_metrics = file.create_group("logs"), file.create_group("metrics")
         for log in logs:
-            write_log(*groups, log, air_path.parameter_names)
+            write(of_logs, log.name, log, {"parameter": air_path.parameter_names})
+            if log.metrics is not None:
+                write(of_metrics, log.name, log.metrics)
         if estimate.engine is not None:
             engines.write_engine_found(file, estimate.engine)
         write(file, "provenance", provenance)
@@ -144,11 +134,11 @@ def read_result(path: Path) -> StoredResult:
     with reading(path, KIND, REMEDY) as file:
         axes = surfaces.axes_of(file)
         found: dict[str, Any] = {}
-        for name, layout in _layouts(*axes).items():
+        for name, layout in _layouts(axes).items():
             found |= values(file[name], layout)
         logs = file["logs"]
         found_agreement = read_if_there(file.get("balance_agreement"), BalanceAgreement)
-        extrapolation, outer_coverage = surfaces.read_extrapolation(file, axes)
+        filled = file.get(surfaces.GROUP)
         return StoredResult(
             path=path,
             air_path=str(file.attrs["air_path"]),
@@ -161,8 +151,8 @@ def read_result(path: Path) -> StoredResult:
                 for name in logs
             ),
             gain=gains.read_gain_group(file),
-            extrapolation=extrapolation,
-            outer_coverage=outer_coverage,
+            extrapolation=read_if_there(filled, surfaces.map_layout(Filled, axes)),
+            outer_coverage=np.nan if filled is None else float(filled["outer_coverage"][()]),
             provenance=read(file["provenance"], Provenance),
             headline=str(file.attrs.get("headline", "")),
             balance_agreement=found_agreement.ratio if found_agreement else np.nan,
@@ -176,28 +166,21 @@ def read_result(path: Path) -> StoredResult:
 PARAMETERS = Layout(StoredResult, {"parameter_names": Item("1", "scheduling parameter", name="parameter")})
 
 
-def _layouts(fuel: str, speed: str) -> dict[str, Layout[StoredResult]]:
+GROUPS = {
+    "map": ("theta", "standard_error", "supported"),
+    "excitation": ("excitation",),
+    "nodes": ("covariance", "noise", "design"),
+    "sensitivity": ("constants", "sensitivity"),
+}
+
+
+def _layouts(axes: surfaces.Axes) -> dict[str, Layout[NodeMap]]:
     """Return how a map and what belongs to it stand in their groups."""
-    both, square = (speed, fuel), ("node", "other_node")
-    per_constant = "change of the map per relative error of the constant"
-    groups = {
-        "map": {
-            "theta": Item("kg/s", surfaces.LONG_NAME, both, "delta_W_c", gaps=True),
-            "standard_error": Item("kg/s", "standard error of delta_W_c", both, gaps=True),
-            "supported": Item("1", surfaces.ORIGIN, both, "support", meanings={0: "none", 1: "estimated"}),
-        },
-        "excitation": {"excitation": Item("s", "persistency of excitation, delta_1 of Eq. (29)", both, "delta_1")},
-        "nodes": {
-            "covariance": Item("kg^2/s^2", "covariance of the nodes; NaN where the method has none", square, gaps=True),
-            "noise": Item("kg^2/s^2", "part of it that no engine constant explains", square, gaps=True),
-            "design": Item("1", "node values that stand for each term", ("node", "term")),
-        },
-        "sensitivity": {
-            "constants": Item("1", "uncertain constant of the engine", name="constant"),
-            "sensitivity": Item("kg/s", per_constant, ("constant", *both), "delta_W_c", gaps=True),
-        },
+    whole = surfaces.map_layout(NodeMap, axes)
+    return {
+        name: replace(whole, items={key: whole.items[key] for key in keys}, attributes=())
+        for name, keys in GROUPS.items()
     }
-    return {name: Layout(StoredResult, items) for name, items in groups.items()}
 
 
 def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> None:
@@ -211,7 +194,7 @@ def _write_map(file: h5py.File, estimate: MapEstimate, axes: surfaces.Axes) -> N
         "sensitivity": fields(on_nodes, grid),
     }
     shown = replace(estimate, sensitivity=np.where(estimate.supported, estimate.sensitivity, np.nan))
-    for name, layout in _layouts(*axes).items():
+    for name, layout in _layouts(axes).items():
         write_group(file, name, scales[name] | fields(layout, shown, {"term": COEFFICIENTS}))
     file["map"].attrs["axes"] = " ".join(axes)
 
@@ -221,13 +204,6 @@ def summary_of(run: log_run.LogRun, metrics: Metrics | None, balance_ratio: floa
     known = {**vars(run.defects), **vars(run), "balance_ratio": balance_ratio, "metrics": metrics}
     known["found"] = {f"{item.kind} {item.channel}": item.samples for item in run.defects.findings}
     return LogSummary(**{item.name: known[item.name] for item in fields_of(LogSummary)})
-
-
-def write_log(logs: h5py.Group, metrics: h5py.Group, log: LogSummary, parameter_names: tuple[str, ...]) -> None:
-    """Write a log into the groups `/logs` and, where it has references, `/metrics`."""
-    write(logs, log.name, log, {"parameter": parameter_names})
-    if log.metrics is not None:
-        write(metrics, log.name, log.metrics)
 
 
 def write_doubts(file: h5py.File, found: BalanceAgreement, doubts: Sequence[str], grid: Grid, reading: Array) -> None:

@@ -1,6 +1,5 @@
 """The error map in a result: its axes, what fills it, and as people and calibration tools want it, values with their covariance."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,15 +10,14 @@ from numpy.typing import NDArray
 
 from lpvobs.errors import DataError
 from lpvobs.io.results.hdf import Field, reading, text, write_group
-from lpvobs.io.results.mapping import Layout, fields, layout_of, read
+from lpvobs.io.results.mapping import Layout, Record, fields, layout_of, read
 from lpvobs.maps import joint
 from lpvobs.maps.grid import Grid
 from lpvobs.maps.quadratic import COEFFICIENTS, ESTIMATED, EXTRAPOLATED, SMOOTHED, SUPPORT, Filled
+from lpvobs.observer.estimate import NodeMap
 from lpvobs.records import Array, Item
 
 Axes = Mapping[str, Item]  # by name: first the fuel axis, then the speed axis
-LONG_NAME = "error of the mass air flow sensor, reading minus truth"
-ORIGIN = "where the value comes from"
 
 
 def axes_of(file: h5py.File) -> Axes:
@@ -39,10 +37,10 @@ GROUP = "extrapolation"
 OUTER = "share of outer estimated nodes inside their 90 % interval when fitted without them"
 
 
-def quadratic_layout(axes: Axes) -> Layout[Filled]:
-    """Return how a filled map stands in a group, and Eq. (37) with it."""
-    names = dict(zip(("fuel", "speed"), axes, strict=True))
-    return layout_of(Filled).on(lambda _, own: tuple(names.get(axis, axis) for axis in own))
+def map_layout(record: type[Record], axes: Axes) -> Layout[Record]:
+    """Return how a record stands in a group whose axes `fuel` and `speed` have the names of the engine's."""
+    names, whole = dict(zip(("fuel", "speed"), axes, strict=True)), layout_of(record)  # type: ignore[arg-type]
+    return whole.on(lambda _, own: tuple(names.get(axis, axis) for axis in own))
 
 
 def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled, outer_coverage: float) -> None:
@@ -51,17 +49,10 @@ def write_extrapolation(file: h5py.File, axes: Axes, grid: Grid, fitted: Filled,
         del file[GROUP]
     fuel, speed = (axis.unit for axis in axes.values())
     powers = [f"/({fuel})^2", f"/({fuel})", f"/({speed})^2", f"/({speed})", f"/({fuel})/({speed})", ""]
-    contents = fields(grid_layout(axes), grid) | fields(quadratic_layout(axes), fitted, {"coefficient": COEFFICIENTS})
+    contents = fields(grid_layout(axes), grid) | fields(map_layout(Filled, axes), fitted, {"coefficient": COEFFICIENTS})
     group = write_group(file, GROUP, contents | {"outer_coverage": Field(outer_coverage, Item("1", OUTER))})
     for name in ("coefficients", "coefficients_standard_error"):
         group[name].attrs["coefficient_units"] = text([f"kg/s{power}" for power in powers])
-
-
-def read_extrapolation(file: h5py.File, axes: Axes) -> tuple[Filled | None, float]:
-    """Return what `/extrapolation` holds, and how often it is right at outer nodes; None and NaN where it is not there."""
-    if GROUP not in file:
-        return None, math.nan
-    return read(file[GROUP], quadratic_layout(axes)), float(file[GROUP]["outer_coverage"][()])
 
 
 NONE, OLD, LEFT_OUT = 0, 3, 5
@@ -207,15 +198,13 @@ def axis_layout(name: str, item: Item) -> Layout[SurfaceAxis]:
 
 def surface_layout(x: str, y: str, unit: str, origin: str) -> Layout[Surface]:
     """Return how a surface stands in a group on axes of these names, where each value comes from under the name `origin`."""
-    both = (x, y)
-    return Layout(
-        Surface,
-        {
-            "values": Item(unit, LONG_NAME, both, "delta_W_c", gaps=True),
-            "standard_error": Item(unit, "standard error of delta_W_c", both, gaps=True),
-            "origin": Item("1", ORIGIN, both, origin, meanings=ORIGINS),
-        },
-    )
+    said, both = layout_of(NodeMap).items, (x, y)
+    items = {
+        "values": replace(said["theta"], unit=unit, axes=both),
+        "standard_error": replace(said["standard_error"], unit=unit, axes=both),
+        "origin": replace(said["supported"], name=origin, axes=both, meanings=ORIGINS),
+    }
+    return Layout(Surface, items)
 
 
 def onto(surface: Surface, x: Array, y: Array) -> Surface:

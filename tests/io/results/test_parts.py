@@ -34,14 +34,14 @@ def part(sha256):
 @pytest.fixture
 def folder(tmp_path):
     parts = PartsFolder(tmp_path / "r.h5", "key", StoredPart)
-    parts.keep(part(NAME))
+    parts.keep(NAME, part(NAME))
     (parts.path / f"{NAME}.part").write_bytes(b"half a part")
     return parts
 
 
 def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
     parts, other = (PartsFolder(tmp_path / "r.h5", key, StoredPart) for key in ("key", "another"))
-    parts.keep(part(NAME))
+    parts.keep(NAME, part(NAME))
     assert (parts.found(), other.found()) == (frozenset({NAME}), frozenset())
     first, again = part(NAME), parts.read(NAME)
     np.testing.assert_equal(asdict(again), asdict(first))
@@ -52,7 +52,14 @@ def test_a_part_comes_back_as_it_was_and_only_for_its_own_run(tmp_path):
         np.uint8,
     ]
     again.part.products[0] = 0.0  # the sums are added to in place
-    assert part_bytes(first, "key") == (parts.path / f"{NAME}.part").read_bytes()
+    assert part_bytes("key", NAME, first) == (parts.path / f"{NAME}.part").read_bytes()
+
+
+def test_the_part_of_another_log_under_this_name_is_not_taken(tmp_path):
+    parts = PartsFolder(tmp_path / "r.h5", "key", StoredPart)
+    parts.keep(NAME, part(NAME))
+    (parts.path / f"{NAME}.part").rename(parts.path / f"{'b' * 64}.part")
+    assert parts.found() == frozenset()
 
 
 def test_files_of_somebody_else_are_neither_read_nor_removed(folder):
@@ -88,7 +95,7 @@ def test_a_folder_whose_name_is_too_long_or_taken_is_refused(tmp_path):
         parts = PartsFolder(result, "key", StoredPart)
         assert parts.found() == frozenset()
         with pytest.raises(DataError, match="cannot be made"):
-            parts.keep(part(NAME))
+            parts.keep(NAME, part(NAME))
 
 
 def test_a_full_disk_keeps_no_half_part(folder, monkeypatch):
@@ -98,7 +105,7 @@ def test_a_full_disk_keeps_no_half_part(folder, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", full)
     with pytest.raises(DataError, match="No space left on device"):
-        folder.keep(part("b" * 64))
+        folder.keep("b" * 64, part("b" * 64))
     assert [path.name for path in folder.path.iterdir()] == [f"{NAME}.part"]
 
 
@@ -109,7 +116,7 @@ def sealed(body: bytes) -> bytes:
 
 def altered(*keys, value):
     """Return the content of a part's file in which one entry is another."""
-    content = msgspec.msgpack.decode(part_bytes(part(NAME), "key")[32:])
+    content = msgspec.msgpack.decode(part_bytes("key", NAME, part(NAME))[32:])
     inner = content
     for key in keys[:-1]:
         inner = inner[key]
