@@ -15,6 +15,7 @@ from lpvobs.records import Array
 from lpvobs.simulation.derivative import derivative, flows
 from lpvobs.simulation.parameters import Control, Setpoints, SimulationParameters
 from lpvobs.simulation.plant import OMEGA_T, P_EM, P_IM, SLOWEST_TURBINE, T_IM, U_VGT, Inputs, Plant
+from lpvobs.simulation.vehicle import interpolate
 
 
 class Targets(flat_type([*names_of(Setpoints, Control), "n_cyl"])):  # type: ignore[misc]
@@ -39,12 +40,9 @@ def targets_of(parameters: SimulationParameters, n_cyl: int) -> Targets:
 def look_up(rows: Array, columns: Array, values: Array, row: float, column: float) -> float:
     """Return the bilinear value of a table, held outside its axes."""
     i = min(max(int(np.searchsorted(rows, row)) - 1, 0), rows.size - 2)
-    j = min(max(int(np.searchsorted(columns, column)) - 1, 0), columns.size - 2)
-    a = min(max((row - rows[i]) / (rows[i + 1] - rows[i]), 0.0), 1.0)
-    b = min(max((column - columns[j]) / (columns[j + 1] - columns[j]), 0.0), 1.0)
-    low = (1.0 - b) * values[i, j] + b * values[i, j + 1]
-    high = (1.0 - b) * values[i + 1, j] + b * values[i + 1, j + 1]
-    return (1.0 - a) * low + a * high
+    share = min(max((row - rows[i]) / (rows[i + 1] - rows[i]), 0.0), 1.0)
+    low, high = interpolate(columns, values[i], column), interpolate(columns, values[i + 1], column)
+    return (1.0 - share) * low + share * high
 
 
 @njit(cache=True)

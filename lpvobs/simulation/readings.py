@@ -136,9 +136,8 @@ class Instruments:
         `point` has the true `n_e` [rpm], `u_delta` [mg/cycle], `W_c` [kg/s], `p_amb` [Pa], `T_amb` [K] and the channels behind
         disturbances. These are settled and act on what the effects leave.
         """
-        leak, pulsing = {"leak.inlet": self._drawn_in_behind}, self.structure.maf_element
-        W = after(self.effects, leak, point["W_c"], time, point)
-        misread = W * rectified(pulsing, point["n_e"], point["u_delta"]) if pulsing > 0.0 else 0.0
+        W = after(self.effects, {"leak.inlet": self._drawn_in_behind}, point["W_c"], time, point)
+        misread = W * rectified(self.structure.maf_element, point["n_e"], point["u_delta"])
         W = W + surface_error(self.surface, point["u_delta"], point["n_e"], W) + misread  # Eq. (7)
         order = list(MAF)
         own = sorted((effect for effect in self.effects if effect.id in MAF), key=lambda effect: order.index(effect.id))
@@ -164,8 +163,7 @@ def sense(
     time = samples.step * instruments.step + samples.after
     truth = dict(zip(RECORDED, recorded.T, strict=True)) | scene.at(time)
     truth["delta_W_c"] = surface_error(instruments.surface, truth["u_delta"], truth["n_e"], truth["W_c"])
-    if (pulsing := instruments.structure.maf_element) > 0.0:
-        truth["delta_W_c"] += truth["W_c"] * rectified(pulsing, truth["n_e"], truth["u_delta"])
+    truth["delta_W_c"] += truth["W_c"] * rectified(instruments.structure.maf_element, truth["n_e"], truth["u_delta"])
     if scene.channels:
         charge = truth["T_amb"] + truth["warming"]
         truth["T_charge"] = lagged(charge, float(time[1] - time[0]) if time.size > 1 else 1.0, CHARGE_LAG)

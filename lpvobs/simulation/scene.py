@@ -115,15 +115,14 @@ def scene_of(
         speed = likely_speed(parameters.full_load, n_e)
     V_d, heat = engine.geometry.V_d, parameters.combustion.q_HV * 1e-6 / 120.0 * u_delta * n_e * engine.geometry.n_cyl
     if auxiliary is None:
-        still = np.ones_like(n_e)
-        wall = wall_temperature(period, parameters.cooling.T_cool * still, heat / V_d)
-        air = ambient.p_amb * still, ambient.T_amb * still
-        return DriveCourse(Course(n_e, u_delta, *air, wall, speed), period, {}, ())
-    around = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
-    loaded = with_load(work, parameters.full_load, n_e, u_delta, around.torque)
-    wall = wall_temperature(period, around.channels["T_coolant"], heat / V_d)
-    course = Course(n_e, loaded, around.p_amb, around.T_amb, wall, speed)
-    return DriveCourse(course, period, around.channels, _logged(auxiliary, measured, cycle))
+        still, channels, logged = np.ones_like(n_e), {}, ()
+        p_amb, T_amb, coolant = ambient.p_amb * still, ambient.T_amb * still, parameters.cooling.T_cool * still
+    else:
+        p_amb, T_amb, load, channels = road(period, ambient.p_amb, ambient.T_amb, speed, measured, heat, seed)
+        u_delta, coolant = with_load(work, parameters.full_load, n_e, u_delta, load), channels["T_coolant"]
+        logged = _logged(auxiliary, measured, cycle)
+    wall = wall_temperature(period, coolant, heat / V_d)
+    return DriveCourse(Course(n_e, u_delta, p_amb, T_amb, wall, speed), period, channels, logged)
 
 
 def likely_speed(full_load: FullLoad, n_e: Array) -> Array:

@@ -114,15 +114,16 @@ def simulate(
         _check_that_it_shows(effect, scene)
     pulsing = [CatalogueEffect("maf.backflow", sensor.pulsation) for sensor in sensors.values() if sensor.pulsation]
     effects = (*effects, *pulsing)
-    # samples that are taken for each that is logged: sensors with a memory need `FINE` of them a second
-    remembers = parameters.structure.slow_sensors or any(sensor.tau or sensor.late for sensor in sensors.values())
+    # samples that are taken for each that is logged: sensors and recorders with a memory need `FINE` of them a second
+    form = parameters.structure
+    slow = form.thermocouple + form.maf_element + form.rasters > 0.0
+    remembers = slow or any(sensor.tau or sensor.late for sensor in sensors.values())
     most = floor(1.0 / (parameters.step * rate) + 1e-9) if remembers else 1
     fine = max(1, min(ceil(FINE / rate), most))
     truth, shown = _drive(engine, parameters, scene, rate * fine, surface or parameters.surface, effects, progress)
     shown |= behind(sensors, shown, 1.0 / (rate * fine))
-    logged, amplitude = {name: shown[name] for name in UNITS if name in shown}, parameters.structure.rasters
-    step, n_cyl = 1.0 / (rate * fine), engine.geometry.n_cyl
-    readings = record(amplitude, sensors, logged, n_cyl, fine, step, parameters.sensors, seed)
+    logged, step = {name: shown[name] for name in UNITS if name in shown}, 1.0 / (rate * fine)
+    readings = record(form.rasters, sensors, logged, engine.geometry.n_cyl, fine, step, parameters.sensors, seed)
     truth, shown = ({name: values[::fine] for name, values in signals.items()} for signals in (truth, shown))
     if auxiliary is not None:
         readings |= measure_road(shown, scene.logged, seed)
